@@ -1,0 +1,80 @@
+"""Cells of a grid, actions, and the table that connects them: the only code that does coordinates.
+
+A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left.
+"""
+
+from __future__ import annotations
+
+import re
+from enum import IntEnum
+
+MIN_SIDE = 2
+MAX_SIDE = 1_000
+"""Largest height and width; keeps the cost of text from strangers within bounds."""
+
+
+class Action(IntEnum):
+    """What an agent can do; `UP` increases the row, and is up in the picture."""
+
+    UP = 0
+    RIGHT = 1
+    DOWN = 2
+    LEFT = 3
+
+
+def cell_at(row: int, column: int, width: int) -> int:
+    """Return the index of the cell at `(row, column)`."""
+    return row * width + column
+
+
+def row_and_column(cell: int, width: int) -> tuple[int, int]:
+    """Return the `(row, column)` of a cell."""
+    return divmod(cell, width)
+
+
+def manhattan(a: int, b: int, width: int) -> int:
+    """Return how many moves two cells are apart when no wall stands between."""
+    (row_a, column_a), (row_b, column_b) = divmod(a, width), divmod(b, width)
+    return abs(row_a - row_b) + abs(column_a - column_b)
+
+
+def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
+    """Return the cells beside `cell`, by the action that leads there when no wall does not."""
+    row, column = divmod(cell, width)
+    beside = {}
+    if row + 1 < height:
+        beside[Action.UP] = cell + width
+    if column + 1 < width:
+        beside[Action.RIGHT] = cell + 1
+    if row > 0:
+        beside[Action.DOWN] = cell - width
+    if column > 0:
+        beside[Action.LEFT] = cell - 1
+    return beside
+
+
+def vertical_edges(height: int, width: int) -> int:
+    """Return the bit set of cells with a neighbour above: all but the top row."""
+    return (1 << (height - 1) * width) - 1
+
+
+def horizontal_edges(height: int, width: int) -> int:
+    """Return the bit set of cells with a neighbour at their right: all but the last column."""
+    row = (1 << width - 1) - 1
+    return row * (((1 << height * width) - 1) // ((1 << width) - 1))
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return `(height, width)` of a size written as `5` or `4x6`.
+
+    Raises:
+        ValueError: It is not one whole number from 2 to 1,000, or two joined by an x.
+    """
+    match = re.fullmatch(r"\s*(\d{1,5})(?:\s*[xX]\s*(\d{1,5}))?\s*", text, re.ASCII)
+    sides = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
+    if not all(MIN_SIDE <= side <= MAX_SIDE for side in sides):
+        raise ValueError(
+            f"size={text}: give a whole number from {MIN_SIDE} to {MAX_SIDE:,} such as 5, "
+            "or height x width such as 4x6"
+        )
+    return sides

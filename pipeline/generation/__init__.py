@@ -1,0 +1,1 @@
+"""The generation of datasets: sample, solve, render and write, composed by `build`."""
