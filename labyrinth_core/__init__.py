@@ -2,3 +2,5 @@
 
 It needs numpy alone (and gymnasium in `env` and `vector_env`).
 """
+
+__version__ = "0.1.0"

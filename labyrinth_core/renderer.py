@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -92,21 +93,14 @@ class Painter:
             )
             for row in range(structure.height)
         ]
-        for cell in labyrinth.ice:
-            self._set(cell, _ICE)
-        for cell, code in (
-            (labyrinth.start, _START),
-            (labyrinth.goal, _GOAL),
-            (labyrinth.key, _KEY),
-            (labyrinth.door, _DOOR),
-        ):
-            if cell is not None:
-                self._set(cell, code)
+        tiles = [(labyrinth.start, _START), (labyrinth.goal, _GOAL)]
+        tiles += [(cell, _ICE) for cell in labyrinth.ice]
+        if labyrinth.key is not None and labyrinth.door is not None:
+            tiles += [(labyrinth.key, _KEY), (labyrinth.door, _DOOR)]
+        for cell, code in tiles:
+            row, column = divmod(cell, width)
+            self._rows[row].codes[column] = code
         self._strips = self._draw([everything] * structure.height)
-
-    def _set(self, cell: int, code: int) -> None:
-        row, column = divmod(cell, self._labyrinth.structure.width)
-        self._rows[row].codes[column] = code
 
     def png(self, state: State) -> bytes:
         """Return the picture of a state as a PNG file of `PICTURE_SIZE`."""
@@ -274,7 +268,7 @@ def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passage
     insets = {tall * twelfths // 12 for nested in squares for twelfths, _ in nested}
     borders = sorted(insets | {tall - inset for inset in insets})
     bands: list[Band] = []
-    for top, bottom in zip(borders, borders[1:], strict=False):
+    for top, bottom in pairwise(borders):
         between = [
             _tile_row(nested, grid.wide(column), tall, top) for column, nested in enumerate(squares)
         ]
@@ -341,14 +335,16 @@ def _coverage(source: int, target: int) -> NDArray[np.float64]:
     """
     starts, targets = np.arange(source) * target, np.arange(target)[:, None] * source
     overlap = np.minimum(starts + target, targets + source) - np.maximum(starts, targets)
-    return np.maximum(overlap, 0).astype(np.float64)
+    coverage: NDArray[np.float64] = np.maximum(overlap, 0).astype(np.float64)
+    return coverage
 
 
 @lru_cache(maxsize=16_384)
 def _narrow(row: bytes, image_size: int) -> NDArray[np.float64]:
     """Return a row of pixels at another width, times its old width, shape (image_size * 3,)."""
     pixels = np.frombuffer(row, np.uint8).reshape(-1, 3).astype(np.float64)
-    return (_coverage(len(pixels), image_size) @ pixels).reshape(-1)
+    narrowed: NDArray[np.float64] = _coverage(len(pixels), image_size) @ pixels
+    return narrowed.reshape(-1)
 
 
 def _shorten(

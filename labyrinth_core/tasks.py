@@ -7,11 +7,15 @@ lies on every shortest route, so that the best route without ice is longer.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
 from labyrinth_core.grid import manhattan
 from labyrinth_core.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
+
+MOST_ROUTES_TRIED = 1_000
+"""After so many routes without one to lay ice beside, a structure counts as unfit for ice."""
 
 
 def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
@@ -43,6 +47,7 @@ def place(
     Raises:
         LabyrinthError: The structure cannot hold the task.
     """
+    Labyrinth(structure, start, goal)  # Is start, goal or the way at fault, it says which.
     if task is Task.KEY_AND_DOOR:
         key, door = _place_key_and_door(structure, start, goal, rng, key, door)
         return Labyrinth(structure, start, goal, task, key=key, door=door)
@@ -135,7 +140,8 @@ def _place_ice(
         if distance[start] > shortest:
             break
     else:
-        raise LabyrinthError("ice would not matter: no longer route leads around a shortest one")
+        # The order was an unlucky one, or no order does: look at the routes themselves.
+        return _ice_beside_a_longer_route(structure, start, goal, on_shortest, rng)
     # The ice covers the shortest routes except where a longer one, chosen here, needs them.
     longer = {start}
     cell = start
@@ -144,6 +150,46 @@ def _place_ice(
         cell = nearer[rng.integers(len(nearer))]
         longer.add(cell)
     return frozenset(on_shortest) - longer
+
+
+def _ice_beside_a_longer_route(
+    structure: Structure,
+    start: int,
+    goal: int,
+    on_shortest: list[int],
+    rng: np.random.Generator,
+) -> frozenset[int]:
+    """Return the cells of shortest routes that a longer route leaves out.
+
+    With no shortcut among its own cells, the longer route holds no shortest one, so the ice
+    closes them all; and where ice can matter at all, there is such a route.
+    """
+    shortest = structure.distances(start)[goal]
+    for route in islice(_routes_without_shortcut(structure, start, goal, rng), MOST_ROUTES_TRIED):
+        if len(route) > shortest + 1:
+            return frozenset(on_shortest).difference(route)
+    raise LabyrinthError("ice would not matter: no longer route leads around a shortest one")
+
+
+def _routes_without_shortcut(
+    structure: Structure, start: int, goal: int, rng: np.random.Generator
+) -> Iterator[tuple[int, ...]]:
+    """Yield the cells of each route on which passages join no two but successive cells.
+
+    The order is random. Each beginning that is followed up has an end, so no time is lost.
+    """
+    moves = structure.moves
+    stack: list[tuple[tuple[int, ...], frozenset[int]]] = [((start,), frozenset())]
+    while stack:
+        route, closed = stack.pop()
+        at = route[-1]
+        if goal in moves[at]:
+            yield (*route, goal)
+            continue
+        to_goal = structure.distances(goal, closed | {at})
+        onward = [cell for cell in moves[at] if to_goal[cell] != UNREACHABLE]
+        closed = closed.union(moves[at], [at])
+        stack.extend(((*route, cell), closed) for cell in rng.permutation(onward).tolist())
 
 
 def tiles_matter(labyrinth: Labyrinth) -> bool:

@@ -1,0 +1,255 @@
+"""The configuration: its schema, its checks, and the plain frozen objects made from it.
+
+Hydra and OmegaConf stop here: `resolve` gives objects that the rest of the pipeline trusts.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from hydra.errors import MissingConfigException
+
+from labyrinth_core.grid import parse_size
+from labyrinth_core.labyrinth import Task
+from labyrinth_core.renderer import MAX_PICTURED_SIDE, PICTURE_SIZE
+from labyrinth_core.sampling import ALGORITHMS, default_open_walls
+
+STAGES = {"build": "pipeline.generation.build", "validate": "pipeline.generation.validate"}
+"""Stage -> the module whose `run` performs it."""
+
+SOLUTIONS = ("shortest", "all_shortest", "all")
+
+
+class ConfigError(ValueError):
+    """A value of the configuration that cannot be; its text is one line for the person."""
+
+
+@dataclass
+class TaskConfig:
+    """The schema of the group `task`."""
+
+    name: str = "navigation"
+
+
+@dataclass
+class BucketsConfig:
+    """Percent of all structures that may be in each split; the same for datasets to compare."""
+
+    train: int = 34
+    validation: int = 33
+    test: int = 33
+
+
+@dataclass
+class RunConfig:
+    """The schema of `conf/config.yaml`; each line of `OPTIONS` explains one field."""
+
+    stages: list[str] = field(default_factory=list)
+    size: str = "5"
+    labyrinths: int | None = None
+    solutions: str = "shortest"
+    solutions_limit: int = 1000
+    random_steps: int = 100
+    sampler: str = "wilson"
+    open_walls: float | None = None
+    buckets: BucketsConfig = field(default_factory=BucketsConfig)
+    seed: int = 0
+    data_dir: str = ""
+    overwrite: bool = False
+    workers: int = 1
+    task: TaskConfig = field(default_factory=TaskConfig)
+
+
+OPTIONS = {
+    "size": "rows and columns: 5, or height x width such as 4x6",
+    "task": "navigation, partial_observability, key_and_door or icy_floor",
+    "labyrinths": "labyrinths in each of train, validation and test (32 at 3x3, else 100)",
+    "solutions": "routes a labyrinth: shortest (one), all_shortest, all (every simple route)",
+    "solutions_limit": "most routes a labyrinth, for all_shortest and all",
+    "random_steps": "steps of the random policy a labyrinth, in the split random",
+    "sampler": "spanning tree a structure starts from: " + ", ".join(ALGORITHMS),
+    "open_walls": "probability of opening each wall that the tree leaves",
+    "buckets": "percent of all structures that may be in each split (buckets.train=...)",
+    "seed": "same seed and options, same bytes",
+    "data_dir": "folder of the dataset; each size and task is a folder in it",
+    "overwrite": "replace a finished dataset that was made with other options",
+    "workers": "processes",
+    "stages": "what to do, in order: " + ", ".join(STAGES),
+}
+"""What each option means, as `python run.py --help` and the README say it."""
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """All that determines the rows of a dataset, and nothing else; kept in its manifest."""
+
+    height: int
+    width: int
+    task: Task
+    labyrinths: int
+    solutions: str
+    solutions_limit: int
+    random_steps: int
+    sampler: str
+    open_walls: float
+    buckets: tuple[int, int, int]
+    """Percent of all structures that may be in train, validation and test."""
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """The name of its config on the Hub and of its folder, such as `5x5-key_and_door`."""
+        suffix = "" if self.task is Task.NAVIGATION else f"-{self.task}"
+        return f"{self.height}x{self.width}{suffix}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it in plain types; `from_json` is the inverse."""
+        return asdict(self) | {"task": str(self.task), "buckets": list(self.buckets)}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> DatasetConfig:
+        """Return the config that `to_json` described.
+
+        Raises:
+            ValueError: A field is missing, unknown or of the wrong kind.
+        """
+        if set(values) != {field.name for field in fields(cls)}:
+            raise ValueError(f"a dataset's config has other fields than {sorted(values)}")
+        plain = dict(values)
+        try:
+            plain["task"] = Task(plain["task"])
+            train, validation, test = plain["buckets"]
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"a dataset's config: {error}") from error
+        return cls(**plain | {"buckets": (train, validation, test)})
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of the pipeline, checked."""
+
+    stages: tuple[str, ...]
+    dataset: DatasetConfig
+    data_dir: Path
+    overwrite: bool
+    workers: int
+
+    @property
+    def folder(self) -> Path:
+        """Where the dataset of this run lies."""
+        return self.data_dir / self.dataset.name
+
+
+def register() -> None:
+    """Tell Hydra the schema."""
+    ConfigStore.instance().store(name="schema", node=RunConfig)
+
+
+def one_line(error: Exception) -> str:
+    """Return what is wrong with a command line that Hydra refused, in one line."""
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
+        group, _, given = error.missing_cfg_file.partition("/")
+        return f"{group}={given}: choose one of {_listed(error.options)}"
+    text = str(error.__cause__ or error)
+    unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
+    if unknown:
+        close = difflib.get_close_matches(unknown[1], OPTIONS, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        return f"{unknown[1]} is no option: {hint}choose from {_listed(OPTIONS)}"
+    field_name = re.search(r"full_key: (\S+)", text)
+    message = " ".join(text.split("full_key")[0].split())
+    return f"{field_name[1]}: {message}" if field_name else message
+
+
+def resolve(config: RunConfig) -> Run:
+    """Return the run that a configuration asks for.
+
+    Args:
+        config: As composed by Hydra, or a `RunConfig`.
+
+    Raises:
+        ConfigError: A value is impossible; the text says what was given and what is allowed.
+    """
+    added = set(vars(config)) - {field.name for field in fields(RunConfig)}
+    _check(not added, f"{_listed(sorted(added))}: no options; choose from {_listed(OPTIONS)}")
+    unknown = [stage for stage in config.stages if stage not in STAGES]
+    _check(
+        not unknown and len(config.stages) > 0,
+        f"stages={_listed(config.stages)}: choose from {_listed(STAGES)}",
+    )
+    _check(config.workers >= 1, f"workers={config.workers}: give 1 or more")
+    _check(config.data_dir.strip() != "", "data_dir is empty: give a folder")
+    return Run(
+        stages=tuple(config.stages),
+        dataset=_resolve_dataset(config),
+        data_dir=Path(config.data_dir).expanduser(),
+        overwrite=config.overwrite,
+        workers=config.workers,
+    )
+
+
+def _resolve_dataset(config: RunConfig) -> DatasetConfig:
+    try:
+        height, width = parse_size(config.size)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    _check(
+        max(height, width) <= MAX_PICTURED_SIDE,
+        f"size={config.size}: {MAX_PICTURED_SIDE} rows and columns at most fit the datasets' "
+        f"pictures of {PICTURE_SIZE} x {PICTURE_SIZE} pixels",
+    )
+    labyrinths = config.labyrinths
+    if labyrinths is None:
+        labyrinths = 32 if (height, width) == (3, 3) else 100
+    open_walls = config.open_walls
+    if open_walls is None:
+        open_walls = default_open_walls(height, width)
+    buckets = (config.buckets.train, config.buckets.validation, config.buckets.test)
+    tasks = [str(task) for task in Task]
+    _check(config.task.name in tasks, f"task={config.task.name}: choose one of {_listed(tasks)}")
+    _check(labyrinths >= 1, f"labyrinths={labyrinths}: give 1 or more")
+    _check(
+        config.solutions in SOLUTIONS,
+        f"solutions={config.solutions}: choose one of {_listed(SOLUTIONS)}",
+    )
+    _check(config.solutions_limit >= 1, f"solutions_limit={config.solutions_limit}: give 1 or more")
+    _check(config.random_steps >= 1, f"random_steps={config.random_steps}: give 1 or more")
+    _check(
+        config.sampler in ALGORITHMS,
+        f"sampler={config.sampler}: choose one of {_listed(ALGORITHMS)}",
+    )
+    _check(0 <= open_walls <= 1, f"open_walls={open_walls}: give a probability from 0 to 1")
+    _check(
+        min(buckets) >= 1 and sum(buckets) == 100,
+        f"buckets={_listed(map(str, buckets))}: give three percentages of 1 or more "
+        "that add up to 100",
+    )
+    _check(0 <= config.seed < 2**64, f"seed={config.seed}: give 0 or more, below 2**64")
+    return DatasetConfig(
+        height=height,
+        width=width,
+        task=Task(config.task.name),
+        labyrinths=labyrinths,
+        solutions=config.solutions,
+        solutions_limit=config.solutions_limit,
+        random_steps=config.random_steps,
+        sampler=config.sampler,
+        open_walls=float(open_walls),
+        buckets=buckets,
+        seed=config.seed,
+    )
+
+
+def _check(holds: bool, message: str) -> None:
+    if not holds:
+        raise ConfigError(message)
+
+
+def _listed(words: Any) -> str:
+    return "[" + ", ".join(words) + "]"

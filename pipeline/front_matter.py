@@ -1,0 +1,118 @@
+"""The front matter of a dataset's README.md, by which `load_dataset` finds configs and splits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.manifest import MANIFEST, DatasetError, Manifest, write_text
+from pipeline.schema import COLUMNS, SPLITS
+
+DEFAULT_CONFIG = "5x5"
+"""The config that is loaded when none is named, where it is there."""
+
+_FENCE = "---\n"
+
+
+def check_replaceable(data_dir: Path) -> None:
+    """Raise DatasetError if the folder has a README.md that is no dataset's."""
+    _read(data_dir / "README.md")
+
+
+def update(data_dir: Path) -> None:
+    """Write the front matter for all finished datasets of a folder; the text below it stays.
+
+    Raises:
+        DatasetError: There is a README.md that is no dataset's.
+    """
+    path = data_dir / "README.md"
+    values, text = _read(path)
+    manifests = [Manifest.read(file.parent) for file in sorted(data_dir.glob(f"*/{MANIFEST}"))]
+    manifests.sort(key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
+    names = [manifest.config.name for manifest in manifests]
+    default = DEFAULT_CONFIG if DEFAULT_CONFIG in names else names[0]
+    values["configs"] = [_config(m, m.config.name == default) for m in manifests]
+    values["dataset_info"] = [_info(m) for m in manifests]
+    front = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
+    write_text(path, _FENCE + front + _FENCE + (text or _text(default)))
+
+
+def _read(path: Path) -> tuple[dict[str, Any], str]:
+    """Return the front matter of a README.md and the text below it, both empty without a file."""
+    try:
+        content = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return {"license": "mit", "pretty_name": "Labyrinth"}, ""
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
+    _, fence, rest = content.partition(_FENCE)
+    front, closing, text = rest.partition("\n" + _FENCE)
+    try:
+        values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
+    except yaml.YAMLError:
+        values = None
+    if not fence or not isinstance(values, dict) or "configs" not in values:
+        raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
+    return values, text
+
+
+def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
+    name = manifest.config.name
+    files = [{"split": split, "path": f"{name}/{split}-*.parquet"} for split in SPLITS]
+    return {"config_name": name, "data_files": files} | ({"default": True} if default else {})
+
+
+def _info(manifest: Manifest) -> dict[str, Any]:
+    splits = []
+    for split in SPLITS:
+        shards = manifest.of(split)
+        splits.append(
+            {
+                "name": split,
+                "num_bytes": sum(shard.bytes for shard in shards),
+                "num_examples": sum(shard.rows for shard in shards),
+            }
+        )
+    size = sum(shard.bytes for shard in manifest.shards)
+    return {
+        "config_name": manifest.config.name,
+        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in COLUMNS],
+        "splits": splits,
+        "download_size": size,
+        "dataset_size": size,
+    }
+
+
+def _dtype(feature: dict[str, Any]) -> Any:
+    """Return a feature the way cards write it."""
+    if feature["_type"] == "ClassLabel":
+        return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
+    return feature.get("dtype", feature["_type"].lower())
+
+
+def _text(config: str) -> str:
+    columns = "\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS)
+    splits = "\n".join(f"| `{split}` | {meaning} |" for split, meaning in SPLITS.items())
+    return f"""
+# Labyrinth
+
+Grid labyrinths with optimal actions, for imitation learning that can tell memorising from
+generalising: no structure, and no mirror image of one that keeps start and goal, is in two of
+train, validation and test.
+
+```python
+from datasets import load_dataset
+
+dataset = load_dataset("path or id of this dataset", "{config}")
+```
+
+| column | meaning |
+|---|---|
+{columns}
+
+| split | holds |
+|---|---|
+{splits}
+"""

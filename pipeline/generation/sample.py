@@ -1,0 +1,186 @@
+"""Unique structures for each split, and the labyrinths made of them.
+
+Which split a structure may be in follows from a hash of its canonical form, so that no structure
+and no mirror image that keeps start and goal is ever in two of train, validation and test: not in
+one dataset, and not in two of other seeds or lengths (with the same `buckets`).
+
+One stream of structures, from the seed alone, serves all splits, each taking what falls to it; so
+a longer dataset begins with the structures of a shorter one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain, combinations
+
+import numpy as np
+
+from labyrinth_core.grid import neighbours
+from labyrinth_core.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.sampling import sample_structures
+from labyrinth_core.tasks import (
+    change_start,
+    change_start_and_goal,
+    default_start_and_goal,
+    place,
+)
+from pipeline.config import ConfigError, DatasetConfig
+from pipeline.schema import SAMPLED_SPLITS, SPLITS
+
+PATIENCE = 300_000
+"""Structures drawn in vain after which the sampler gives up."""
+COUNTABLE_EDGES = 13
+"""Up to so many neighbouring pairs of cells, as at 3x3, all structures are counted beforehand."""
+
+_TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
+
+
+def split_of(structure: Structure, buckets: Sequence[int]) -> str:
+    """Return the one of train, validation and test that a structure may be in.
+
+    Args:
+        structure: Any; mirror images that keep start and goal give the same answer.
+        buckets: Percent of all structures for each of the three.
+    """
+    percent = int(structure.canonical().structure_id, 16) * 100 >> 63
+    train, validation, _ = buckets
+    if percent < train:
+        return "train"
+    return "validation" if percent < train + validation else "test"
+
+
+def sample(
+    config: DatasetConfig, advance: Callable[[], None] = lambda: None
+) -> dict[str, list[Structure]]:
+    """Return the structures of train, validation and test, `config.labyrinths` of each.
+
+    Args:
+        config: What to sample.
+        advance: Called once for each structure found.
+
+    Raises:
+        ConfigError: The sampler does not find as many.
+    """
+    wanted = config.labyrinths
+    found: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
+    seen: set[str] = set()
+    missing = wanted * len(found)
+    in_vain = 0
+    for structure in _candidates(config):
+        in_vain += 1
+        if in_vain > PATIENCE:
+            counts = ", ".join(f"{len(found[split])} in {split}" for split in found)
+            raise ConfigError(
+                f"labyrinths={wanted}: of {config.name} the sampler found {counts}, and no other "
+                f"in {PATIENCE:,} draws; ask for fewer, or try another open_walls or sampler"
+            )
+        if structure.structure_id in seen:
+            continue
+        split = split_of(structure, config.buckets)
+        if len(found[split]) == wanted:
+            continue
+        seen.add(structure.structure_id)
+        if holds_task(config, split, structure):
+            in_vain = 0
+            # A new one, without what the first computed and remembers: there may be millions.
+            found[split].append(
+                Structure(structure.height, structure.width, structure.up, structure.right)
+            )
+            advance()
+            missing -= 1
+            if not missing:
+                break
+    return found
+
+
+def _candidates(config: DatasetConfig) -> Iterator[Structure]:
+    return sample_structures(
+        config.height,
+        config.width,
+        np.random.default_rng(np.random.SeedSequence(config.seed)),
+        algorithm=config.sampler,
+        open_walls=config.open_walls,
+    )
+
+
+def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    """Return the labyrinth that a structure becomes in a split.
+
+    Args:
+        config: Of the dataset.
+        split: Any of the six.
+        structure: One of that split; of train, for random, s0 and s0_and_g.
+
+    Raises:
+        LabyrinthError: The structure cannot hold the task.
+    """
+    if split in SAMPLED_SPLITS:
+        return _first_labyrinth(config, split, structure)
+    labyrinth = _first_labyrinth(config, "train", structure)
+    return labyrinth if split == "random" else _variant(config, split, labyrinth)
+
+
+def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    start, goal = default_start_and_goal(config.height, config.width)
+    return place(structure, start, goal, config.task, item_rng(config, split, structure))
+
+
+def _variant(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Labyrinth:
+    change = change_start if split == "s0" else change_start_and_goal
+    return change(labyrinth, item_rng(config, split, labyrinth.structure))
+
+
+def item_rng(config: DatasetConfig, split: str, structure: Structure) -> np.random.Generator:
+    """Return the randomness for one structure in one split, whatever else is in the dataset."""
+    key = (list(SPLITS).index(split), int(structure.structure_id, 16))
+    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
+
+
+def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
+    """Return whether a structure can hold the task, also with another start and goal.
+
+    Asked alike of all splits, so that they differ in nothing but chance.
+    """
+    if config.task in _TASKS_WITHOUT_TILES:
+        return True
+    try:
+        labyrinth = _first_labyrinth(config, split, structure)
+        _variant(config, "s0", labyrinth)
+        _variant(config, "s0_and_g", labyrinth)
+    except LabyrinthError:
+        return False
+    return True
+
+
+def check_capacity(config: DatasetConfig) -> None:
+    """Refuse at once what cannot be, where all structures can be counted quickly.
+
+    Raises:
+        ConfigError: There are not as many structures as asked for.
+    """
+    cells = range(config.height * config.width)
+    edges = [
+        (cell, beside)
+        for cell in cells
+        for beside in neighbours(cell, config.height, config.width).values()
+        if beside > cell
+    ]
+    rare = config.task not in _TASKS_WITHOUT_TILES
+    plenty = not rare and config.labyrinths * 100 < 1 << len(edges)
+    if len(edges) > COUNTABLE_EDGES or plenty:
+        return
+    counts = dict.fromkeys(SAMPLED_SPLITS, 0)
+    subsets = chain.from_iterable(
+        combinations(edges, size) for size in range(len(cells) - 1, len(edges) + 1)
+    )
+    for passages in subsets:
+        structure = Structure.from_passages(config.height, config.width, passages)
+        if structure.is_connected:
+            split = split_of(structure, config.buckets)
+            counts[split] += holds_task(config, split, structure)
+    if config.labyrinths > min(counts.values()):
+        exist = ", ".join(f"{count} in {split}" for split, count in counts.items())
+        raise ConfigError(
+            f"size={config.height}x{config.width} labyrinths={config.labyrinths}: there can be "
+            f"{exist}; ask for labyrinths={min(counts.values())} or fewer"
+        )

@@ -1,0 +1,62 @@
+"""The episodes of each labyrinth: optimal routes, or a random policy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.rollout import Episode, random_episode, replay
+from labyrinth_core.solver import shortest_route, shortest_routes, simple_routes
+from pipeline.config import DatasetConfig
+
+
+class Solution(NamedTuple):
+    """The episodes of one labyrinth."""
+
+    labyrinth: Labyrinth
+    episodes: list[Episode]
+    cut: bool
+    """Whether `solutions_limit` may have left routes out."""
+
+
+def solve(
+    config: DatasetConfig, split: str, labyrinths: Iterable[tuple[Labyrinth, np.random.Generator]]
+) -> Iterator[Solution]:
+    """Yield the episodes of each labyrinth, in order.
+
+    Args:
+        config: Says which routes.
+        split: In `random` a random policy acts instead.
+        labyrinths: Each with the randomness for its episodes.
+    """
+    for labyrinth, rng in labyrinths:
+        if split == "random":
+            yield Solution(labyrinth, list(_random_episodes(labyrinth, rng, config)), cut=False)
+            continue
+        routes = _routes(config, labyrinth, rng)
+        cut = config.solutions != "shortest" and len(routes) == config.solutions_limit
+        yield Solution(labyrinth, [replay(labyrinth, route) for route in routes], cut)
+
+
+def _routes(
+    config: DatasetConfig, labyrinth: Labyrinth, rng: np.random.Generator
+) -> list[list[int]]:
+    if config.solutions == "shortest":
+        return [shortest_route(labyrinth, rng)]
+    if config.solutions == "all_shortest":
+        return shortest_routes(labyrinth, config.solutions_limit)
+    return simple_routes(labyrinth, config.solutions_limit)
+
+
+def _random_episodes(
+    labyrinth: Labyrinth, rng: np.random.Generator, config: DatasetConfig
+) -> Iterator[Episode]:
+    """Yield episodes that take `random_steps` steps together, the last one cut there."""
+    left = config.random_steps
+    while left:
+        episode = random_episode(labyrinth, rng, left)
+        left -= len(episode)
+        yield episode

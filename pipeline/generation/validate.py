@@ -1,0 +1,427 @@
+"""Validation: every row of a finished dataset, replayed.
+
+The labyrinth comes from `info`, states and rewards from replaying `actions`, the picture from the
+renderer; what the file holds must be the same, bytes included where the libraries are the
+manifest's. Routes must be those the configuration asks for, and structures in the split that
+their hash allows.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labyrinth_core import solver
+from labyrinth_core.dynamics import State, initial, is_terminal, reward, transition
+from labyrinth_core.grid import Action, manhattan
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.renderer import PICTURE_SIZE, Painter, render
+from labyrinth_core.tasks import default_start_and_goal, tiles_matter
+from pipeline.config import DatasetConfig, Run
+from pipeline.executor import ordered_map
+from pipeline.generation.render import picture_name
+from pipeline.generation.sample import split_of
+from pipeline.manifest import (
+    DatasetError,
+    Fingerprint,
+    Manifest,
+    Shard,
+    bands_of,
+    current_versions,
+    decoded_picture_digest,
+    file_sha256,
+    picture_digest,
+)
+from pipeline.schema import NO_ACTION, SAMPLED_SPLITS, Row, arrow_schema
+from pipeline.terminal import console, tracked
+
+PROBLEMS_SHOWN = 20
+
+
+class ValidationError(DatasetError):
+    """A dataset with rows that are not what they should be; `problems` names them."""
+
+    def __init__(self, folder: Path, problems: list[str]) -> None:
+        self.problems = problems
+        shown = problems[:PROBLEMS_SHOWN]
+        more = len(problems) - len(shown)
+        lines = [f"{folder} is not valid:", *shown, *([f"and {more} more"] if more else [])]
+        super().__init__("\n  ".join(lines))
+
+
+@dataclass
+class ShardReport:
+    """What checking one shard brought to light."""
+
+    shard: Shard
+    problems: list[str] = field(default_factory=list)
+    structures: dict[str, int] = field(default_factory=dict)
+    """Structure id -> the first row it is in."""
+
+    def problem(self, row: int, column: str, message: str) -> None:
+        """Note a problem with a field of a row."""
+        self.problems.append(f"{self.shard.path} row {row} {column}: {message}")
+
+
+@dataclass(frozen=True)
+class CheckJob:
+    """All that a worker needs to know to check one shard."""
+
+    folder: Path
+    shard: Shard
+    config: DatasetConfig
+    first: int
+    """Place of its first labyrinth in the split."""
+    same_bytes: bool
+    """Whether the pictures must be the very bytes, the libraries being the manifest's."""
+
+
+def run(run: Run) -> None:
+    """Validate the dataset in the folder of a run.
+
+    Raises:
+        ValidationError: Rows are wrong; it names file, row and field.
+        DatasetError: There is no dataset.
+    """
+    manifest = Manifest.read(run.folder)
+    problems = validate(run.folder, manifest, run.workers)
+    if problems:
+        raise ValidationError(run.folder, problems)
+    rows = sum(shard.rows for shard in manifest.shards)
+    console.print(f"{run.folder} is valid: {rows:,} rows replayed.", highlight=False)
+
+
+def validate(folder: Path, manifest: Manifest, workers: int = 1) -> list[str]:
+    """Return what is wrong with a dataset, one line for each problem.
+
+    Args:
+        folder: With its shards.
+        manifest: Of that folder.
+        workers: Processes.
+    """
+    jobs = []
+    first: dict[str, int] = {}
+    same_bytes = dict(manifest.versions) == current_versions()
+    for shard in manifest.shards:
+        begin = first.get(shard.split, 0)
+        first[shard.split] = begin + shard.labyrinths
+        jobs.append(CheckJob(folder, shard, manifest.config, begin, same_bytes))
+    reports = tracked(
+        ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
+        "validate",
+        total=sum(shard.rows for shard in manifest.shards),
+    )
+    problems: list[str] = []
+    owners: dict[str, str] = {}
+    for report in reports:
+        problems += report.problems
+        problems += _misplaced(report, owners)
+    for split, labyrinths in first.items():
+        if labyrinths != manifest.config.labyrinths:
+            problems.append(
+                f"{split} holds {labyrinths} labyrinths, not {manifest.config.labyrinths}"
+            )
+    return problems
+
+
+def _misplaced(report: ShardReport, owners: dict[str, str]) -> Iterator[str]:
+    """Yield the structures that came before in another split, or are not of train at all.
+
+    Args:
+        report: Of the next shard, in the order of the splits.
+        owners: Structure id -> where it was first; filled in here.
+    """
+    for structure_id, row in report.structures.items():
+        here = f"{report.shard.path} row {row}"
+        before = owners.get(structure_id)
+        if report.shard.split in SAMPLED_SPLITS:
+            if before:
+                yield f"{here} info: the structure is also in {before}"
+            else:
+                owners[structure_id] = here
+        elif before is None or not before.startswith("train"):
+            yield f"{here} info: the structure is not one of train"
+
+
+def check_shard(job: CheckJob) -> ShardReport:
+    """Return what is wrong with one shard."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    report = ShardReport(job.shard)
+    path = job.folder / job.shard.path
+    try:
+        digest = file_sha256(path)
+        with pq.ParquetFile(path) as file:
+            expected = arrow_schema()
+            if not file.schema_arrow.equals(expected, check_metadata=False):
+                report.problems.append(f"{job.shard.path}: its columns are not the five")
+                return report
+            _ShardCheck(job, report).check(_rows(file))
+    except FileNotFoundError:
+        report.problems.append(f"{job.shard.path} is missing")
+        return report
+    except (OSError, pa.ArrowException) as error:
+        report.problems.append(f"{job.shard.path} cannot be read: {' '.join(str(error).split())}")
+        return report
+    if digest != job.shard.sha256:
+        report.problems.append(f"{job.shard.path}: its sha256 is {digest}, not the manifest's")
+    return report
+
+
+def _rows(file: Any) -> Iterator[Row]:
+    for group in range(file.num_row_groups):
+        table = file.read_row_group(group).to_pydict()
+        columns = zip(
+            table["obs"],
+            table["actions"],
+            table["rewards"],
+            table["episode_starts"],
+            table["info"],
+            strict=True,
+        )
+        for obs, action, paid, starts, info in columns:
+            yield Row(obs["bytes"], obs["path"], action, paid, starts, info, b"")
+
+
+class _ShardCheck:
+    """Goes through the rows of a shard and notes in a report what is wrong."""
+
+    def __init__(self, job: CheckJob, report: ShardReport) -> None:
+        self.job = job
+        self.report = report
+        self.fingerprint = Fingerprint()
+        self.row = 0
+        self.labyrinths = self.episodes = 0
+        self.routes: list[list[int]] = []
+        self.labyrinth: Labyrinth | None = None
+        self.info: str | None = None
+        self.first_row = 0
+
+    def check(self, rows: Iterator[Row]) -> None:
+        episode: list[Row] = []
+        for row in rows:
+            if row.episode_starts and episode:
+                self.check_episode(episode)
+                episode = []
+            episode.append(row)
+        if episode:
+            self.check_episode(episode)
+        self.finish_labyrinth()
+        found = {
+            "rows": self.row,
+            "episodes": self.episodes,
+            "labyrinths": self.labyrinths,
+            "fingerprint": self.fingerprint.hexdigest(),
+        }
+        for name, value in found.items():
+            expected = getattr(self.job.shard, name)
+            if value != expected:
+                message = f"{self.job.shard.path}: {name} {value}, but the manifest says {expected}"
+                self.report.problems.append(message)
+
+    def check_episode(self, rows: list[Row]) -> None:
+        """Check the rows from one `episode_starts` to the next."""
+        begin = self.row
+        self.row += len(rows)
+        self.episodes += 1
+        if not rows[0].episode_starts:
+            self.report.problem(begin, "episode_starts", "False in the first row of the file")
+        if rows[0].info != self.info:
+            self.begin_labyrinth(rows[0].info, begin)
+        for offset, row in enumerate(rows):
+            if row.info != self.info:
+                message = "not the labyrinth that the episode began with"
+                self.report.problem(begin + offset, "info", message)
+        if self.labyrinth is None:
+            return
+        for offset, row in enumerate(rows[:-1]):
+            if row.actions == NO_ACTION:
+                message = "False, but the row before ends an episode"
+                self.report.problem(begin + offset + 1, "episode_starts", message)
+                return
+        if rows[-1].actions != NO_ACTION:
+            message = "True, but the episode before has not ended"
+            self.report.problem(begin + len(rows), "episode_starts", message)
+            return
+        self.replay(self.labyrinth, rows, begin)
+
+    def replay(self, labyrinth: Labyrinth, rows: list[Row], begin: int) -> None:
+        """Check states, rewards and pictures by taking the actions."""
+        painter = _painter(labyrinth)
+        state = initial(labyrinth)
+        place = len(self.routes)
+        for step, row in enumerate(rows):
+            number = begin + step
+            name = picture_name(
+                self.job.shard.split, self.job.first + self.labyrinths - 1, place, step
+            )
+            if row.obs_path != name:
+                self.report.problem(number, "obs", f"its path is {row.obs_path}, not {name}")
+            self.check_picture(painter, labyrinth, state, row, number)
+            if row.actions == NO_ACTION:
+                if row.rewards != 0:
+                    self.report.problem(number, "rewards", f"{row.rewards} after the last action")
+                break
+            if not 0 <= row.actions < len(Action):
+                self.report.problem(number, "actions", f"{row.actions} is no action")
+                return
+            if is_terminal(labyrinth, state):
+                self.report.problem(number, "actions", "the episode had ended before")
+                return
+            after = transition(labyrinth, state, row.actions)
+            meant = self.meant(painter, labyrinth, state, after, rows[step + 1])
+            if meant is not None:
+                message = f"{row.actions}, but the next picture shows what {meant} leads to"
+                self.report.problem(number, "actions", message)
+                after = transition(labyrinth, state, meant)
+            expected = np.float32(reward(labyrinth, after))
+            if np.float32(row.rewards) != expected:
+                message = f"{row.rewards}, but the step pays {expected}"
+                self.report.problem(number, "rewards", message)
+            state = after
+        last = begin + len(rows) - 1
+        if self.job.shard.split != "random" and state.agent != labyrinth.goal:
+            self.report.problem(last, "actions", "the episode ends before the goal")
+        self.routes.append([row.actions for row in rows[:-1]])
+
+    def check_picture(
+        self, painter: Painter, labyrinth: Labyrinth, state: State, row: Row, number: int
+    ) -> None:
+        """Check a picture, and add the row to the fingerprint."""
+        strips = painter.strips(state)
+        digest = picture_digest(bands_of(strips))
+        if row.obs != _encoded(painter, state):
+            try:
+                picture = _decode(row.obs)
+            except ValueError as error:
+                self.report.problem(number, "obs", str(error))
+                return
+            if not np.array_equal(picture, render(labyrinth, state)):
+                self.report.problem(number, "obs", "not the picture of the state")
+                digest = decoded_picture_digest(picture)
+            elif self.job.same_bytes:
+                self.report.problem(number, "obs", "the right pixels, but not the encoder's bytes")
+        self.fingerprint.update(row._replace(picture_digest=digest))
+
+    @staticmethod
+    def meant(
+        painter: Painter, labyrinth: Labyrinth, state: State, after: State, row: Row
+    ) -> int | None:
+        """Return the action that leads to the next picture, if it is not the one taken."""
+        if row.obs == _encoded(painter, after):
+            return None
+        for action in Action:
+            other = transition(labyrinth, state, action)
+            if other != after and row.obs == _encoded(painter, other):
+                return int(action)
+        return None
+
+    def begin_labyrinth(self, info: str, row: int) -> None:
+        """Check what does not depend on the episodes, and the episodes of the one before."""
+        self.finish_labyrinth()
+        self.info, self.labyrinth, self.first_row = info, None, row
+        self.labyrinths += 1
+        try:
+            labyrinth = parse(info)
+        except LabyrinthSyntaxError as error:
+            message = str(error).splitlines()[0]
+            self.report.problem(row, "info", f"not a labyrinth: {message}")
+            return
+        self.labyrinth = labyrinth
+        for message in _labyrinth_problems(self.job.config, self.job.shard.split, labyrinth):
+            self.report.problem(row, "info", message)
+        if dump(labyrinth) != info:
+            self.report.problem(row, "info", "not in the canonical form")
+        structure_id = labyrinth.structure.structure_id
+        if structure_id in self.report.structures:
+            other = self.report.structures[structure_id]
+            self.report.problem(row, "info", f"the structure is also in row {other}")
+        self.report.structures.setdefault(structure_id, row)
+
+    def finish_labyrinth(self) -> None:
+        """Check that the labyrinth has the episodes that the configuration asks for."""
+        routes, self.routes = self.routes, []
+        if self.labyrinth is None or not routes:
+            return
+        message = _route_problem(self.job.config, self.job.shard.split, self.labyrinth, routes)
+        if message:
+            self.report.problem(self.first_row, "actions", message)
+
+
+def _labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
+    structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
+    if (structure.height, structure.width, labyrinth.task) != (
+        config.height,
+        config.width,
+        config.task,
+    ):
+        yield f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}"
+        return
+    if not structure.is_connected:
+        yield "not every cell can be reached"
+    if not tiles_matter(labyrinth):
+        yield "the tiles of the task make no difference"
+    wanted = split if split in SAMPLED_SPLITS else "train"
+    if split_of(structure, config.buckets) != wanted:
+        yield f"the structure belongs to {split_of(structure, config.buckets)}"
+    first_start, first_goal = default_start_and_goal(config.height, config.width)
+    if split in ("s0", "s0_and_g"):
+        if start == first_start or (goal == first_goal) != (split == "s0"):
+            yield "start and goal are not changed as the split says"
+        # Only next to nothing is far enough where no cell is.
+        least = min((config.height + config.width) // 2, config.height + config.width - 3)
+        if manhattan(start, goal, config.width) < least:
+            yield f"start and goal are less than {least} moves apart"
+    elif (start, goal) != (first_start, first_goal):
+        yield "start and goal are not in the corners"
+
+
+def _route_problem(
+    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: list[list[int]]
+) -> str | None:
+    if split == "random":
+        steps = sum(map(len, routes))
+        return None if steps == config.random_steps else f"{steps} random steps"
+    if config.solutions == "shortest":
+        best = solver.distances(labyrinth)[labyrinth.start]
+        if len(routes) == 1 and len(routes[0]) == best:
+            return None
+        lengths = ", ".join(str(len(route)) for route in routes)
+        return f"routes of {lengths} moves, instead of one of {best}"
+    enumerate_routes = (
+        solver.shortest_routes if config.solutions == "all_shortest" else solver.simple_routes
+    )
+    expected = enumerate_routes(labyrinth, config.solutions_limit)
+    if routes == expected:
+        return None
+    return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"
+
+
+@lru_cache(maxsize=1)
+def _painter(labyrinth: Labyrinth) -> Painter:
+    return Painter(labyrinth)
+
+
+def _encoded(painter: Painter, state: State) -> bytes:
+    return painter.png(state)
+
+
+def _decode(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Return the pixels of a picture; raises ValueError if it is none of ours."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
+            if image.size != (PICTURE_SIZE, PICTURE_SIZE) or image.mode != "RGB":
+                raise ValueError(f"a picture of {image.size}, {image.mode}")
+            return np.array(image)
+    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise ValueError(f"cannot be decoded: {error}") from error

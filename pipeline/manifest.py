@@ -1,0 +1,221 @@
+"""What a finished dataset says of itself, and how its content is fingerprinted.
+
+The manifest is written last, so a folder with one is complete.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core import __version__
+from labyrinth_core.png import LEVEL, Band
+from pipeline.config import DatasetConfig
+from pipeline.schema import SPLITS, Row
+
+MANIFEST = "manifest.json"
+FORMAT = 1
+
+
+class DatasetError(RuntimeError):
+    """A dataset that is missing, unfinished, damaged, or another one than asked for."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One Parquet file and what is in it."""
+
+    path: str
+    """Relative to the folder of the dataset."""
+    split: str
+    labyrinths: int
+    episodes: int
+    rows: int
+    longest: int
+    """Moves in the longest episode."""
+    cut: int
+    """Labyrinths that have, or may have, more routes than `solutions_limit` let in."""
+    bytes: int
+    sha256: str
+    """Of the file."""
+    fingerprint: str
+    """Of the decoded rows, the same whichever library compressed them; see `Fingerprint`."""
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Shard:
+        """Return the shard that `asdict` described; raises ValueError for anything else."""
+        types = {field.name: str if field.type == "str" else int for field in fields(cls)}
+        if {name: type(value) for name, value in values.items()} != types:
+            raise ValueError(f"a shard has the fields {sorted(types)}, not {dict(values)}")
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a finished dataset is and how it was made."""
+
+    config: DatasetConfig
+    versions: Mapping[str, str]
+    """Libraries that shaped the bytes; others may compress the same rows differently."""
+    shards: tuple[Shard, ...]
+    """In the order of splits and of rows."""
+
+    @property
+    def fingerprint(self) -> str:
+        """One fingerprint for all rows of all splits."""
+        parts = [f"{shard.split}:{shard.fingerprint}" for shard in self.shards]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def of(self, split: str) -> list[Shard]:
+        """Return the shards of a split.
+
+        Raises:
+            DatasetError: There is no such split.
+        """
+        shards = [shard for shard in self.shards if shard.split == split]
+        if not shards:
+            held = dict.fromkeys(shard.split for shard in self.shards)
+            raise DatasetError(f"split={split}: the dataset has {', '.join(held)}")
+        return shards
+
+    def write(self, folder: Path) -> None:
+        """Write it into a folder, all or nothing."""
+        content = {
+            "format": FORMAT,
+            "name": self.config.name,
+            "config": self.config.to_json(),
+            "versions": dict(self.versions),
+            "fingerprint": self.fingerprint,
+            "shards": [asdict(shard) for shard in self.shards],
+        }
+        write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
+
+    @classmethod
+    def read(cls, folder: Path) -> Manifest:
+        """Return the manifest of a folder.
+
+        Raises:
+            DatasetError: There is none, or it is not one of ours.
+        """
+        path = folder / MANIFEST
+        try:
+            content = json.loads(path.read_bytes())
+            if content["format"] != FORMAT:
+                raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+            manifest = cls(
+                config=DatasetConfig.from_json(content["config"]),
+                versions={str(key): str(value) for key, value in content["versions"].items()},
+                shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
+            )
+            unknown = {shard.split for shard in manifest.shards} - set(SPLITS)
+            outside = [
+                shard.path for shard in manifest.shards if Path(shard.path).name != shard.path
+            ]
+            if unknown or outside:
+                raise ValueError(f"unknown splits {sorted(unknown)} or paths {outside}")
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DatasetError(f"{path} cannot be read: {error!r}") from error
+        return manifest
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of what shapes the bytes of a dataset in this process."""
+    import pyarrow as pa
+
+    return {
+        "labyrinth-datasets": __version__,
+        "numpy": np.__version__,
+        "pyarrow": pa.__version__,
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+        "png": f"own encoder, deflate level {LEVEL}",
+    }
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file through a temporary one, so that it is never half there."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+class Fingerprint:
+    """A hash over the values and pixels of rows, in their order.
+
+    For each row: the picture's digest, `actions` as int64, `rewards` as float32, `episode_starts`
+    as one byte, the length of `info` as uint32 (all little-endian), and `info` in UTF-8.
+    """
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, row: Row) -> None:
+        """Add a row."""
+        info = row.info.encode()
+        numbers = struct.pack("<qf?I", row.actions, row.rewards, row.episode_starts, len(info))
+        self._hash.update(row.picture_digest + numbers + info)
+
+    def hexdigest(self) -> str:
+        """Return the hash of the rows so far, in hexadecimal digits."""
+        return self._hash.hexdigest()
+
+
+def picture_digest(bands: Iterable[Band]) -> bytes:
+    """Return sixteen bytes that depend on the pixels of a picture and on nothing else.
+
+    The picture is taken as its runs of equal rows of pixels, from the top: the BLAKE2b hash of the
+    sixteen-byte hash of each row and the length of its run as a little-endian uint16.
+    """
+    parts: list[bytes] = []
+    run: bytes | None = None
+    length = 0
+    for row, count in bands:
+        if row == run:
+            length += count
+            continue
+        if run is not None:
+            parts.append(_row_digest(run) + length.to_bytes(2, "little"))
+        run, length = row, count
+    if run is not None:
+        parts.append(_row_digest(run) + length.to_bytes(2, "little"))
+    return hashlib.blake2b(b"".join(parts), digest_size=16).digest()
+
+
+@lru_cache(maxsize=8_192)
+def _row_digest(row: bytes) -> bytes:
+    return hashlib.blake2b(row, digest_size=16).digest()
+
+
+def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:
+    """Return the digest of a decoded picture, shape (height, width, 3)."""
+    differs = (picture[1:] != picture[:-1]).any(axis=(1, 2))
+    first = np.flatnonzero(np.concatenate(([True], differs)))
+    counts = np.diff(first, append=len(picture)).tolist()
+    rows = (row.tobytes() for row in picture[first])
+    return picture_digest(zip(rows, counts, strict=True))
+
+
+def bands_of(strips: Iterable[Iterable[Band]]) -> Iterable[Band]:
+    """Return the bands of all strips, in order."""
+    return chain.from_iterable(strips)
