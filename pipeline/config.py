@@ -48,7 +48,7 @@ class BucketsConfig:
 
 @dataclass
 class RunConfig:
-    """The schema of `conf/config.yaml`; each line of `OPTIONS` explains one field."""
+    """The schema of `conf/config.yaml`; `OPTIONS` explains each field."""
 
     stages: list[str] = field(default_factory=list)
     size: str = "5"
@@ -146,9 +146,29 @@ class Run:
         return self.data_dir / self.dataset.name
 
 
+_HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in Parquet shards.
+
+    python run.py size=5
+    python run.py size=4x6 task=key_and_door labyrinths=1000 workers=2
+    python run.py -m size=3,4,5
+
+Options, each as name=value:
+
+{options}
+
+--cfg job prints the values that a command line gives, --hydra-help the flags of Hydra itself.
+"""
+
+
 def register() -> None:
-    """Tell Hydra the schema."""
-    ConfigStore.instance().store(name="schema", node=RunConfig)
+    """Tell Hydra the schema and the text of `--help`."""
+    width = max(map(len, OPTIONS))
+    options = "\n".join(f"  {name:{width}}  {meaning}" for name, meaning in OPTIONS.items())
+    store = ConfigStore.instance()
+    store.store(name="schema", node=RunConfig)
+    store.store(
+        group="hydra/help", name="options", node={"template": _HELP.format(options=options)}
+    )
 
 
 def one_line(error: Exception) -> str:

@@ -1,0 +1,58 @@
+"""Draw the pictures of the README and of docs/ again: `python scripts/draw_pictures.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from labyrinth_core.labyrinth import LabyrinthError, Task
+from labyrinth_core.renderer import area_average, render
+from labyrinth_core.rollout import replay
+from labyrinth_core.sampling import sample_structures
+from labyrinth_core.solver import shortest_route
+from labyrinth_core.tasks import default_start_and_goal, place
+
+FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
+SEED = 4
+SIZE = 300
+GAP = 20
+
+
+def picture(task: Task, part: float, size: int = 5) -> np.ndarray:
+    """Return a state of an optimal episode, `part` of the way from its start to its end."""
+    rng = np.random.default_rng(SEED)
+    for structure in sample_structures(size, size, rng):
+        try:
+            labyrinth = place(structure, *default_start_and_goal(size, size), task, rng)
+        except LabyrinthError:
+            continue
+        episode = replay(labyrinth, shortest_route(labyrinth, rng))
+        if len(episode) >= 2 * size:
+            return render(labyrinth, episode.states[int(part * len(episode))])
+    raise AssertionError("the sampler never ends")
+
+
+def side_by_side(pictures: list[np.ndarray]) -> np.ndarray:
+    """Return the pictures in a row, on white."""
+    gap = np.full((SIZE, GAP, 3), 255, np.uint8)
+    parts = [gap]
+    for image in pictures:
+        parts += [area_average(image, SIZE), gap]
+    return np.concatenate(parts[1:-1], axis=1)
+
+
+def main() -> None:
+    """Write every picture."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for task in Task:
+        Image.fromarray(picture(task, 0.2)).save(FOLDER / f"{task}.png", optimize=True)
+    tasks = side_by_side([picture(task, 0.2) for task in Task])
+    Image.fromarray(tasks).save(FOLDER / "tasks.png", optimize=True)
+    sizes = side_by_side([picture(Task.NAVIGATION, 0.4, size) for size in (3, 5, 10, 25)])
+    Image.fromarray(sizes).save(FOLDER / "sizes.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
