@@ -75,8 +75,13 @@ def run(run: Run) -> None:
         new_parents = [folder for folder in building.parents if not folder.exists()]
         try:
             manifest = _build(run, building)
+        except OSError as error:
+            if not _removed(building, new_parents):
+                reason = f"{error}; finished shards are kept in {building} for the next run"
+                raise DatasetError(reason) from error
+            raise
         except BaseException:
-            _remove_unless_worth_keeping(building, new_parents)
+            _removed(building, new_parents)
             raise
         _move_into_place(building, run.folder)
     front_matter.update(run.data_dir)
@@ -215,13 +220,16 @@ def _move_into_place(building: Path, folder: Path) -> None:
         building.replace(folder)
 
 
-def _remove_unless_worth_keeping(building: Path, new_parents: list[Path]) -> None:
-    """Remove the folder of a failed build, if it has no finished shard, and its new parents."""
-    if building.is_dir() and not any(building.glob("*.parquet")):
+def _removed(building: Path, new_parents: list[Path]) -> bool:
+    """Remove what a failed build left, unless a shard is finished; return whether it is gone."""
+    if any(building.glob("*.parquet")):
+        return False
+    if building.is_dir():
         shutil.rmtree(building)
     for folder in new_parents:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
+    return True
 
 
 def _report_cut(manifest: Manifest) -> None:
