@@ -85,7 +85,8 @@ def state_at(labyrinth: Labyrinth, index: int) -> State:
 def transition_table(labyrinth: Labyrinth) -> list[tuple[int, int, int, int]]:
     """Return the numbers of the states that the four actions lead to from each state.
 
-    Rows of states that the agent cannot be in (on the door before it opened) mean nothing.
+    Rows of states that the agent cannot be in mean nothing: on the door before it opened, on
+    the key without having it.
     """
     if labyrinth.door is None:
         return labyrinth.structure.moves
