@@ -245,7 +245,7 @@ def _grid(height: int, width: int) -> _Grid:
     span = PICTURE_SIZE - thickness
 
     def lines(count: int) -> tuple[int, ...]:
-        margin = (most - count) * span // most // 2
+        margin = (span - count * span // most) // 2
         return tuple(margin + line * span // most for line in range(count + 1))
 
     return _Grid(columns=lines(width), rows=lines(height), thickness=thickness)

@@ -6,16 +6,15 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
 from labyrinth_core.grid import manhattan
 from labyrinth_core.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
 
-MOST_ROUTES_TRIED = 1_000
-"""After so many routes without one to lay ice beside, a structure counts as unfit for ice."""
+ICE_SEARCH = 500_000
+"""About how many cells to look at for a place for ice, before it is said that there is none."""
 
 
 def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
@@ -65,54 +64,64 @@ def _place_key_and_door(
     key: int | None,
     door: int | None,
 ) -> tuple[int, int]:
-    doors = _unavoidable(structure, start, goal) if door is None else [door]
+    doors, found = _unavoidable(structure, start, goal)
+    if door is not None:
+        doors = {door: doors[door]} if door in doors else {}
     if not doors:
-        raise LabyrinthError("no place for the door: no cell lies on every route from S to E")
+        raise LabyrinthError("no place for the door: no cell lies on every route from S to E", door)
     from_start, from_goal = structure.distances(start), structure.distances(goal)
-    for place in rng.permutation(len(doors)):
-        before_door = structure.distances(start, [doors[place]])
-        keys = [
-            cell
-            for cell, steps in enumerate(before_door)
-            if steps > 0
-            and cell != goal
-            and from_start[cell] + from_goal[cell] > from_start[goal]
-            and key in (None, cell)
-        ]
-        if keys:
-            return keys[rng.integers(len(keys))], doors[place]
-    if key is None:
+    keys = [
+        cell
+        for cell in found
+        if from_start[cell] + from_goal[cell] > from_start[goal] and key in (None, cell)
+    ]
+    first = min((found[cell] for cell in keys), default=structure.cells)
+    doors = {cell: place for cell, place in doors.items() if place > first}
+    if not doors and key is not None:
+        raise LabyrinthError("no place for the door that fits the key", key)
+    if not doors:
         raise LabyrinthError("no place for the key: none is off the route and before the door")
-    raise LabyrinthError("no place for the door that fits the key", key)
+    door = list(doors)[rng.integers(len(doors))]
+    keys = [cell for cell in keys if found[cell] < doors[door]]
+    return keys[rng.integers(len(keys))], door
 
 
-def _unavoidable(structure: Structure, start: int, goal: int) -> list[int]:
-    """Return the cells between start and goal that every route visits, in linear time.
+def _unavoidable(
+    structure: Structure, start: int, goal: int, blocked: Collection[int] = ()
+) -> tuple[dict[int, int], dict[int, int]]:
+    """Return what lies on every route and what lies before it, in linear time.
 
-    Walk along one route and, from each of its cells, flood the cells beside the route. Where
-    nothing found so far touches the route further on, there is no way around.
+    Walk along one shortest route and, from each of its cells, flood the cells beside the route.
+    Where nothing found so far touches the route further on, there is no way around.
+
+    Returns:
+        The cells between start and goal that every route visits, and the cells off the route
+        taken; both with the place along that route from which they were found. A cell off the
+        route can be reached before a cell on every route if its place is the smaller.
     """
-    moves, distance = structure.moves, structure.distances(goal)
+    moves, distance = structure.moves, structure.distances(goal, blocked)
+    unavoidable: dict[int, int] = {}
+    found: dict[int, int] = dict.fromkeys(blocked, len(moves))
     if distance[start] == UNREACHABLE:
-        return []
+        return unavoidable, {}
     route = [start]
     while route[-1] != goal:
         route.append(next(c for c in moves[route[-1]] if distance[c] == distance[route[-1]] - 1))
     place_on_route = {cell: place for place, cell in enumerate(route)}
-    seen = set(route)
     farthest = 0
-    unavoidable = []
     for place, cell in enumerate(route[:-1]):
         if place and place == farthest:
-            unavoidable.append(cell)
+            unavoidable[cell] = place
         stack = [cell]
         while stack:
             for beside in moves[stack.pop()]:
-                farthest = max(farthest, place_on_route.get(beside, 0))
-                if beside not in seen:
-                    seen.add(beside)
+                on_route = place_on_route.get(beside)
+                if on_route is not None:
+                    farthest = max(farthest, on_route)
+                elif beside not in found:
+                    found[beside] = place
                     stack.append(beside)
-    return unavoidable
+    return unavoidable, {cell: place for cell, place in found.items() if cell not in blocked}
 
 
 def _place_ice(
@@ -120,76 +129,69 @@ def _place_ice(
 ) -> frozenset[int]:
     from_start, from_goal = structure.distances(start), structure.distances(goal)
     shortest = from_start[goal]
-    on_shortest = [
+    on_shortest = {
         cell
         for cell in range(structure.cells)
-        if cell not in (start, goal)
-        and UNREACHABLE not in (from_start[cell], from_goal[cell])
-        and from_start[cell] + from_goal[cell] == shortest
-    ]
-    # Close cells of shortest routes, one by one, as long as the goal stays within reach.
-    closed: list[int] = []
-    distance = from_goal
-    for place in rng.permutation(len(on_shortest)):
-        closed.append(on_shortest[place])
-        without = structure.distances(goal, closed)
-        if without[start] == UNREACHABLE:
-            closed.pop()
-            continue
-        distance = without
-        if distance[start] > shortest:
-            break
-    else:
-        # The order was an unlucky one, or no order does: look at the routes themselves.
-        return _ice_beside_a_longer_route(structure, start, goal, on_shortest, rng)
+        if from_start[cell] != UNREACHABLE and from_start[cell] + from_goal[cell] == shortest
+    }
+    closed = _closed_until_longer(structure, start, goal, rng)
     # The ice covers the shortest routes except where a longer one, chosen here, needs them.
-    longer = {start}
-    cell = start
-    while cell != goal:
-        nearer = [c for c in structure.moves[cell] if distance[c] == distance[cell] - 1]
-        cell = nearer[rng.integers(len(nearer))]
-        longer.add(cell)
-    return frozenset(on_shortest) - longer
+    longer = _shortest_route(structure, start, structure.distances(goal, closed), rng)
+    return frozenset(on_shortest.difference(longer))
 
 
-def _ice_beside_a_longer_route(
-    structure: Structure,
-    start: int,
-    goal: int,
-    on_shortest: list[int],
-    rng: np.random.Generator,
-) -> frozenset[int]:
-    """Return the cells of shortest routes that a longer route leaves out.
-
-    With no shortcut among its own cells, the longer route holds no shortest one, so the ice
-    closes them all; and where ice can matter at all, there is such a route.
-    """
-    shortest = structure.distances(start)[goal]
-    for route in islice(_routes_without_shortcut(structure, start, goal, rng), MOST_ROUTES_TRIED):
-        if len(route) > shortest + 1:
-            return frozenset(on_shortest).difference(route)
-    raise LabyrinthError("ice would not matter: no longer route leads around a shortest one")
-
-
-def _routes_without_shortcut(
+def _closed_until_longer(
     structure: Structure, start: int, goal: int, rng: np.random.Generator
-) -> Iterator[tuple[int, ...]]:
-    """Yield the cells of each route on which passages join no two but successive cells.
+) -> list[int]:
+    """Return cells of shortest routes without which the goal is farther, but within reach.
 
-    The order is random. Each beginning that is followed up has an end, so no time is lost.
+    Of each shortest route at least one cell has to be closed, so the search takes one of those
+    left, closes each of its cells in turn, and goes on from there; what was tried in vain stays
+    open after that. It finds such cells wherever there are any, unless it has to give up.
+
+    Raises:
+        LabyrinthError: There are none, or none were found in `ICE_SEARCH` steps.
     """
-    moves = structure.moves
-    stack: list[tuple[tuple[int, ...], frozenset[int]]] = [((start,), frozenset())]
-    while stack:
-        route, closed = stack.pop()
-        at = route[-1]
-        if goal in moves[at]:
-            yield (*route, goal)
-            continue
-        to_goal = structure.distances(goal, closed | {at})
-        onward = [cell for cell in moves[at] if to_goal[cell] != UNREACHABLE]
-        closed = closed.union(moves[at], [at])
-        stack.extend(((*route, cell), closed) for cell in rng.permutation(onward).tolist())
+    shortest = structure.distances(goal)[start]
+    searches = max(20, ICE_SEARCH // structure.cells)
+    closed: list[int] = []
+    choices: list[list[int]] = []
+    open_for_good: list[set[int]] = [{start, goal}]
+    while searches:
+        distance = structure.distances(goal, closed)
+        searches -= 1
+        if distance[start] > shortest:
+            return closed
+        if distance[start] == UNREACHABLE:
+            open_for_good[-1].add(closed.pop())
+        else:
+            route = _shortest_route(structure, start, distance, rng)
+            choices.append([route[place] for place in rng.permutation(len(route))])
+            open_for_good.append(set(open_for_good[-1]))
+        while choices and not set(choices[-1]) - open_for_good[-1]:
+            choices.pop()
+            open_for_good.pop()
+            if closed:
+                open_for_good[-1].add(closed.pop())
+        if not choices:
+            raise LabyrinthError("ice would not matter: no longer route avoids a shortest one")
+        cell = choices[-1].pop()
+        while cell in open_for_good[-1]:
+            cell = choices[-1].pop()
+        closed.append(cell)
+    raise LabyrinthError("no place was found for ice that would leave a longer route open")
+
+
+def _shortest_route(
+    structure: Structure, start: int, distance: list[int], rng: np.random.Generator
+) -> list[int]:
+    """Return the cells of a shortest route, given the distance of each cell from the goal."""
+    route = [start]
+    while distance[route[-1]]:
+        nearer = distance[route[-1]] - 1
+        cells = [cell for cell in structure.moves[route[-1]] if distance[cell] == nearer]
+        route.append(cells[rng.integers(len(cells))] if len(cells) > 1 else cells[0])
+    return route
 
 
 def tiles_matter(labyrinth: Labyrinth) -> bool:

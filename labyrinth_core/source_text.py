@@ -1,0 +1,242 @@
+"""The text of a labyrinth as it is read: lines without comments, and errors that show their place.
+
+Shared by the language and by the older form that lists edges.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NoReturn
+
+MAX_TEXT = 32 * 1024 * 1024
+"""Longest text accepted, in characters (a file: in bytes); the largest drawing takes a quarter."""
+
+_QUOTES = '"""'
+_WINDOW = 94
+"""Longest part of a source line that a message shows, in characters."""
+
+
+class LabyrinthSyntaxError(ValueError):
+    """A text that is no labyrinth; as a string it shows the place, with a caret below it."""
+
+    def __init__(
+        self,
+        message: str,
+        file: str | None,
+        line: int,
+        column: int,
+        source_line: str,
+        expected: str | None = None,
+        found: str | None = None,
+    ) -> None:
+        """Keep what is known about the mistake.
+
+        Args:
+            message: What is wrong, in a few words.
+            file: Name of the file, if the text comes from one.
+            line: Line of the mistake, the first being 1.
+            column: Column of the mistake, the first being 1.
+            source_line: The text of that line.
+            expected: What could stand there.
+            found: What stands there.
+        """
+        super().__init__(message, file, line, column, source_line, expected, found)
+        self.message, self.file, self.line, self.column = message, file, line, column
+        self.source_line, self.expected, self.found = source_line, expected, found
+
+    @classmethod
+    def at(
+        cls,
+        text: str,
+        offset: int,
+        message: str,
+        file: str | None,
+        expected: str | None = None,
+        found: str | None = None,
+    ) -> LabyrinthSyntaxError:
+        """Return the error for a mistake at an offset of a text."""
+        begin = text.rfind("\n", 0, offset) + 1
+        end = text.find("\n", offset)
+        source_line = text[begin : len(text) if end < 0 else end]
+        line, column = text.count("\n", 0, offset) + 1, offset - begin + 1
+        return cls(message, file, line, column, source_line, expected, found)
+
+    def __str__(self) -> str:
+        message = f"{self.file or '<text>'}:{self.line}:{self.column}: {self.message}"
+        if self.expected is not None:
+            message += f": expected {self.expected}"
+        if self.found is not None:
+            message += f", found {self.found}"
+        source, column = self.source_line, self.column - 1
+        start = max(0, min(column - _WINDOW // 2, len(source) - _WINDOW))
+        before = "..." if start else ""
+        after = "..." if start + _WINDOW < len(source) else ""
+        shown = source[start : start + _WINDOW]
+        harmless = "".join(char if char.isprintable() else "?" for char in shown)
+        caret = " " * (len(before) + column - start) + "^"
+        return f"{message}\n{before}{harmless}{after}\n{caret}"
+
+
+class Source:
+    """A text being read, line by line, with its comments taken out."""
+
+    def __init__(self, text: str, file: str | None) -> None:
+        self.original = normalised(text, file)
+        self.file = file
+        self.position = 0
+        self.kept: list[tuple[int, int]] = []
+        """Where the pieces between comments begin: in `text`, and in `original`."""
+        self.text = self._without_comments() if _QUOTES in self.original else self.original
+
+    def _without_comments(self) -> str:
+        '''Return the text without its comments, but with the line breaks inside them.
+
+        comment = '"""' {any character} '"""'
+        '''
+        original, pieces, length, position = self.original, list[str](), 0, 0
+        while True:
+            opening = original.find(_QUOTES, position)
+            piece = original[position : opening if opening >= 0 else len(original)]
+            pieces.append(piece)
+            self.kept.append((length, position))
+            length += len(piece)
+            if opening < 0:
+                return "".join(pieces)
+            closing = original.find(_QUOTES, opening + 3)
+            if closing < 0:
+                raise LabyrinthSyntaxError.at(
+                    original,
+                    opening,
+                    "a comment is not closed",
+                    self.file,
+                    'another """ after this one',
+                    "the end of the text",
+                )
+            breaks = "\n" * original.count("\n", opening, closing)
+            if breaks:
+                pieces.append(breaks)
+                self.kept.append((length, opening))
+                length += len(breaks)
+            position = closing + 3
+
+    def next_line(self) -> tuple[int, str]:
+        """Return offset and text, without trailing blanks, of the next line that is not blank.
+
+        At the end the text is empty.
+        """
+        text, begin = self.text, self.position
+        while begin < len(text):
+            end = text.find("\n", begin)
+            if end < 0:
+                end = len(text)
+            line = text[begin:end].rstrip(" ")
+            if line:
+                self.position = end + 1
+                return begin, line
+            begin = end + 1
+        return len(text), ""
+
+    def original_offset(self, offset: int) -> int:
+        """Return the place in the original of a place in the text without comments."""
+        if offset >= len(self.text):
+            return len(self.original)
+        shift = 0
+        for kept, original in self.kept:
+            if kept > offset:
+                break
+            shift = original - kept
+        return offset + shift
+
+    def line_number(self, offset: int) -> int:
+        """Return the number of the line, from 1, in which an offset lies."""
+        return self.original.count("\n", 0, self.original_offset(offset)) + 1
+
+    def fail(
+        self, offset: int, message: str, expected: str | None = None, found: str | None = None
+    ) -> NoReturn:
+        """Raise the error for a mistake at an offset of the text without comments.
+
+        A control character in the same line is the likelier mistake, and reported instead.
+        """
+        end = self.text.find("\n", offset)
+        begin = self.text.rfind("\n", 0, offset) + 1
+        line = self.text[begin : len(self.text) if end < 0 else end]
+        for place, char in enumerate(line):
+            if not char.isprintable():
+                offset = begin + place
+                message = "tabs and other control characters may stand in comments only"
+                expected, found = "blanks or printable characters", describe(line, place)
+                break
+        raise self.error(offset, message, expected, found)
+
+    def error(
+        self, offset: int, message: str, expected: str | None = None, found: str | None = None
+    ) -> LabyrinthSyntaxError:
+        """Return the error for a mistake at an offset of the text without comments."""
+        if expected is not None and found is None:
+            found = describe(self.text, offset)
+        original = self.original_offset(offset)
+        return LabyrinthSyntaxError.at(self.original, original, message, self.file, expected, found)
+
+
+def describe(text: str, offset: int) -> str:
+    """Return what stands at an offset of a text, in words."""
+    char = text[offset : offset + 1]
+    names = {"": "the end of the text", "\n": "the end of the line", " ": "a blank", "\t": "a tab"}
+    if char in names:
+        return names[char]
+    return repr(char) if char.isprintable() else f"the character U+{ord(char):04X}"
+
+
+def quoted(text: str) -> str:
+    """Return a word or a line in quotation marks, its beginning if it is long."""
+    if not text:
+        return "the end of the text"
+    return repr(text[:30]) + ("..." if len(text) > 30 else "")
+
+
+def normalised(text: str, file: str | None) -> str:
+    """Return a text with line feeds for line breaks and without a byte order mark.
+
+    Raises:
+        LabyrinthSyntaxError: It is too long.
+    """
+    if len(text) > MAX_TEXT:
+        expected = f"at most {MAX_TEXT:,} characters"
+        found = f"{len(text):,}"
+        raise LabyrinthSyntaxError.at(
+            text[:_WINDOW], 0, "the text is too long", file, expected, found
+        )
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a UTF-8 file, of which no more is read than may be.
+
+    Raises:
+        LabyrinthSyntaxError: It is too long, or no UTF-8.
+        OSError: It cannot be read.
+    """
+    with path.open("rb") as stream:
+        return decode(stream.read(MAX_TEXT + 1), str(path))
+
+
+def decode(data: bytes, file: str | None) -> str:
+    """Return the text that bytes hold as UTF-8.
+
+    Raises:
+        LabyrinthSyntaxError: They are too many, or no UTF-8.
+    """
+    if len(data) > MAX_TEXT:
+        start = data[:_WINDOW].decode(errors="replace")
+        expected, found = f"at most {MAX_TEXT:,} bytes", "more"
+        raise LabyrinthSyntaxError.at(start, 0, "the file is too long", file, expected, found)
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        before = normalised(data[: error.start].decode(), file)
+        rest = data[error.start : error.start + _WINDOW].decode(errors="replace")
+        found = f"the byte 0x{data[error.start]:02x}"
+        raise LabyrinthSyntaxError.at(
+            before + rest, len(before), "the file is no text", file, "UTF-8", found
+        ) from error
