@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from labyrinth_core.dynamics import is_terminal
 from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import labyrinth_id, parse
-from labyrinth_core.renderer import area_average
+from labyrinth_core.renderer import PICTURE_SIZE, area_average
 from labyrinth_core.rollout import replay
 from labyrinth_core.vector import vector_observation
 from pipeline.manifest import MANIFEST, DatasetError, Manifest
@@ -36,7 +36,10 @@ OBSERVATIONS = ("image", "vector")
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side that the benchmark's baselines look at (supplement, section 1)."""
 
-_HUB_ID = re.compile(r"[\w.-]+/[\w.-]+", re.ASCII)
+CACHED_BYTES = 64 * 2**20
+"""Of decoded pictures that are remembered."""
+
+_HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,12 +204,12 @@ def stream_episodes(
 
     Arguments and errors are those of `load_episodes`.
     """
-    from datasets import Image, load_dataset
-
     _check(observation, image_size)
-    stream = load_dataset(str(source), config, split=split, streaming=True, revision=revision)
-    stream = stream.cast_column("obs", Image(decode=False))
-    return _episodes(map(_RawRow.from_columns, stream), observation, image_size)
+    folder = _folder(source, config, revision)
+    if folder is not None:
+        Manifest.read(folder).of(split)  # Or it says which splits there are.
+    rows = _stream(str(source if folder is None else folder.parent), config, split, revision)
+    return _episodes(rows, observation, image_size)
 
 
 def stream_transitions(
@@ -227,9 +230,11 @@ def stream_transitions(
         image_size=image_size,
         revision=revision,
     )
-    for episode in episodes:
-        for step, action in enumerate(episode.actions.tolist()):
-            yield Transition(episode.observations[step], action, episode.observations[step + 1])
+    return (
+        Transition(episode.observations[step], action, episode.observations[step + 1])
+        for episode in episodes
+        for step, action in enumerate(episode.actions.tolist())
+    )
 
 
 def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> Path:
@@ -240,6 +245,11 @@ def locate(source: str | Path, config: str, split: str, revision: str | None = N
     Raises:
         DatasetError: There is no such folder, or the Hub does not give it.
     """
+    return _folder(source, config, revision) or _download(str(source), config, split, revision)
+
+
+def _folder(source: str | Path, config: str, revision: str | None) -> Path | None:
+    """Return the folder with a dataset's manifest, None for an id on the Hub."""
     folder = Path(source).expanduser()
     if folder.is_dir():
         if revision is not None:
@@ -250,12 +260,12 @@ def locate(source: str | Path, config: str, split: str, revision: str | None = N
         return folder / config
     if not _HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
-    return _download(str(source), config, split, revision)
+    return None
 
 
 def _download(source: str, config: str, split: str, revision: str | None) -> Path:
     from huggingface_hub import snapshot_download
-    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
+    from huggingface_hub.errors import HfHubHTTPError, HFValidationError
 
     try:
         snapshot = snapshot_download(
@@ -264,13 +274,43 @@ def _download(source: str, config: str, split: str, revision: str | None) -> Pat
             revision=revision,
             allow_patterns=[f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"],
         )
-    except (HfHubHTTPError, LocalEntryNotFoundError, OSError) as error:
-        reason = " ".join(str(error).split())
-        raise DatasetError(
-            f"{source} is no folder (python run.py makes one), and not to be had from the Hub: "
-            f"{reason}"
-        ) from error
+    except (OSError, HfHubHTTPError, HFValidationError) as error:
+        raise _not_from_the_hub(source, error) from error
     return Path(snapshot) / config
+
+
+def _stream(source: str, config: str, split: str, revision: str | None) -> Iterator[_RawRow]:
+    """Return the rows of a split as they are downloaded, whatever ends where."""
+    from datasets import Image, load_dataset
+
+    try:
+        stream = load_dataset(source, config, split=split, streaming=True, revision=revision)
+        # As bytes: what is not decoded by `datasets` is decoded once, here.
+        stream = stream.cast_column("obs", Image(decode=False))
+    except (OSError, ValueError) as error:
+        raise _not_from_the_hub(source, error) from error
+    return _stream_rows(source, stream)
+
+
+def _stream_rows(source: str, stream: Iterable[dict[str, Any]]) -> Iterator[_RawRow]:
+    import pyarrow as pa
+
+    try:
+        for row in stream:
+            yield _RawRow.from_columns(row)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DatasetError(f"{source} cannot be read: {_one_line(error)}") from error
+
+
+def _not_from_the_hub(source: str, error: Exception) -> DatasetError:
+    return DatasetError(
+        f"{source} is no folder (python run.py makes one), and not to be had from the Hub: "
+        f"{_one_line(error)}"
+    )
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def _check(observation: str, image_size: int) -> None:
@@ -289,13 +329,21 @@ class _RawRow(NamedTuple):
 
     @classmethod
     def from_columns(cls, row: dict[str, Any]) -> _RawRow:
+        for name, kind in _TYPES.items():
+            if type(row.get(name)) is not kind:
+                raise DatasetError(f"{name}={row.get(name)!r}: every row needs {kind.__name__}")
+        picture = row.get("obs")
+        png = picture.get("bytes") if isinstance(picture, dict) else None
         return cls(
             row["actions"],
             row["rewards"],
             row["episode_starts"],
             row["info"],
-            row["obs"]["bytes"] if "obs" in row else None,
+            png if isinstance(png, bytes) else None,
         )
+
+
+_TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 
 
 def _read(path: Path, columns: list[str]) -> Iterator[_RawRow]:
@@ -308,8 +356,8 @@ def _read(path: Path, columns: list[str]) -> Iterator[_RawRow]:
             for group in range(file.num_row_groups):
                 for row in file.read_row_group(group, columns=columns).to_pylist():
                     yield _RawRow.from_columns(row)
-    except (OSError, pa.ArrowException) as error:
-        raise DatasetError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DatasetError(f"{path} cannot be read: {_one_line(error)}") from error
 
 
 def _episodes(
@@ -324,6 +372,8 @@ def _episodes(
             raise DatasetError(f"row {number}: an episode ends without its last row, actions=-1")
         pending.append(row)
         if row.actions == NO_ACTION:
+            if len(pending) == 1:
+                raise DatasetError(f"row {number} actions: -1 in the first row of an episode")
             yield _episode(pending, observation, image_size)
             pending = []
     if pending:
@@ -336,9 +386,11 @@ def _episode(rows: list[_RawRow], observation: str, image_size: int) -> LoadedEp
         labyrinth = _parse(rows[0].info)
         episode = replay(labyrinth, actions)
     except ValueError as error:
-        raise DatasetError(f"an episode cannot be replayed: {error}") from error
+        reason = str(error).partition("\n")[0]
+        raise DatasetError(f"an episode cannot be replayed: {reason}") from error
     if observation == "image":
-        observations = np.stack([_decode(row.png, image_size) for row in rows])
+        decode = _remembering_decoder(image_size)
+        observations = np.stack([decode(row.png) for row in rows])
     else:
         observations = np.stack([vector_observation(labyrinth, s) for s in episode.states])
     return LoadedEpisode(
@@ -357,18 +409,28 @@ def _parse(info: str) -> Labyrinth:
     return parse(info)
 
 
-@lru_cache(maxsize=4_096)
-def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
-    """Return a picture, shape (image_size, image_size, 3), area-averaged.
+@lru_cache(maxsize=1)
+def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
+    """Return `_decode` with a memory.
 
-    Remembered, since decoding takes milliseconds and a random policy comes back to its states.
+    Decoding takes milliseconds, and a random policy comes back to its states.
     """
+    pictures = max(1, CACHED_BYTES // (3 * image_size**2))
+    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
+
+
+def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
+    """Return a picture, shape (image_size, image_size, 3), area-averaged."""
     from PIL import Image
 
     if png is None:
         raise DatasetError("obs: a row has no picture")
     try:
         with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
+            # Before anything is unpacked, since it may claim to be huge.
+            if image.size != (PICTURE_SIZE, PICTURE_SIZE):
+                width, height = image.size
+                raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")
             return area_average(np.asarray(image.convert("RGB")), image_size)
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise DatasetError(f"obs: a picture cannot be decoded: {error}") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise DatasetError(f"obs: a picture cannot be decoded: {_one_line(error)}") from error

@@ -168,7 +168,7 @@ def test_ice_lies_on_shortest_routes_and_leaves_none_but_longer_ones(where, seed
     world = world_between(*where)
     labyrinth = made_or_reason(place, *where, Task.ICY_FLOOR, np.random.default_rng(seed))
     if isinstance(labyrinth, str):
-        assert labyrinth.startswith("ice would not matter: no longer route leads around")
+        assert labyrinth.startswith("ice would not matter: no longer route avoids")
         return
     icy = world_of(labyrinth)
     assert replace(icy, ice=frozenset()) == world
@@ -258,7 +258,7 @@ def test_where_tiles_cannot_be_placed_the_reason_is_given():
     rng = np.random.default_rng(0)
     for structure, goal, task, given_tiles, message in (
         (room, 8, Task.KEY_AND_DOOR, {}, "no place for the door: no cell lies on every route"),
-        (room, 8, Task.ICY_FLOOR, {}, "ice would not matter: no longer route leads around"),
+        (room, 8, Task.ICY_FLOOR, {}, "ice would not matter: no longer route avoids"),
         (corridor, 2, Task.ICY_FLOOR, {}, "ice would not matter"),
         (corridor, 2, Task.KEY_AND_DOOR, {}, "no place for the key: none is off the route"),
         (corridor, 2, Task.KEY_AND_DOOR, {"key": 1}, "no place for the door that fits the key"),
