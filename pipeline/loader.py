@@ -29,7 +29,7 @@ from labyrinth_core.language import labyrinth_id, parse
 from labyrinth_core.renderer import PICTURE_SIZE, area_average
 from labyrinth_core.rollout import replay
 from labyrinth_core.vector import vector_observation
-from pipeline.manifest import MANIFEST, DatasetError, Manifest
+from pipeline.manifest import MANIFEST, DatasetError, Manifest, Shard, file_sha256
 from pipeline.schema import NO_ACTION
 
 OBSERVATIONS = ("image", "vector")
@@ -187,7 +187,7 @@ def load_episodes(
     shards = Manifest.read(folder).of(split)
     columns = ["actions", "rewards", "episode_starts", "info"]
     columns += ["obs.bytes"] if observation == "image" else []
-    rows = chain.from_iterable(_read(folder / shard.path, columns) for shard in shards)
+    rows = chain.from_iterable(_read(folder, shard, columns) for shard in shards)
     return _episodes(rows, observation, image_size)
 
 
@@ -346,12 +346,15 @@ class _RawRow(NamedTuple):
 _TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 
 
-def _read(path: Path, columns: list[str]) -> Iterator[_RawRow]:
-    """Yield the rows of a shard, holding one row group at a time."""
+def _read(folder: Path, shard: Shard, columns: list[str]) -> Iterator[_RawRow]:
+    """Yield the rows of a shard that is what its manifest says, one row group at a time."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    path = folder / shard.path
     try:
+        if file_sha256(path) != shard.sha256:
+            raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
         with pq.ParquetFile(path) as file:
             for group in range(file.num_row_groups):
                 for row in file.read_row_group(group, columns=columns).to_pylist():
