@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 # Whatever needs numpy is imported where it is used, so that `labyrinth --help` answers at once.
 
-DRAWS = 1_000
-"""How many structures `new` draws before it says that none can hold the task."""
-
 
 class RequestError(ValueError):
     """What was asked for cannot be done; the message says why."""
@@ -199,29 +196,23 @@ def _solve(options: Namespace) -> int:
 def _new(options: Namespace) -> int:
     import numpy as np
 
+    from labyrinth_core.labyrinth_source import sample_labyrinth
     from labyrinth_core.language import dump
-    from labyrinth_core.sampling import ALGORITHMS, sample_structures
-    from labyrinth_core.tasks import default_start_and_goal, place
+    from labyrinth_core.sampling import ALGORITHMS
 
     if options.sampler not in ALGORITHMS:
         raise RequestError(f"sampler={options.sampler}: choose one of {', '.join(ALGORITHMS)}")
     height, width = options.size
-    rng = np.random.default_rng(options.seed)
-    structures = sample_structures(
-        height, width, rng, algorithm=options.sampler, open_walls=options.open_walls
+    labyrinth = sample_labyrinth(
+        height,
+        width,
+        options.task,
+        np.random.default_rng(options.seed),
+        algorithm=options.sampler,
+        open_walls=options.open_walls,
     )
-    start, goal = default_start_and_goal(height, width)
-    for _, structure in zip(range(DRAWS), structures, strict=False):
-        try:
-            labyrinth = place(structure, start, goal, options.task, rng)
-        except LabyrinthError as error:
-            reason = error
-            continue
-        sys.stdout.write(dump(labyrinth))
-        return 0
-    raise RequestError(
-        f"none of {DRAWS:,} structures of {height}x{width} can hold {options.task}: {reason}"
-    ) from reason
+    sys.stdout.write(dump(labyrinth))
+    return 0
 
 
 def _convert(options: Namespace) -> int:

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from labyrinth_core.dynamics import State
 from labyrinth_core.grid import row_and_column
 from labyrinth_core.labyrinth import Labyrinth, Task
 from labyrinth_core.language import dump
 from labyrinth_core.visibility import visible_from
 
-AGENT, HIDDEN = "@", "?"
+AGENT, HIDDEN, ROUTE = "@", "?", "."
 
 
-def draw_text(labyrinth: Labyrinth, state: State) -> str:
-    """Return the drawing of a labyrinth in a state, its lines from the top.
+def draw_text(
+    labyrinth: Labyrinth, state: State | None = None, *, route: Iterable[int] = ()
+) -> str:
+    """Return the drawing of a labyrinth, its lines from the top.
 
-    `@` is the agent. A key that was picked up and a door that was opened are gone; what the
-    agent does not see is `?`.
+    Args:
+        labyrinth: What to draw.
+        state: Where the agent (`@`) is; a key that was picked up and a door that was opened are
+            gone, and what the agent does not see is `?`. None for all there is, and no agent.
+        route: Cells to mark with a dot, where they are empty.
     """
     lines = dump(labyrinth).splitlines()
     drawing = [list(line) for line in lines[lines.index("labyrinth:") + 1 : lines.index("end")]]
+    for cell in route:
+        line, column = _place(labyrinth, cell)
+        if drawing[line][column] == " ":
+            drawing[line][column] = ROUTE
+    if state is None:
+        return _joined(drawing)
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         _hide(drawing, labyrinth, visible_from(labyrinth.structure, state.agent))
     if labyrinth.key is not None and labyrinth.door is not None:
@@ -27,6 +40,10 @@ def draw_text(labyrinth: Labyrinth, state: State) -> str:
         if state.door_open:
             _put(drawing, labyrinth, labyrinth.door, " ")
     _put(drawing, labyrinth, state.agent, AGENT)
+    return _joined(drawing)
+
+
+def _joined(drawing: list[list[str]]) -> str:
     return "".join("".join(line) + "\n" for line in drawing)
 
 

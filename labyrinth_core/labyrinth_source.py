@@ -74,6 +74,8 @@ def sample_labyrinth(
     *,
     start: int | None = None,
     goal: int | None = None,
+    algorithm: str = "wilson",
+    open_walls: float | None = None,
 ) -> Labyrinth:
     """Return a random labyrinth; structures that cannot hold the task are drawn again.
 
@@ -84,21 +86,27 @@ def sample_labyrinth(
         rng: Where all randomness comes from.
         start: Cell of the start, None for the bottom left.
         goal: Cell of the goal, None for the top right.
+        algorithm: As in `sampling.sample_structures`, and so is `open_walls`.
+        open_walls: Probability of opening each wall that the tree leaves.
 
     Raises:
-        ValueError: Start and goal are the same cell, or no structure drawn can hold the task.
+        LabyrinthError: No structure drawn can hold the task.
+        ValueError: Start and goal are the same cell, or there is no such algorithm.
     """
     default_start, default_goal = default_start_and_goal(height, width)
     start = default_start if start is None else start
     goal = default_goal if goal is None else goal
     wish = f"size={height}x{width}, {_wish(task, start, goal, width)}"
     _check_apart(start, goal, wish)
-    for structure in islice(sample_structures(height, width, rng), MAX_DRAWS):
+    structures = sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls)
+    for structure in islice(structures, MAX_DRAWS):
         try:
             return place(structure, start, goal, task, rng)
         except LabyrinthError:
             continue
-    raise ValueError(f"{wish}: none of {MAX_DRAWS:,} labyrinths can hold it; change one of them")
+    raise LabyrinthError(
+        f"{wish}: none of {MAX_DRAWS:,} labyrinths can hold it; change one of them"
+    )
 
 
 @dataclass(frozen=True)

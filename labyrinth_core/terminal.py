@@ -7,14 +7,11 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 
+from labyrinth_core.drawing import AGENT, HIDDEN, ROUTE, draw_text
 from labyrinth_core.dynamics import State, initial, is_terminal, step_limit, transition
 from labyrinth_core.grid import Action
 from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import dump
-from labyrinth_core.visibility import visible_cells
-
-AGENT, HIDDEN, ROUTE = "@", "#", "."
-"""What stands for the agent, for cells that it does not see, and for cells on a route."""
 
 COLOURS: Mapping[str, str] = {
     "S": "1;31",
@@ -39,8 +36,6 @@ KEYS: Mapping[bytes, Action | str] = {
 }
 """What the keys of `play` do, by the bytes that a terminal sends for them."""
 
-_FIRST_LINE = 6
-"""Line of a dumped text in which the highest row lies, the first being 0."""
 _HELP = "arrow keys move, r starts again, q quits"
 _SEQUENCE = re.compile(rb"\x1b[\[O][0-9;]*[@-~]|\x1b[\[O]?[0-9;]*\Z|.", re.DOTALL)
 _UNFINISHED = re.compile(rb"\x1b[\[O]?[0-9;]{,9}")
@@ -61,53 +56,12 @@ def draw(
         route: Cells to mark, where they are empty.
         colour: Whether the tiles are coloured.
     """
-    lines = [list(line) for line in dump(labyrinth).split("\n")]
-    structure = labyrinth.structure
-
-    def place(cell: int) -> tuple[list[str], int]:
-        row, column = labyrinth.position(cell)
-        return lines[_FIRST_LINE + 2 * (structure.height - 1 - row)], 2 + 4 * column
-
-    for cell in route:
-        line, at = place(cell)
-        if line[at] == " ":
-            line[at] = ROUTE
-    if state is not None:
-        for gone, cell_gone in [(state.has_key, labyrinth.key), (state.door_open, labyrinth.door)]:
-            if gone and cell_gone is not None:
-                line, at = place(cell_gone)
-                line[at] = " "
-        line, at = place(state.agent)
-        line[at] = AGENT
-        _hide(labyrinth, state, lines)
-    text = "\n".join("".join(line) for line in lines)
-    if not colour:
-        return text
-    start = text.index("labyrinth:") + len("labyrinth:")
-
-    def paint(match: re.Match[str]) -> str:
-        return f"\x1b[{COLOURS[match[0][0]]}m{match[0]}\x1b[0m"
-
-    tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)
-    drawing, end = text[start:].rsplit("\nend", 1)
-    return f"{text[:start]}{re.sub(tiles, paint, drawing)}\nend{end}"
-
-
-def _hide(labyrinth: Labyrinth, state: State, lines: list[list[str]]) -> None:
-    """Cover the cells that the agent does not see, and the walls with none seen beside them."""
-    seen = visible_cells(labyrinth, state.agent)
-    if seen is None:
-        return
-    height, width = labyrinth.structure.height, labyrinth.structure.width
-    shown = set()
-    for cell in seen:
-        row, column = labyrinth.position(cell)
-        line, at = _FIRST_LINE + 2 * (height - 1 - row), 2 + 4 * column
-        shown |= {(line + down, at + along) for down in (-1, 0, 1) for along in range(-2, 3)}
-    for line in range(_FIRST_LINE, _FIRST_LINE + 2 * height - 1):
-        for at in range(1, 4 * width):
-            if (line, at) not in shown:
-                lines[line][at] = HIDDEN
+    drawing = draw_text(labyrinth, state, route=route)
+    if colour:
+        tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)
+        drawing = re.sub(tiles, lambda run: f"\x1b[{COLOURS[run[0][0]]}m{run[0]}\x1b[0m", drawing)
+    settings, _, _ = dump(labyrinth).partition("-")
+    return f"{settings}{drawing}end\n"
 
 
 def play(labyrinth: Labyrinth, *, colour: bool) -> None:
