@@ -20,6 +20,8 @@ def main(config: RunConfig) -> None:
         run = resolve(OmegaConf.to_object(config))
         for stage in run.stages:
             import_module(STAGES[stage]).run(run)
+    except OmegaConfBaseException as error:
+        raise SystemExit(f"error: {one_line(error)}") from error
     except (ConfigError, DatasetError) as error:
         raise SystemExit(f"error: {error}") from error
     except OSError as error:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,18 @@ from labyrinth_core.labyrinth import Task
 from labyrinth_core.renderer import MAX_PICTURED_SIDE, PICTURE_SIZE
 from labyrinth_core.sampling import ALGORITHMS, default_open_walls
 
-STAGES = {"build": "pipeline.generation.build", "validate": "pipeline.generation.validate"}
+STAGES = {
+    "build": "pipeline.generation.build",
+    "validate": "pipeline.generation.validate",
+    "card": "pipeline.release.card",
+    "publish": "pipeline.release.publish",
+}
 """Stage -> the module whose `run` performs it."""
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
+
+MAX_WORKERS = 1_000
+"""More processes than one machine has cores for, and fewer than it refuses to start."""
 
 
 class ConfigError(ValueError):
@@ -47,6 +55,19 @@ class BucketsConfig:
 
 
 @dataclass
+class PublishConfig:
+    """The schema of `publish`, for the stage of that name."""
+
+    repo_id: str | None = None
+    version: str | None = None
+    dry_run: bool = False
+    private: bool = False
+    branch: str = "main"
+    create_pr: bool = False
+    collection: str | None = None
+
+
+@dataclass
 class RunConfig:
     """The schema of `conf/config.yaml`; `OPTIONS` explains each field."""
 
@@ -64,6 +85,7 @@ class RunConfig:
     overwrite: bool = False
     workers: int = 1
     task: TaskConfig = field(default_factory=TaskConfig)
+    publish: PublishConfig = field(default_factory=PublishConfig)
 
 
 OPTIONS = {
@@ -81,6 +103,13 @@ OPTIONS = {
     "overwrite": "replace a finished dataset that was made with other options",
     "workers": "processes",
     "stages": "what to do, in order: " + ", ".join(STAGES),
+    "publish.repo_id": "dataset on the Hub, such as user/labyrinth",
+    "publish.version": "tag of the release, such as 1.0.0",
+    "publish.dry_run": "say what would be added, kept and deleted, and change nothing",
+    "publish.private": "make the dataset private, if it has to be made",
+    "publish.branch": "branch to release on",
+    "publish.create_pr": "open a pull request instead",
+    "publish.collection": "title of a collection on the Hub that the dataset joins",
 }
 """What each option means, as `python run.py --help` and the README say it."""
 
@@ -117,17 +146,29 @@ class DatasetConfig:
         """Return the config that `to_json` described.
 
         Raises:
-            ValueError: A field is missing, unknown or of the wrong kind.
+            ValueError: A field is missing, unknown, of the wrong kind, or impossible.
         """
-        if set(values) != {field.name for field in fields(cls)}:
-            raise ValueError(f"a dataset's config has other fields than {sorted(values)}")
         plain = dict(values)
-        try:
-            plain["task"] = Task(plain["task"])
-            train, validation, test = plain["buckets"]
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"a dataset's config: {error}") from error
-        return cls(**plain | {"buckets": (train, validation, test)})
+        like = _resolve_dataset(RunConfig()).to_json()
+        if _kinds(plain) != _kinds(like):
+            raise ValueError(f"a dataset's config has the fields {like}, not {plain}")
+        size = f"{plain.pop('height')}x{plain.pop('width')}"
+        buckets = BucketsConfig(*plain.pop("buckets"))
+        task = TaskConfig(plain.pop("task"))
+        return _resolve_dataset(RunConfig(size=size, buckets=buckets, task=task, **plain))
+
+
+@dataclass(frozen=True)
+class PublishOptions:
+    """Where and how to publish, checked."""
+
+    repo_id: str
+    version: str
+    dry_run: bool = False
+    private: bool = False
+    branch: str = "main"
+    create_pr: bool = False
+    collection: str | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +180,8 @@ class Run:
     data_dir: Path
     overwrite: bool
     workers: int
+    publish: PublishOptions | None = None
+    """None unless the stage `publish` is asked for."""
 
     @property
     def folder(self) -> Path:
@@ -196,14 +239,19 @@ def resolve(config: RunConfig) -> Run:
     Raises:
         ConfigError: A value is impossible; the text says what was given and what is allowed.
     """
-    added = set(vars(config)) - {field.name for field in fields(RunConfig)}
-    _check(not added, f"{_listed(sorted(added))}: no options; choose from {_listed(OPTIONS)}")
+    _check_fields(config, "", vars(RunConfig()))
+    _check_fields(config.buckets, "buckets.", vars(BucketsConfig()))
+    _check_fields(config.task, "task.", vars(TaskConfig()))
+    _check_fields(config.publish, "publish.", vars(PublishConfig()))
     unknown = [stage for stage in config.stages if stage not in STAGES]
     _check(
         not unknown and len(config.stages) > 0,
         f"stages={_listed(config.stages)}: choose from {_listed(STAGES)}",
     )
-    _check(config.workers >= 1, f"workers={config.workers}: give 1 or more")
+    _check(
+        1 <= config.workers <= MAX_WORKERS,
+        f"workers={config.workers}: give a number from 1 to {MAX_WORKERS:,}",
+    )
     _check(config.data_dir.strip() != "", "data_dir is empty: give a folder")
     return Run(
         stages=tuple(config.stages),
@@ -211,7 +259,25 @@ def resolve(config: RunConfig) -> Run:
         data_dir=Path(config.data_dir).expanduser(),
         overwrite=config.overwrite,
         workers=config.workers,
+        publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
     )
+
+
+def _resolve_publish(config: PublishConfig) -> PublishOptions:
+    repo_id, version = config.repo_id or "", config.version or ""
+    _check(
+        re.fullmatch(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*", repo_id, re.ASCII) is not None,
+        f"publish.repo_id={repo_id}: give the id of the dataset on the Hub, such as user/labyrinth",
+    )
+    _check(
+        re.fullmatch(r"\d+\.\d+\.\d+", version, re.ASCII) is not None,
+        f"publish.version={version}: give three numbers, such as 1.0.0",
+    )
+    _check(
+        re.fullmatch(r"[\w./-]+", config.branch, re.ASCII) is not None,
+        f"publish.branch={config.branch}: give the name of a branch, such as main",
+    )
+    return PublishOptions(**vars(config) | {"repo_id": repo_id, "version": version})
 
 
 def _resolve_dataset(config: RunConfig) -> DatasetConfig:
@@ -264,6 +330,20 @@ def _resolve_dataset(config: RunConfig) -> DatasetConfig:
         buckets=buckets,
         seed=config.seed,
     )
+
+
+def _check_fields(values: object, prefix: str, allowed: Iterable[str]) -> None:
+    added = sorted(set(vars(values)) - set(allowed))
+    names = ", ".join(prefix + name for name in added)
+    _check(not added, f"{names}: no options; choose from {_listed(allowed)}")
+
+
+def _kinds(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the type of each value, of a list those of its items."""
+    return {
+        name: [type(item) for item in value] if isinstance(value, list) else type(value)
+        for name, value in values.items()
+    }
 
 
 def _check(holds: bool, message: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,33 @@ DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
 
 _FENCE = "---\n"
+_CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
+"""Other folders, such as a build's own, are no configs, whatever is in them."""
+
+
+BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
+END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
+"""The marks around what is generated; what a person writes before and after them is kept."""
 
 
 def check_replaceable(data_dir: Path) -> None:
     """Raise DatasetError if the folder has a README.md that is no dataset's."""
-    _read(data_dir / "README.md")
+    read(data_dir / "README.md")
+
+
+def finished(data_dir: Path) -> list[Manifest]:
+    """Return the manifests of all finished datasets of a folder, the smallest first."""
+    folders = [file.parent for file in sorted(data_dir.glob(f"*/{MANIFEST}"))]
+    read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
+    # A copy under another name is no config: its files would not be where the card says.
+    manifests = [m for folder, m in read_from.items() if m.config.name == folder]
+    return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
+
+
+def default_config(manifests: list[Manifest]) -> str:
+    """Return the name of the config that is loaded when none is named."""
+    names = [manifest.config.name for manifest in manifests]
+    return DEFAULT_CONFIG if DEFAULT_CONFIG in names else names[0]
 
 
 def update(data_dir: Path) -> None:
@@ -28,19 +51,50 @@ def update(data_dir: Path) -> None:
         DatasetError: There is a README.md that is no dataset's.
     """
     path = data_dir / "README.md"
-    values, text = _read(path)
-    manifests = [Manifest.read(file.parent) for file in sorted(data_dir.glob(f"*/{MANIFEST}"))]
-    manifests.sort(key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
-    names = [manifest.config.name for manifest in manifests]
-    default = DEFAULT_CONFIG if DEFAULT_CONFIG in names else names[0]
-    values["configs"] = [_config(m, m.config.name == default) for m in manifests]
-    values["dataset_info"] = [_info(m) for m in manifests]
-    front = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
-    write_text(path, _FENCE + front + _FENCE + (text or _text(default)))
+    values, text = read(path)
+    manifests = finished(data_dir)
+    wanted = values | described(manifests)
+    if wanted == values and text:
+        return  # Not a byte of a card changes when nothing is new.
+    front = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=100)
+    text = text or with_generated("", _text(default_config(manifests)))
+    write_text(path, _FENCE + front + _FENCE + text)
 
 
-def _read(path: Path) -> tuple[dict[str, Any], str]:
-    """Return the front matter of a README.md and the text below it, both empty without a file."""
+def described(manifests: list[Manifest]) -> dict[str, Any]:
+    """Return the values by which `load_dataset` knows configs, splits, features and counts."""
+    default = default_config(manifests)
+    return {
+        "configs": [_config(m, m.config.name == default) for m in manifests],
+        "dataset_info": [_info(m) for m in manifests],
+    }
+
+
+def with_generated(text: str, generated: str) -> str:
+    """Return the text of a README.md with its generated part replaced.
+
+    Args:
+        text: What is there, empty if nothing; without marks it is a person's, and comes last.
+        generated: The new part, without marks.
+
+    Raises:
+        DatasetError: One of the two marks is missing, or they are in disorder.
+    """
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if bool(begin) != bool(end) or (not begin and END in text):
+        raise DatasetError("README.md: one of the two marks of the generated text is missing")
+    if not begin:
+        before, after = "\n", f"\n\n{text.strip()}\n" if text.strip() else "\n"
+    return f"{before}{BEGIN}\n\n{generated.strip()}\n\n{END}{after}"
+
+
+def read(path: Path) -> tuple[dict[str, Any], str]:
+    """Return the front matter of a README.md and the text below it, both empty without a file.
+
+    Raises:
+        DatasetError: There is a README.md that is no dataset's.
+    """
     try:
         content = path.read_text(encoding="utf-8")
     except FileNotFoundError:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import struct
 import zlib
 from collections.abc import Iterable, Mapping
@@ -58,7 +59,14 @@ class Shard:
         types = {field.name: str if field.type == "str" else int for field in fields(cls)}
         if {name: type(value) for name, value in values.items()} != types:
             raise ValueError(f"a shard has the fields {sorted(types)}, not {dict(values)}")
-        return cls(**values)
+        shard = cls(**values)
+        if shard.split not in SPLITS or not re.fullmatch(
+            rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
+        ):
+            raise ValueError(f"no split {shard.split!r} has a shard {shard.path!r}")
+        if min(value for value in values.values() if isinstance(value, int)) < 0:
+            raise ValueError(f"negative numbers in {dict(values)}")
+        return shard
 
 
 @dataclass(frozen=True)
@@ -118,16 +126,17 @@ class Manifest:
                 versions={str(key): str(value) for key, value in content["versions"].items()},
                 shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
             )
-            unknown = {shard.split for shard in manifest.shards} - set(SPLITS)
-            outside = [
-                shard.path for shard in manifest.shards if Path(shard.path).name != shard.path
-            ]
-            if unknown or outside:
-                raise ValueError(f"unknown splits {sorted(unknown)} or paths {outside}")
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise DatasetError(f"{path} cannot be read: {error!r}") from error
+        except (
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            OSError,
+            RecursionError,
+        ) as error:
+            raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
         return manifest
 
 
@@ -147,8 +156,11 @@ def current_versions() -> dict[str, str]:
 def write_text(path: Path, text: str) -> None:
     """Write a text file through a temporary one, so that it is never half there."""
     temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def file_sha256(path: Path) -> str:

@@ -21,7 +21,7 @@ from pipeline.schema import SPLITS
 
 Item = TypeVar("Item")
 
-console = Console()
+console = Console(markup=False)
 
 
 def progress() -> Progress:

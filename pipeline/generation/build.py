@@ -67,7 +67,7 @@ def run(run: Run) -> None:
     """
     manifest = None if run.overwrite else _finished(run)
     if manifest is not None:
-        console.print(f"{run.folder} is complete already.", highlight=False)
+        console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
     else:
         check_capacity(run.dataset)
         front_matter.check_replaceable(run.data_dir)
@@ -87,9 +87,7 @@ def run(run: Run) -> None:
     front_matter.update(run.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
-    console.print(
-        f'load_dataset("{run.data_dir}", "{run.dataset.name}")', markup=False, soft_wrap=True
-    )
+    console.print(f'load_dataset("{run.data_dir}", "{run.dataset.name}")', soft_wrap=True)
 
 
 def _finished(run: Run) -> Manifest | None:

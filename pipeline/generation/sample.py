@@ -165,9 +165,13 @@ def check_capacity(config: DatasetConfig) -> None:
         for beside in neighbours(cell, config.height, config.width).values()
         if beside > cell
     ]
+    asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
+    if len(edges) > COUNTABLE_EDGES:
+        if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
+            raise ConfigError(f"{asked}: the three splits share fewer than 2**{len(edges)}")
+        return
     rare = config.task not in _TASKS_WITHOUT_TILES
-    plenty = not rare and config.labyrinths * 100 < 1 << len(edges)
-    if len(edges) > COUNTABLE_EDGES or plenty:
+    if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)
     subsets = chain.from_iterable(
@@ -181,6 +185,5 @@ def check_capacity(config: DatasetConfig) -> None:
     if config.labyrinths > min(counts.values()):
         exist = ", ".join(f"{count} in {split}" for split, count in counts.items())
         raise ConfigError(
-            f"size={config.height}x{config.width} labyrinths={config.labyrinths}: there can be "
-            f"{exist}; ask for labyrinths={min(counts.values())} or fewer"
+            f"{asked}: there can be {exist}; ask for labyrinths={min(counts.values())} or fewer"
         )

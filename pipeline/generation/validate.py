@@ -9,6 +9,7 @@ their hash allows.
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -39,7 +40,7 @@ from pipeline.manifest import (
     file_sha256,
     picture_digest,
 )
-from pipeline.schema import NO_ACTION, SAMPLED_SPLITS, Row, arrow_schema
+from pipeline.schema import NO_ACTION, SAMPLED_SPLITS, SPLITS, Row, arrow_schema
 from pipeline.terminal import console, tracked
 
 PROBLEMS_SHOWN = 20
@@ -118,12 +119,18 @@ def validate(folder: Path, manifest: Manifest, workers: int = 1) -> list[str]:
         "validate",
         total=sum(shard.rows for shard in manifest.shards),
     )
-    problems: list[str] = []
+    listed = {shard.path for shard in manifest.shards}
+    problems = [
+        f"{path.name} is not in the manifest"
+        for path in sorted(folder.glob("*.parquet"))
+        if path.name not in listed
+    ]
     owners: dict[str, str] = {}
     for report in reports:
         problems += report.problems
         problems += _misplaced(report, owners)
-    for split, labyrinths in first.items():
+    for split in SPLITS:
+        labyrinths = first.get(split, 0)
         if labyrinths != manifest.config.labyrinths:
             problems.append(
                 f"{split} holds {labyrinths} labyrinths, not {manifest.config.labyrinths}"
@@ -164,19 +171,26 @@ def check_shard(job: CheckJob) -> ShardReport:
             if not file.schema_arrow.equals(expected, check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
-            _ShardCheck(job, report).check(_rows(file))
+            _ShardCheck(job, report).check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")
         return report
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         report.problems.append(f"{job.shard.path} cannot be read: {' '.join(str(error).split())}")
         return report
+    size = path.stat().st_size
+    if size != job.shard.bytes:
+        report.problems.append(
+            f"{job.shard.path}: {size} bytes, but the manifest says {job.shard.bytes}"
+        )
     if digest != job.shard.sha256:
         report.problems.append(f"{job.shard.path}: its sha256 is {digest}, not the manifest's")
     return report
 
 
-def _rows(file: Any) -> Iterator[Row]:
+def _rows(file: Any, report: ShardReport) -> Iterator[Row]:
+    """Yield the rows of a file, up to the first with a field that holds nothing."""
+    first = 0
     for group in range(file.num_row_groups):
         table = file.read_row_group(group).to_pydict()
         columns = zip(
@@ -187,8 +201,18 @@ def _rows(file: Any) -> Iterator[Row]:
             table["info"],
             strict=True,
         )
-        for obs, action, paid, starts, info in columns:
-            yield Row(obs["bytes"], obs["path"], action, paid, starts, info, b"")
+        for number, (obs, action, paid, starts, info) in enumerate(columns, start=first):
+            row = Row(*_picture(obs), action, paid, starts, info, b"")
+            missing = [name for name, value in row._asdict().items() if value is None]
+            if missing:
+                report.problem(number, missing[0].removesuffix("_path"), "nothing there")
+                return
+            yield row
+        first += len(table["obs"])
+
+
+def _picture(obs: dict[str, Any] | None) -> tuple[Any, Any]:
+    return (None, None) if obs is None else (obs["bytes"], obs["path"])
 
 
 class _ShardCheck:
@@ -199,8 +223,10 @@ class _ShardCheck:
         self.report = report
         self.fingerprint = Fingerprint()
         self.row = 0
-        self.labyrinths = self.episodes = 0
+        self.labyrinths = self.episodes = self.longest = self.cut = 0
         self.routes: list[list[int]] = []
+        self.ended = True
+        """Whether the episode before was not cut, or was one of another labyrinth."""
         self.labyrinth: Labyrinth | None = None
         self.info: str | None = None
         self.first_row = 0
@@ -213,10 +239,12 @@ class _ShardCheck:
                 episode = []
             episode.append(row)
         if episode:
-            self.check_episode(episode)
+            self.check_episode(episode, last=True)
         self.finish_labyrinth()
         found = {
             "rows": self.row,
+            "longest": self.longest,
+            "cut": self.cut,
             "episodes": self.episodes,
             "labyrinths": self.labyrinths,
             "fingerprint": self.fingerprint.hexdigest(),
@@ -227,11 +255,12 @@ class _ShardCheck:
                 message = f"{self.job.shard.path}: {name} {value}, but the manifest says {expected}"
                 self.report.problems.append(message)
 
-    def check_episode(self, rows: list[Row]) -> None:
+    def check_episode(self, rows: list[Row], *, last: bool = False) -> None:
         """Check the rows from one `episode_starts` to the next."""
         begin = self.row
         self.row += len(rows)
         self.episodes += 1
+        self.longest = max(self.longest, len(rows) - 1)
         if not rows[0].episode_starts:
             self.report.problem(begin, "episode_starts", "False in the first row of the file")
         if rows[0].info != self.info:
@@ -247,6 +276,9 @@ class _ShardCheck:
                 message = "False, but the row before ends an episode"
                 self.report.problem(begin + offset + 1, "episode_starts", message)
                 return
+        if rows[-1].actions != NO_ACTION and last:
+            self.report.problem(self.row - 1, "actions", "the file ends before the episode does")
+            return
         if rows[-1].actions != NO_ACTION:
             message = "True, but the episode before has not ended"
             self.report.problem(begin + len(rows), "episode_starts", message)
@@ -258,13 +290,17 @@ class _ShardCheck:
         painter = _painter(labyrinth)
         state = initial(labyrinth)
         place = len(self.routes)
+        if not self.ended:
+            message = "an episode is cut before the last one of its labyrinth"
+            self.report.problem(begin - 1, "actions", message)
         for step, row in enumerate(rows):
             number = begin + step
             name = picture_name(
                 self.job.shard.split, self.job.first + self.labyrinths - 1, place, step
             )
             if row.obs_path != name:
-                self.report.problem(number, "obs", f"its path is {row.obs_path}, not {name}")
+                message = f"its path is {row.obs_path!r:.99}, not {name}"
+                self.report.problem(number, "obs", message)
             self.check_picture(painter, labyrinth, state, row, number)
             if row.actions == NO_ACTION:
                 if row.rewards != 0:
@@ -277,7 +313,7 @@ class _ShardCheck:
                 self.report.problem(number, "actions", "the episode had ended before")
                 return
             after = transition(labyrinth, state, row.actions)
-            meant = self.meant(painter, labyrinth, state, after, rows[step + 1])
+            meant = self.meant(painter, labyrinth, state, after, rows[step + 1 :])
             if meant is not None:
                 message = f"{row.actions}, but the next picture shows what {meant} leads to"
                 self.report.problem(number, "actions", message)
@@ -290,6 +326,7 @@ class _ShardCheck:
         last = begin + len(rows) - 1
         if self.job.shard.split != "random" and state.agent != labyrinth.goal:
             self.report.problem(last, "actions", "the episode ends before the goal")
+        self.ended = is_terminal(labyrinth, state)
         self.routes.append([row.actions for row in rows[:-1]])
 
     def check_picture(
@@ -313,11 +350,16 @@ class _ShardCheck:
 
     @staticmethod
     def meant(
-        painter: Painter, labyrinth: Labyrinth, state: State, after: State, row: Row
+        painter: Painter, labyrinth: Labyrinth, state: State, after: State, rows: list[Row]
     ) -> int | None:
         """Return the action that leads to the next picture, if it is not the one taken."""
+        row, *later = rows
         if row.obs == _encoded(painter, after):
             return None
+        if later and 0 <= row.actions < len(Action):
+            following = transition(labyrinth, after, row.actions)
+            if later[0].obs == _encoded(painter, following):
+                return None  # The action was right: it is this one picture that is not.
         for action in Action:
             other = transition(labyrinth, state, action)
             if other != after and row.obs == _encoded(painter, other):
@@ -335,8 +377,16 @@ class _ShardCheck:
             message = str(error).splitlines()[0]
             self.report.problem(row, "info", f"not a labyrinth: {message}")
             return
+        config = self.job.config
+        if (labyrinth.size_name, labyrinth.task) != (
+            f"{config.height}x{config.width}",
+            config.task,
+        ):
+            message = f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}"
+            self.report.problem(row, "info", message)
+            return
         self.labyrinth = labyrinth
-        for message in _labyrinth_problems(self.job.config, self.job.shard.split, labyrinth):
+        for message in _labyrinth_problems(config, self.job.shard.split, labyrinth):
             self.report.problem(row, "info", message)
         if dump(labyrinth) != info:
             self.report.problem(row, "info", "not in the canonical form")
@@ -348,23 +398,19 @@ class _ShardCheck:
 
     def finish_labyrinth(self) -> None:
         """Check that the labyrinth has the episodes that the configuration asks for."""
-        routes, self.routes = self.routes, []
+        routes, self.routes, self.ended = self.routes, [], True
         if self.labyrinth is None or not routes:
             return
-        message = _route_problem(self.job.config, self.job.shard.split, self.labyrinth, routes)
+        config, split = self.job.config, self.job.shard.split
+        if config.solutions != "shortest" and split != "random":
+            self.cut += len(routes) == config.solutions_limit
+        message = _route_problem(config, split, self.labyrinth, routes)
         if message:
             self.report.problem(self.first_row, "actions", message)
 
 
 def _labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
     structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
-    if (structure.height, structure.width, labyrinth.task) != (
-        config.height,
-        config.width,
-        config.task,
-    ):
-        yield f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}"
-        return
     if not structure.is_connected:
         yield "not every cell can be reached"
     if not tiles_matter(labyrinth):
@@ -419,9 +465,12 @@ def _decode(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
-            if image.size != (PICTURE_SIZE, PICTURE_SIZE) or image.mode != "RGB":
-                raise ValueError(f"a picture of {image.size}, {image.mode}")
-            return np.array(image)
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ValueError(f"cannot be decoded: {error}") from error
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # Of a picture that is a bomb Pillow may only warn.
+            with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
+                if image.size != (PICTURE_SIZE, PICTURE_SIZE) or image.mode != "RGB":
+                    raise ValueError(f"it is {image.size}, {image.mode}")
+                return np.array(image)
+    except Exception as error:  # Pillow raises whatever its parser stumbles over.
+        reason = " ".join(str(error).split())
+        raise ValueError(f"not a picture of {PICTURE_SIZE} pixels, RGB: {reason}") from error

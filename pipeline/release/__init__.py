@@ -1,0 +1,1 @@
+"""The release of datasets: card, statistics, pictures and Croissant, then the way to the Hub."""

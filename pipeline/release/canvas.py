@@ -1,0 +1,145 @@
+"""A sheet to draw figures on: text that a phone can show, flat colours, and labyrinths.
+
+Figures are 1080 pixels wide, so that on a phone, at a third of that, their text is still about
+ten pixels high.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from PIL import Image, ImageDraw, ImageFont
+
+from labyrinth_core.dynamics import State, initial, transition
+from labyrinth_core.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.renderer import DEFAULT_STYLE, Colour, render
+
+WIDTH = 1080
+MARGIN = 36
+TEXT, SMALL = 38, 31
+"""Heights of text, in pixels."""
+
+PAPER: Colour = (255, 255, 255)
+INK: Colour = (33, 37, 41)
+MUTED: Colour = (100, 108, 116)
+LINE: Colour = (222, 226, 230)
+
+_FINER = 4
+"""Lines are drawn so much larger and shrunk, for smooth edges."""
+
+
+class Sheet:
+    """A white picture to draw on; x to the right and y downwards, in pixels."""
+
+    def __init__(self, height: int, width: int = WIDTH) -> None:
+        self.image = Image.new("RGB", (width, height), PAPER)
+        self._draw = ImageDraw.Draw(self.image)
+
+    def text(
+        self,
+        place: tuple[float, float],
+        text: str,
+        size: int = TEXT,
+        colour: Colour = INK,
+        anchor: str = "ls",
+    ) -> None:
+        """Write a line of text; `anchor` as Pillow has it, the left end of the baseline first."""
+        self._draw.text(place, text, fill=colour, font=ImageFont.load_default(size), anchor=anchor)
+
+    def box(self, left: float, top: float, right: float, bottom: float, colour: Colour) -> None:
+        """Fill a rectangle; right and bottom are the first pixels outside it."""
+        corners = (round(left), round(top), round(right) - 1, round(bottom) - 1)
+        if corners[2] >= corners[0] and corners[3] >= corners[1]:
+            self._draw.rectangle(corners, fill=colour)
+
+    def labyrinth(
+        self, place: tuple[int, int], size: int, labyrinth: Labyrinth, actions: Sequence[int]
+    ) -> None:
+        """Draw a labyrinth with the way that an agent takes, without what is above and below it.
+
+        Args:
+            place: Left and top.
+            size: Its width, or the height of one that is taller than wide.
+            labyrinth: Which; what is hidden from its agent is shown.
+            actions: Of an episode.
+        """
+        left, top = place
+        picture = picture_with_route(labyrinth, actions, size)
+        picture = picture.resize((size, size), Image.Resampling.BOX)
+        tall = tallness(labyrinth.structure, size)
+        above = (size - tall) // 2
+        self.box(left - 1, top - 1, left + size + 1, top + tall + 1, LINE)
+        self.image.paste(picture.crop((0, above, size, above + tall)), place)
+
+    def save(self, path: Path) -> None:
+        """Write it as a PNG file, through a temporary one."""
+        temporary = path.with_name(f".{path.name}.tmp")
+        try:
+            self.image.save(temporary, format="PNG")
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def text_width(text: str, size: int = TEXT) -> float:
+    """Return how wide a line of text is."""
+    return ImageFont.load_default(size).getlength(text)
+
+
+def mixed(first: Colour, second: Colour, part: float) -> Colour:
+    """Return the colour that is `part` of the way from the first to the second."""
+    red, green, blue = (round(a + (b - a) * part) for a, b in zip(first, second, strict=True))
+    return red, green, blue
+
+
+def tallness(structure: Structure, size: int) -> int:
+    """Return the height of a labyrinth in a square picture of that size."""
+    return min(size, round(size * structure.height / structure.width))
+
+
+def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) -> Image.Image:
+    """Return the picture of a labyrinth at its start with a route, `_FINER` times a size."""
+    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+        labyrinth = replace(labyrinth, task=Task.NAVIGATION)
+    states = [initial(labyrinth)]
+    for action in actions:
+        states.append(transition(labyrinth, states[-1], action))
+    side = size * _FINER
+    image = Image.fromarray(render(labyrinth, states[0]))
+    image = image.resize((side, side), Image.Resampling.NEAREST)
+    most = max(labyrinth.structure.height, labyrinth.structure.width)
+    _draw_route(ImageDraw.Draw(image), _middles(labyrinth, states, side), side / most)
+    return image
+
+
+def _middles(labyrinth: Labyrinth, states: list[State], side: int) -> list[tuple[float, float]]:
+    """Return where the agent's cells have their middle in a picture of that size."""
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    wall = side / (12 * max(height, width))
+    pitch = (side - wall) / max(height, width)
+    left = (side - wall - width * pitch) / 2 + wall / 2
+    bottom = (side - wall + height * pitch) / 2 + wall / 2
+    return [
+        (
+            left + (state.agent % width + 0.5) * pitch,
+            bottom - (state.agent // width + 0.5) * pitch,
+        )
+        for state in states
+    ]
+
+
+def _draw_route(draw: ImageDraw.ImageDraw, points: list[tuple[float, float]], cell: float) -> None:
+    """Draw a line with a white edge, from the square of the agent to a dot."""
+    agent, (x, y), half = DEFAULT_STYLE.agent, points[0], cell * 0.29
+    line, edge = max(cell * 0.14, 3 * _FINER), cell * 0.045
+    draw.line(points, fill=PAPER, width=round(line + 2 * edge), joint="curve")
+    draw.rectangle((x - half, y - half, x + half, y + half), fill=agent)
+    for colour, radius in ((PAPER, line + edge), (agent, line)):
+        draw.ellipse(_around(points[-1], radius), fill=colour)
+    draw.line(points, fill=agent, width=round(line), joint="curve")
+
+
+def _around(point: tuple[float, float], radius: float) -> tuple[float, float, float, float]:
+    return point[0] - radius, point[1] - radius, point[0] + radius, point[1] + radius

@@ -1,0 +1,217 @@
+"""The card of a folder of datasets: README.md, Croissant, pictures, citation, changelog, hashes.
+
+Everything in it is counted in the shards, and the same data give the same bytes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline import front_matter
+from pipeline.config import Run
+from pipeline.manifest import MANIFEST, DatasetError, Manifest, file_sha256, write_text
+from pipeline.release import readme
+from pipeline.release.changelog import updated
+from pipeline.release.citation import citation_file
+from pipeline.release.croissant import croissant
+from pipeline.release.figures import FIGURES, banner
+from pipeline.release.provenance import ARXIV, Release
+from pipeline.release.statistics import DatasetStatistics, measure
+from pipeline.terminal import console, progress
+
+HASHES = "SHA256SUMS"
+
+TASK_CATEGORIES = ["reinforcement-learning"]
+"""Of the Hub's list, https://huggingface.co/tasks."""
+TAGS = [
+    "imitation-learning",
+    "generalization",
+    "labyrinth",
+    "maze",
+    "gymnasium",
+    "synthetic",
+    f"arxiv:{ARXIV}",
+]
+"""The last is what makes the Hub link the paper."""
+
+SIZES = {
+    10**3: "n<1K",
+    10**4: "1K<n<10K",
+    10**5: "10K<n<100K",
+    10**6: "100K<n<1M",
+    10**7: "1M<n<10M",
+    10**8: "10M<n<100M",
+    10**9: "100M<n<1B",
+    10**10: "1B<n<10B",
+    10**11: "10B<n<100B",
+    10**12: "100B<n<1T",
+}
+"""Rows -> the Hub's word for fewer (`huggingface_hub.DatasetCardData`, size_categories)."""
+MOST = "n>1T"
+
+
+def run(run: Run) -> None:
+    """Write the card of the data_dir of a run.
+
+    Raises:
+        DatasetError: There is no dataset, one is damaged, or the README.md is somebody else's.
+        OSError: The folder cannot be written.
+    """
+    datasets = write_card(run.data_dir, workers=run.workers)
+    rows = sum(dataset.rows for dataset in datasets)
+    names = ", ".join(dataset.name for dataset in datasets)
+    console.print(
+        f"{run.data_dir / 'README.md'} describes {names}: {rows:,} rows, no structure in two "
+        f"splits; with croissant.json, {HASHES} and {readme.PICTURES}.",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def write_card(
+    data_dir: Path,
+    repo_id: str | None = None,
+    version: str | None = None,
+    *,
+    workers: int = 1,
+) -> list[DatasetStatistics]:
+    """Write the card of all finished datasets of a folder, and return their statistics.
+
+    Args:
+        data_dir: The folder.
+        repo_id: Of the dataset on the Hub, such as `user/labyrinth`, if it is known.
+        version: Of the release, if it is one.
+        workers: Processes that read shards.
+
+    Raises:
+        DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
+            or the README.md is somebody else's.
+        OSError: The folder cannot be written.
+    """
+    release = Release(repo_id, version)
+    values, text = front_matter.read(data_dir / "README.md")
+    manifests = front_matter.finished(data_dir)
+    if not manifests:
+        raise DatasetError(f"{data_dir} holds no finished dataset: stages=[build] makes one")
+    datasets = _measured(data_dir, manifests, workers)
+    default = front_matter.default_config(manifests)
+    text = front_matter.with_generated(text, readme.text(datasets, default, release))
+    texts = {
+        "croissant.json": croissant(datasets, release),
+        "CITATION.cff": citation_file(release),
+        "CHANGELOG.md": updated(_changelog(data_dir / "CHANGELOG.md"), manifests, version),
+        "README.md": _with_front_matter(values, manifests, text),
+    }
+    _draw(data_dir, datasets, default)
+    for name, content in texts.items():
+        write_text(data_dir / name, content)
+    _write_hashes(data_dir, manifests)
+    return datasets
+
+
+def _measured(data_dir: Path, manifests: list[Manifest], workers: int) -> list[DatasetStatistics]:
+    """Return the statistics of all datasets; raises DatasetError if two splits share something."""
+    datasets = []
+    with progress() as bars:
+        rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
+        bar = bars.add_task("card", total=rows)
+        for manifest in manifests:
+            folder = data_dir / manifest.config.name
+            dataset = measure(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
+            problems = list(dataset.certificate.problems())
+            if problems:
+                raise DatasetError(f"{folder}: {'; '.join(problems)}: no card for such a dataset")
+            datasets.append(dataset)
+    return datasets
+
+
+def _draw(data_dir: Path, datasets: Sequence[DatasetStatistics], default: str) -> None:
+    """Draw all pictures, and remove those of configs that are gone."""
+    folder = data_dir / readme.PICTURES
+    folder.mkdir(exist_ok=True)
+    shown = next(dataset for dataset in datasets if dataset.name == default)
+    banner(shown).save(data_dir / readme.BANNER)
+    drawn = set()
+    for dataset in datasets:
+        for name, figure in FIGURES.items():
+            path = data_dir / readme.picture_path(dataset.name, name)
+            figure.draw(dataset).save(path)
+            drawn.add(path)
+    ours = re.compile(rf"\d+x\d+(-\w+)?-({'|'.join(FIGURES)})\.png", re.ASCII)
+    for path in folder.iterdir():
+        if path not in drawn and ours.fullmatch(path.name):
+            path.unlink()
+
+
+def _changelog(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return ""
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{path} is not UTF-8 text: move it away") from error
+
+
+def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
+    """Return the whole README.md; keys that are not ours, and added tags, are kept."""
+    from huggingface_hub import DatasetCard
+
+    rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
+    own = {
+        "license": "mit",
+        "pretty_name": values.get("pretty_name", "Labyrinth"),
+        "task_categories": _joined(TASK_CATEGORIES, values.get("task_categories")),
+        "tags": _joined(TAGS, values.get("tags")),
+        "size_categories": [size_category(rows)],
+        **front_matter.described(manifests),
+    }
+    kept = {key: value for key, value in values.items() if key not in own}
+    front = yaml.safe_dump(own | kept, sort_keys=False, allow_unicode=True)
+    return str(DatasetCard(f"---\n{front}---\n{text}"))
+
+
+def _joined(ours: list[str], theirs: Any) -> list[str]:
+    added = [theirs] if isinstance(theirs, str) else theirs if isinstance(theirs, list) else []
+    return list(dict.fromkeys([*ours, *map(str, added)]))
+
+
+def size_category(rows: int) -> str:
+    """Return the Hub's word for a number of rows."""
+    return next((name for bound, name in SIZES.items() if rows < bound), MOST)
+
+
+def published_files(data_dir: Path, manifests: Sequence[Manifest]) -> list[Path]:
+    """Return all files of a folder that belong to the datasets and their card.
+
+    Args:
+        data_dir: The folder.
+        manifests: Of its finished datasets.
+    """
+    names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
+    paths = [data_dir / name for name in names]
+    paths += (data_dir / readme.PICTURES).glob("[!.]*.png")
+    for manifest in manifests:
+        folder = data_dir / manifest.config.name
+        paths += [folder / MANIFEST, *(folder / shard.path for shard in manifest.shards)]
+    return [path for path in paths if path.is_file()]
+
+
+def _write_hashes(data_dir: Path, manifests: Sequence[Manifest]) -> None:
+    # Those of the shards have just been checked.
+    known = {
+        data_dir / manifest.config.name / shard.path: shard.sha256
+        for manifest in manifests
+        for shard in manifest.shards
+    }
+    hashes = {
+        path.relative_to(data_dir).as_posix(): known.get(path) or file_sha256(path)
+        for path in published_files(data_dir, manifests)
+        if path.name != HASHES
+    }
+    lines = [f"{digest}  {name}\n" for name, digest in sorted(hashes.items())]
+    write_text(data_dir / HASHES, "".join(lines))

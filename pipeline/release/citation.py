@@ -1,0 +1,77 @@
+"""How to cite a dataset: the paper that defines the benchmark, and the software that made it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from labyrinth_core import __version__
+from pipeline.release.provenance import (
+    LICENCE_URL,
+    PAPER_AUTHORS,
+    PAPER_TITLE,
+    PAPER_URL,
+    PAPER_VENUE,
+    PAPER_YEAR,
+    Release,
+)
+
+_DEVELOPERS = "The Labyrinth datasets developers"
+
+
+def paper_bibtex() -> str:
+    """Return the BibTeX entry of the paper."""
+    authors = " and ".join(f"{family}, {given}" for family, given in PAPER_AUTHORS)
+    return f"""@inproceedings{{gavenski{PAPER_YEAR}quantifying,
+  title     = {{{PAPER_TITLE}}},
+  author    = {{{authors}}},
+  booktitle = {{{PAPER_VENUE}}},
+  year      = {{{PAPER_YEAR}}},
+  url       = {{{PAPER_URL}}}
+}}"""
+
+
+def software_bibtex() -> str:
+    """Return the BibTeX entry of this software."""
+    return f"""@software{{labyrinth_datasets,
+  title   = {{Labyrinth datasets}},
+  author  = {{{{{_DEVELOPERS}}}}},
+  version = {{{__version__}}}
+}}"""
+
+
+def citation_file(release: Release) -> str:
+    """Return the CITATION.cff of a dataset (https://citation-file-format.github.io, 1.2.0)."""
+    values: dict[str, Any] = {
+        "cff-version": "1.2.0",
+        "title": "Labyrinth",
+        "message": "If you use this dataset, please cite the paper that defines the benchmark.",
+        "type": "dataset",
+        "license": "MIT",
+        "license-url": LICENCE_URL,
+        "authors": [{"name": _DEVELOPERS}],
+    }
+    if release.version:
+        values["version"] = release.version
+    if release.repo_id:
+        values["url"] = release.url
+    values["preferred-citation"] = {
+        "type": "conference-paper",
+        "title": PAPER_TITLE,
+        "authors": [
+            {"family-names": family, "given-names": given} for family, given in PAPER_AUTHORS
+        ],
+        "year": PAPER_YEAR,
+        "collection-title": PAPER_VENUE,
+        "url": PAPER_URL,
+    }
+    values["references"] = [
+        {
+            "type": "software",
+            "title": "Labyrinth datasets",
+            "authors": [{"name": _DEVELOPERS}],
+            "version": __version__,
+        }
+    ]
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)

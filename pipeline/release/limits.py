@@ -1,0 +1,93 @@
+"""Limits and biases: what the data do not tell, or tell too kindly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from labyrinth_core.grid import Action
+from pipeline.release.statistics import DatasetStatistics
+
+
+def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
+    """Return the points, in Markdown.
+
+    Args:
+        datasets: The statistics of each config.
+    """
+    splits = [dataset.of("train") for dataset in datasets]
+    shares = [f"{split.action_shares[[Action.UP, Action.RIGHT]].sum():.0%}" for split in splits]
+    forward = ", ".join(
+        f"{share} in `{dataset.name}`" for share, dataset in zip(shares, datasets, strict=True)
+    )
+    twins = "; ".join(
+        f"`{dataset.name}` {twin.found:,} of the first {twin.probed:,}"
+        for dataset in datasets
+        for twin in dataset.certificate.near_twins
+        if twin.split == "test"
+    )
+    points = [
+        *_sampler_points(datasets),
+        "Disjoint is not far apart. A structure of `test` can differ from one of `train`, or from "
+        f"the mirror image of one, in a single wall: {twins} do. Expect small sizes to flatter "
+        "a method that interpolates.",
+        "In `train`, `validation`, `test` and `random` the start is always bottom left and the "
+        f"goal top right, so most demonstrated actions are up or right ({forward}): always "
+        "compare with a policy that knows only this. `s0` and `s0_and_g` are there to take it "
+        "away.",
+        *_solution_points(datasets),
+        "All splits are drawn by one renderer, in the same colours and at the same scale: "
+        "a result says nothing about other pictures, and nothing about the real world.",
+        "The environment is deterministic and no demonstration walks into a wall; states off the "
+        "demonstrated routes are only in `random`, which is no demonstration.",
+        "`random` is cut after a fixed number of steps, so its last episode of a labyrinth has "
+        "mostly not reached the goal.",
+    ]
+    configs = [dataset.manifest.config for dataset in datasets]
+    if len({(c.height, c.width) for c in configs}) < len(configs):
+        same = len({c.buckets for c in configs}) == 1
+        points.append(
+            "Configs of one size that differ in their task may hold the same structure, "
+            + (
+                "always in the same split."
+                if same
+                else "and, their `buckets` differing, "
+                "in different splits: do not learn on one and be judged on another."
+            )
+        )
+    return points
+
+
+def _sampler_points(datasets: Sequence[DatasetStatistics]) -> list[str]:
+    samplers = sorted({dataset.manifest.config.sampler for dataset in datasets})
+    points = []
+    if "wilson" in samplers:
+        points.append(
+            "Structures are not uniform over all connected ones. A spanning tree is drawn "
+            "uniformly (Wilson's algorithm) and each remaining wall is opened with the probability "
+            "`open_walls`: among structures with as many passages, one is the likelier the more "
+            "spanning trees it has, and those with many loops are rare."
+        )
+    others = [f"`{sampler}`" for sampler in samplers if sampler != "wilson"]
+    if others:
+        points.append(
+            f"The sampler {', '.join(others)} does not draw spanning trees uniformly: some kinds "
+            "of labyrinths are much likelier than others."
+        )
+    return points
+
+
+def _solution_points(datasets: Sequence[DatasetStatistics]) -> list[str]:
+    solutions = {dataset.manifest.config.solutions for dataset in datasets}
+    points = []
+    if "shortest" in solutions:
+        points.append(
+            "With `solutions=shortest` a labyrinth has one demonstration, drawn uniformly from its "
+            "shortest routes: where "
+            "*choices* is above 1, an action that differs from the demonstrated one can be as good."
+        )
+    if "all" in solutions:
+        points.append(
+            "With `solutions=all` every route without repetition is a demonstration, also long "
+            "ones: see *optimal* for how many actions begin a shortest route."
+        )
+    return points

@@ -1,0 +1,17 @@
+"""Small pieces of Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def table(heading: Sequence[str], rows: Iterable[Sequence[str]], alignment: str = "") -> str:
+    """Return a Markdown table; `alignment` has l or r for each column, else only the first is l."""
+    sides = alignment or "l" + "r" * (len(heading) - 1)
+    rule = ["---:" if side == "r" else "---" for side in sides]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heading, rule, *rows))
+
+
+def count(number: int, thing: str) -> str:
+    """Return a number of things, such as `1 row` or `1,000 rows`."""
+    return f"{number:,} {thing}{'' if number == 1 else 's'}"

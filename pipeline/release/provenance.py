@@ -1,0 +1,95 @@
+"""Where a dataset comes from: its command, the code that made it, and the name it goes by."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from labyrinth_core import __version__
+from pipeline.config import DatasetConfig
+
+PLACEHOLDER = "user/labyrinth"
+"""Stands for the id of a dataset that is not on the Hub yet."""
+
+UNRELEASED = "0.0.0-unreleased"
+"""Version of a dataset that has none yet, in the form that Croissant asks for."""
+
+DATE = "2026-11-21"
+"""The day this form of the dataset is from (`manifest.FORMAT` 1): the date of publication that
+Croissant asks for, where no other is given. A clock would make the same data differ."""
+
+PAPER_TITLE = "Quantifying Generalisation in Imitation Learning"
+PAPER_AUTHORS = (("Gavenski", "Nathan"), ("Rodrigues", "Odinaldo"))
+PAPER_VENUE = "NeurIPS 2025 Datasets and Benchmarks"
+PAPER_YEAR = 2025
+ARXIV = "2509.24784"
+PAPER_URL = f"https://arxiv.org/abs/{ARXIV}"
+LICENCE_URL = "https://spdx.org/licenses/MIT.html"
+"""https://spdx.org/licenses/, which Croissant recommends for licences."""
+
+
+@dataclass(frozen=True)
+class Release:
+    """What a card says of the release that it is written for."""
+
+    repo_id: str | None = None
+    """On the Hub, such as `user/labyrinth`."""
+    version: str | None = None
+    date: str = DATE
+    """Of publication, as in 2026-11-21."""
+
+    @property
+    def name(self) -> str:
+        """The id to write in examples."""
+        return self.repo_id or PLACEHOLDER
+
+    @property
+    def url(self) -> str:
+        """The page of the dataset."""
+        return f"https://huggingface.co/datasets/{self.name}"
+
+
+def command(config: DatasetConfig) -> str:
+    """Return the command line that makes a dataset, every option written out."""
+    train, validation, test = config.buckets
+    options = {
+        "size": f"{config.height}x{config.width}",
+        "task": config.task,
+        "labyrinths": config.labyrinths,
+        "solutions": config.solutions,
+        "solutions_limit": config.solutions_limit,
+        "random_steps": config.random_steps,
+        "sampler": config.sampler,
+        "open_walls": config.open_walls,
+        "buckets.train": train,
+        "buckets.validation": validation,
+        "buckets.test": test,
+        "seed": config.seed,
+    }
+    return " ".join(["python run.py", *(f"{name}={value}" for name, value in options.items())])
+
+
+def code() -> str:
+    """Return which code this is: version and, in a clone of the repository, the commit."""
+    version = f"labyrinth-datasets {__version__}"
+    folder = Path(__file__).parent
+    # An installation may lie in the repository of somebody else's project.
+    if _git(folder, "ls-files", "--error-unmatch", Path(__file__).name) is None:
+        return version
+    commit = _git(folder, "rev-parse", "HEAD")
+    if not commit:
+        return version
+    changed = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return f"{version}, git commit `{commit}`{' with changes' if changed else ''}"
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """Return what git prints, None if it fails or is not there."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()

@@ -1,0 +1,306 @@
+"""The text of a dataset's README.md: a pure function of the statistics and of the release."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from labyrinth_core.grid import Action
+from labyrinth_core.labyrinth import Task
+from labyrinth_core.language import dump
+from pipeline.release.citation import paper_bibtex, software_bibtex
+from pipeline.release.figures import FIGURES
+from pipeline.release.limits import limits
+from pipeline.release.markdown import count, table
+from pipeline.release.provenance import (
+    ARXIV,
+    PAPER_TITLE,
+    PAPER_URL,
+    PAPER_VENUE,
+    Release,
+    code,
+    command,
+)
+from pipeline.release.statistics import DatasetStatistics
+from pipeline.schema import COLUMNS, SPLITS
+
+PICTURES = "pictures"
+BANNER = f"{PICTURES}/labyrinth.png"
+
+
+def picture_path(config: str, figure: str) -> str:
+    """Return where a picture of a config lies in the dataset's folder."""
+    return f"{PICTURES}/{config}-{figure}.png"
+
+
+def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
+    """Return the generated text of the card.
+
+    Args:
+        datasets: The statistics of each config, the smallest first.
+        default: The name of the config that is loaded when none is named.
+        release: What is known of the release.
+    """
+    sections = [
+        _introduction(datasets, default),
+        _loading(datasets, default, release),
+        _contents(datasets),
+        _making(datasets),
+        _uniqueness(datasets),
+        _statistics(datasets, default),
+        _language(datasets),
+        _limits(datasets),
+        _ending(),
+    ]
+    return "\n\n".join(sections)
+
+
+def _introduction(datasets: Sequence[DatasetStatistics], default: str) -> str:
+    names = ", ".join(f"`{dataset.name}`" for dataset in datasets)
+    rows = sum(dataset.rows for dataset in datasets)
+    return f"""# Labyrinth
+
+![A labyrinth of train, of validation and of test, each with a way from start to goal]({BANNER})
+
+Pictures of grid labyrinths with the actions that solve them, for imitation learning that can tell
+memorising from generalising: an agent learns on the structures of `train` and is judged on those
+of `test`, and no structure is in both, not even as a mirror image.
+
+- **{rows:,} rows** in {count(len(datasets), "config")}: {names}; `{default}` is the default.
+- **Counted, not assumed:** [which structures two splits share](#no-structure-in-two-splits): none.
+- **Self-sufficient rows:** `info` holds the labyrinth as a text that loads it again.
+
+The benchmark is that of *{PAPER_TITLE}*
+(Gavenski and Rodrigues, {PAPER_VENUE}, [arXiv:{ARXIV}]({PAPER_URL})).
+The data are made anew by the software *Labyrinth datasets*; they are not the authors' files."""
+
+
+def _loading(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
+    name, revision = release.name, ""
+    if release.version:
+        revision = f', revision="{release.version}"'
+    shard = next(d for d in datasets if d.name == default).manifest.of("train")[0]
+    hint = (
+        ""
+        if release.repo_id
+        else f"\n`{name}` stands for the id on the Hub; the path of a folder does as well.\n"
+    )
+    return f"""## Load it
+{hint}
+With [datasets](https://huggingface.co/docs/datasets):
+
+```python
+from datasets import load_dataset
+
+dataset = load_dataset("{name}", "{default}"{revision})
+row = dataset["train"][0]
+row["obs"], row["actions"], row["rewards"]  # a picture, 0 to 3, a number
+```
+
+With the loader of *Labyrinth datasets*, as transitions (s, a, s') that never cross the end of an
+episode:
+
+```python
+from pipeline.loader import load_transitions
+
+transitions = load_transitions("{name}", "{default}", split="train", image_size=64{revision})
+observation, action, next_observation = transitions[0]
+```
+
+With nothing but pyarrow and Pillow, from a file:
+
+```python
+import io
+
+import pyarrow.parquet as pq
+from huggingface_hub import hf_hub_download
+from PIL import Image
+
+path = hf_hub_download(
+    "{name}", "{default}/{shard.path}", repo_type="dataset"{revision}
+)
+table = pq.read_table(path)
+picture = Image.open(io.BytesIO(table["obs"][0].as_py()["bytes"]))
+actions = table["actions"].to_numpy()
+```"""
+
+
+def _contents(datasets: Sequence[DatasetStatistics]) -> str:
+    columns = table(("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in COLUMNS), "ll")
+    splits = table(("split", "holds"), ((f"`{s}`", text) for s, text in SPLITS.items()), "ll")
+    counts = table(
+        ("config", *(f"`{split}`" for split in SPLITS), "rows", "MB"),
+        (
+            (
+                f"`{dataset.name}`",
+                *(f"{split.rows:,}" for split in dataset.splits),
+                f"{dataset.rows:,}",
+                f"{sum(shard.bytes for shard in dataset.manifest.shards) / 1e6:.2f}",
+            )
+            for dataset in datasets
+        ),
+    )
+    return f"""## What is in it
+
+{columns}
+
+The last state of an episode is a row too, with `actions` -1 and `rewards` 0, so that the rewards
+of an episode add up to its return. A step costs `0.1 / (width * height)`, also one into a wall;
+the step onto the goal pays 1.
+
+{splits}
+
+Rows in each split:
+
+{counts}"""
+
+
+def _making(datasets: Sequence[DatasetStatistics]) -> str:
+    commands = "\n".join(command(dataset.manifest.config) for dataset in datasets)
+    made = table(
+        ("config", "made with", "fingerprint of values and pixels"),
+        (
+            (
+                f"`{dataset.name}`",
+                ", ".join(f"{name} {v}" for name, v in dataset.manifest.versions.items()),
+                f"`{dataset.manifest.fingerprint}`",
+            )
+            for dataset in datasets
+        ),
+        "lll",
+    )
+    return f"""## How it was made
+
+```sh
+{commands}
+```
+
+Structures are sampled without repetition, solved by search, and drawn in every state that an
+episode visits. The same command gives the same rows, with any number of workers. `manifest.json`
+in each config's folder holds these options, the versions and a SHA-256 of each file;
+`python run.py stages=[validate]` with the same options replays every row and compares it with its
+picture; `sha256sum -c SHA256SUMS` checks the files.
+
+{made}
+
+This card was written by {code()}."""
+
+
+def _uniqueness(datasets: Sequence[DatasetStatistics]) -> str:
+    rows = [
+        (
+            f"`{dataset.name}`",
+            f"`{overlap.first}`, `{overlap.second}`",
+            f"{dataset.of(overlap.first).labyrinths:,} and "
+            f"{dataset.of(overlap.second).labyrinths:,}",
+            f"{overlap.structures:,}",
+            f"{overlap.canonical:,}",
+        )
+        for dataset in datasets
+        for overlap in dataset.certificate.overlaps
+    ]
+    shared = table(
+        ("config", "splits", "structures", "in both", "in both, or as a mirror image"),
+        rows,
+        "llrrr",
+    )
+    return f"""## No structure in two splits
+
+Which of `train`, `validation` and `test` a structure may be in follows from a hash of its
+canonical form, the smaller of it and its mirror image that keeps start and goal in place. So a
+structure cannot be in two of them, neither here nor in a dataset of another seed or length with
+the same `buckets`. This is what the text in `info` says, read from every file here:
+
+{shared}
+
+No split repeats a structure, and those of `random`, `s0` and `s0_and_g` are all structures of
+`train`."""
+
+
+def _statistics(datasets: Sequence[DatasetStatistics], default: str) -> str:
+    parts = [
+        """## Statistics
+
+*Moves* and *return* are means over episodes; *optimal* is the share of the actions that begin a
+shortest route; *choices* is how many actions do, in a state that is acted in; *loops* is how many
+passages a structure has beyond those of a tree (passages - cells + 1)."""
+    ]
+    for dataset in sorted(datasets, key=lambda dataset: dataset.name != default):
+        section = f"{_numbers(dataset)}\n\n{_pictures(dataset)}"
+        if dataset.name == default or len(datasets) == 1:
+            parts.append(f"### {dataset.name}\n\n{section}")
+        else:
+            summary = f"<summary><b>{dataset.name}</b></summary>"
+            parts.append(f"<details>\n{summary}\n\n{section}\n\n</details>")
+    return "\n\n".join(parts)
+
+
+def _numbers(dataset: DatasetStatistics) -> str:
+    actions = [action.name.lower() for action in Action]
+    return table(
+        (
+            *("split", "labyrinths", "episodes", "rows", "moves", "longest", "return"),
+            *(*actions, "optimal", "choices", "loops"),
+        ),
+        (
+            (
+                f"`{split.split}`",
+                *(f"{n:,}" for n in (split.labyrinths, split.episodes, split.rows)),
+                f"{split.mean_moves:.2f}",
+                f"{split.longest:,}",
+                f"{split.mean_return:.3f}",
+                *(f"{share:.1%}" for share in split.action_shares),
+                f"{split.optimal:.1%}",
+                f"{split.choices:.2f}",
+                f"{split.loops:.2f}",
+            )
+            for split in dataset.splits
+        ),
+    )
+
+
+def _pictures(dataset: DatasetStatistics) -> str:
+    shown = "\n\n".join(
+        f"**{figure.title}.** {figure.caption}\n\n"
+        f"![{figure.title} of {dataset.name}]({picture_path(dataset.name, name)})"
+        for name, figure in FIGURES.items()
+    )
+    if dataset.manifest.config.task is Task.PARTIAL_OBSERVABILITY:
+        return f"The labyrinths are shown here without what hides them in `obs`.\n\n{shown}"
+    return shown
+
+
+def _language(datasets: Sequence[DatasetStatistics]) -> str:
+    smallest = datasets[0]
+    return f"""## The text language
+
+`info` holds the labyrinth in the configuration language of the paper's supplement. This is the
+first of `test` in `{smallest.name}`:
+
+```
+{dump(smallest.of("test").examples[0].labyrinth).strip()}
+```
+
+The top line is the highest row. Cells and walls alternate: `|` and `-` are walls, a blank is an
+open passage, `+` the point between four cells; `S` is the start, `E` the goal, `K` a key, `D` a
+door, `I` ice. The three settings switch a task on. `labyrinth_core.language.parse` reads it,
+`labyrinth check FILE` explains what is wrong with one, and `docs/language.md` of the software has
+the grammar; the [paper]({PAPER_URL}) introduces it."""
+
+
+def _limits(datasets: Sequence[DatasetStatistics]) -> str:
+    points = "\n".join(f"- {point}" for point in limits(datasets))
+    return f"## Limits and biases\n\n{points}"
+
+
+def _ending() -> str:
+    return f"""## Licence
+
+[MIT](https://opensource.org/license/mit).
+
+## Citation
+
+```bibtex
+{paper_bibtex()}
+
+{software_bibtex()}
+```"""

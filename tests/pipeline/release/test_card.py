@@ -1,0 +1,406 @@
+"""The card: true to the shards, the same for the same data, and kind to what a person wrote."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import datasets
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from conftest import make_both
+from huggingface_hub import DatasetCard, DatasetCardData
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from PIL import Image
+from planting import DEFAULT, OTHER, labyrinths, plant
+
+from labyrinth_core.language import dump, parse
+from labyrinth_core.renderer import DEFAULT_STYLE
+from labyrinth_core.solver import shortest_routes
+from pipeline import front_matter
+from pipeline.config import RunConfig, register, resolve
+from pipeline.manifest import DatasetError, Manifest
+from pipeline.release import card
+from pipeline.release.canvas import picture_with_route
+from pipeline.release.changelog import updated
+from pipeline.release.figures import FIGURES
+from pipeline.schema import COLUMNS, SPLITS
+
+ROOT = Path(__file__).parents[3]
+TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")
+
+
+def text(folder: Path) -> str:
+    return (folder / "README.md").read_text(encoding="utf-8")
+
+
+def front(folder: Path) -> dict[str, object]:
+    return yaml.safe_load(text(folder).split("---\n")[1])
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of every file of a folder, by path."""
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def tables(markdown: str) -> list[list[dict[str, str]]]:
+    """Return the rows of each table of a text, by heading, without marks of code."""
+    found = []
+    for lines in re.findall(r"(?:^\|.*\|\n)+", markdown, re.MULTILINE):
+        cells = [line.strip("|\n ").split(" | ") for line in lines.splitlines()]
+        plain = [[cell.strip("`") for cell in row] for row in cells]
+        found.append([dict(zip(plain[0], row, strict=True)) for row in plain[2:]])
+    return found
+
+
+def table(markdown: str, *headings: str) -> list[dict[str, str]]:
+    """Return the first table that has all the headings."""
+    return next(rows for rows in tables(markdown) if set(headings) <= set(rows[0]))
+
+
+def test_the_numbers_of_rows_are_those_of_the_shards(carded):
+    by_config = {row["config"]: row for row in table(text(carded), "config", "train", "rows")}
+    assert list(by_config) == [DEFAULT, OTHER]
+    total = 0
+    for name, row in by_config.items():
+        counts = {}
+        for split in SPLITS:
+            paths = (carded / name).glob(f"{split}-*.parquet")
+            counts[split] = sum(pq.read_metadata(path).num_rows for path in paths)
+            assert row[split] == f"{counts[split]:,}"
+        assert row["rows"] == f"{sum(counts.values()):,}"
+        total += sum(counts.values())
+        infos = {info["config_name"]: info for info in front(carded)["dataset_info"]}
+        stated = {split["name"]: split["num_examples"] for split in infos[name]["splits"]}
+        assert stated == counts
+    assert f"**{total:,} rows** in 2 configs" in text(carded)
+
+
+def test_the_certificate_in_the_text_has_a_line_for_every_pair_of_splits(carded):
+    lines = table(text(carded), "config", "splits", "in both")
+    assert len(lines) == 2 * 3
+    assert {line["in both"] for line in lines} == {"0"}
+    assert {line["in both, or as a mirror image"] for line in lines} == {"0"}
+    assert {line["structures"] for line in lines} == {"7 and 7", "3 and 3"}
+
+
+def test_the_front_matter_is_what_the_hubs_client_reads_and_writes(carded):
+    content = DatasetCard(text(carded))
+    assert str(content) == text(carded)
+    values = content.data.to_dict()
+    assert DatasetCardData(**values).to_dict() == values == front(carded)
+    assert [config["config_name"] for config in values["configs"]] == [DEFAULT, OTHER]
+    assert [c["config_name"] for c in values["configs"] if c.get("default")] == [DEFAULT]
+    assert values["license"] == "mit"
+    assert values["pretty_name"] == "Labyrinth"
+    assert "arxiv:2509.24784" in values["tags"]
+    assert values["task_categories"] == ["reinforcement-learning"]
+    features = datasets.Features._from_yaml_list(values["dataset_info"][0]["features"])
+    assert features.to_dict() == {column.name: column.feature for column in COLUMNS}
+
+
+def test_the_size_categories_are_the_hubs():
+    listed = re.search(r"size_categories.*?(?=source_datasets)", DatasetCardData.__doc__, re.DOTALL)
+    ours = [*card.SIZES.values(), card.MOST]
+    assert re.findall(r"'([^']+)'", listed[0]) == [*ours, "other"]
+    counts = (1, 999, 1_000, 99_999, 10**6, 10**13)
+    assert [card.size_category(count) for count in counts] == [
+        *("n<1K", "n<1K", "1K<n<10K", "10K<n<100K", "1M<n<10M", "n>1T")
+    ]
+
+
+def test_load_dataset_reads_both_configs_from_the_folder(carded, tmp_path):
+    for name in (DEFAULT, OTHER):
+        loaded = datasets.load_dataset(str(carded), name, cache_dir=str(tmp_path))
+        assert list(loaded) == list(SPLITS)
+        manifest = Manifest.read(carded / name)
+        for split in SPLITS:
+            assert len(loaded[split]) == sum(shard.rows for shard in manifest.of(split))
+        assert loaded["test"].features["actions"].names == ["up", "right", "down", "left"]
+    default = datasets.load_dataset(str(carded), split="test", cache_dir=str(tmp_path))
+    assert default[0]["info"] == labyrinths(carded / DEFAULT, "test")[0]
+    assert default[0]["obs"].size == (600, 600)
+
+
+def test_every_python_block_runs_on_the_folder(carded, tmp_path):
+    blocks = re.findall(r"```python\n(.*?)```", text(carded), re.DOTALL)
+    assert len(blocks) == 3
+    local = "def hf_hub_download(folder, name, repo_type):\n    return f'{folder}/{name}'\n"
+    program = "\n".join(blocks).replace("user/labyrinth", str(carded))
+    program = program.replace("from huggingface_hub import hf_hub_download\n", local)
+    program += "\nprint(row['actions'], observation.shape, action, picture.size, len(actions))"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program],
+        env=os.environ | {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    first = pq.read_table(next((carded / DEFAULT).glob("train-*.parquet")))["actions"]
+    expected = f"{first[0]} (64, 64, 3) {first[0]} (600, 600) {len(first)}"
+    assert done.stdout.splitlines()[-1] == expected
+
+
+def test_a_release_is_loaded_by_its_id_and_version(folder):
+    card.write_card(folder, "somebody/mazes", "1.0.0")
+    assert "user/labyrinth" not in text(folder)
+    blocks = re.findall(r"```python\n(.*?)```", text(folder), re.DOTALL)
+    assert len(blocks) == 3
+    for block in blocks:
+        compile(block, "README.md", "exec")
+        assert '"somebody/mazes"' in block
+        assert 'revision="1.0.0"' in block
+    citation = yaml.safe_load((folder / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == "1.0.0"
+    assert citation["url"] == "https://huggingface.co/datasets/somebody/mazes"
+
+
+def test_the_commands_in_it_make_the_same_datasets(carded):
+    commands = re.findall(r"^python run\.py (.*)$", text(carded), re.MULTILINE)
+    register()
+    made = []
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        for command in commands:
+            config = OmegaConf.to_object(compose("config", command.split()))
+            made.append(resolve(config).dataset)
+    assert made == [Manifest.read(carded / name).config for name in (DEFAULT, OTHER)]
+
+
+def test_every_link_within_the_folder_leads_to_a_file_or_heading(carded):
+    links = re.findall(r"\]\(([^):]+)\)", text(carded))
+    headings = re.findall(r"^#+ (.*)$", text(carded), re.MULTILINE)
+    anchors = {"#" + heading.lower().replace(" ", "-") for heading in headings}
+    assert len(links) == 2 + 2 * len(FIGURES)
+    for link in links:
+        assert link in anchors or (carded / link).is_file()
+
+
+def test_the_example_of_the_language_is_the_first_labyrinth_of_test(carded):
+    example = "key_and_lock" + text(carded).split("```\nkey_and_lock", 1)[1].split("```", 1)[0]
+    assert dump(parse(example)) == labyrinths(carded / DEFAULT, "test")[0]
+
+
+def test_the_hashes_are_those_of_all_files(carded):
+    lines = (carded / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    stated = dict(reversed(line.split("  ", 1)) for line in lines)
+    files = everything(carded)
+    del files["SHA256SUMS"]
+    assert stated == {path: hashlib.sha256(data).hexdigest() for path, data in files.items()}
+    assert list(stated) == sorted(stated)
+
+
+def test_the_same_data_give_the_same_bytes_in_another_folder(carded, tmp_path):
+    other = make_both(tmp_path / "elsewhere")
+    assert everything(other) == everything(carded)
+    card.write_card(other)
+    assert everything(other) == everything(carded)
+    for path in TEXTS:
+        content = (carded / path).read_text(encoding="utf-8")
+        assert not any(
+            name in content for name in (str(carded.parent), str(ROOT), str(Path.home()))
+        )
+
+
+def test_a_build_that_finds_nothing_to_do_changes_no_byte_of_the_card(folder):
+    before = everything(folder)
+    front_matter.update(folder)
+    assert everything(folder) == before
+
+
+def test_a_build_writes_a_card_in_brief_that_the_stage_replaces(build_dataset, tmp_path):
+    build_dataset(tmp_path, "2x3", labyrinths=1, random_steps=5)
+    brief = text(tmp_path)
+    assert front_matter.BEGIN in brief
+    assert "## Statistics" not in brief
+    card.write_card(tmp_path)
+    assert text(tmp_path).count("# Labyrinth\n") == 1
+    assert "## Statistics" in text(tmp_path)
+
+
+def test_a_dataset_that_is_built_later_joins_the_card(folder, build_dataset):
+    build_dataset(folder, "2x3", labyrinths=1, random_steps=5)
+    assert "## Statistics" in text(folder)
+    assert [config["config_name"] for config in front(folder)["configs"]] == ["2x3", DEFAULT, OTHER]
+    card.write_card(folder)
+    rows = table(text(folder), "config", "train", "rows")
+    assert [row["config"] for row in rows] == ["2x3", DEFAULT, OTHER]
+    assert (folder / "pictures" / "2x3-visits.png").is_file()
+
+
+def test_what_a_person_wrote_around_it_and_into_the_front_matter_is_kept(folder):
+    path = folder / "README.md"
+    content = text(folder).replace("pretty_name: Labyrinth", "pretty_name: My mazes")
+    content = content.replace("tags:\n", "viewer: false\ntags:\n- mine\n")
+    content = content.replace(front_matter.BEGIN, f"Before.\n\n{front_matter.BEGIN}\nLost.\n")
+    path.write_text(f"{content}\nAfter, with ``` and ---\n", encoding="utf-8")
+    card.write_card(folder)
+    written = text(folder)
+    assert "\nBefore.\n\n" + front_matter.BEGIN in written
+    assert written.endswith("\nAfter, with ``` and ---\n")
+    assert "Lost." not in written
+    values = front(folder)
+    assert values["viewer"] is False
+    assert values["pretty_name"] == "My mazes"
+    assert values["tags"] == [*card.TAGS, "mine"]
+    card.write_card(folder)
+    assert text(folder) == written
+
+
+def test_text_without_marks_is_a_persons_and_follows_the_generated_part(folder):
+    path = folder / "README.md"
+    matter = text(folder).split("---\n")[1]
+    path.write_text(f"---\n{matter}---\nMine alone.\n", encoding="utf-8")
+    card.write_card(folder)
+    assert text(folder).endswith(f"{front_matter.END}\n\nMine alone.\n")
+    written = everything(folder)
+    card.write_card(folder)
+    assert everything(folder) == written
+
+
+def refused(folder: Path, message: str) -> None:
+    """Check that no card is written, and nothing changed, for a reason in one line."""
+    before = everything(folder)
+    with pytest.raises(DatasetError, match=message) as caught:
+        card.write_card(folder)
+    assert "\n" not in str(caught.value)
+    assert everything(folder) == before
+
+
+def test_a_readme_of_something_else_is_refused(folder):
+    (folder / "README.md").write_text("# Another project\n", encoding="utf-8")
+    refused(folder, "is not the README of a dataset: choose another data_dir")
+
+
+@pytest.mark.parametrize("mark", [front_matter.BEGIN, front_matter.END])
+def test_a_readme_with_one_mark_only_is_refused(folder, mark):
+    (folder / "README.md").write_text(text(folder).replace(mark, ""), encoding="utf-8")
+    refused(folder, "one of the two marks of the generated text is missing")
+
+
+def test_a_dataset_with_a_leak_gets_no_card(folder):
+    copied = labyrinths(folder / DEFAULT, "train")[0]
+    plant(folder / DEFAULT, "test", labyrinths(folder / DEFAULT, "test")[0], copied)
+    refused(folder, "3x3: train and test share 1 structures, 1 when mirror images count")
+
+
+def test_a_damaged_dataset_gets_no_card(folder):
+    next((folder / OTHER).glob("test-*.parquet")).write_bytes(b"damaged")
+    refused(folder, "is not the file that its manifest describes: build again")
+
+
+def test_a_folder_without_a_dataset_gets_no_card(tmp_path):
+    refused(tmp_path, "holds no finished dataset")
+    refused(tmp_path / "nowhere", "holds no finished dataset")
+
+
+def test_a_changelog_that_is_no_text_is_refused_and_nothing_is_half_written(folder):
+    (folder / "CHANGELOG.md").write_bytes(b"\xff\xfe")
+    refused(folder, "CHANGELOG.md is not UTF-8 text")
+
+
+def test_the_stage_says_in_one_line_what_was_written(folder, capsys):
+    run = resolve(RunConfig(stages=["card"], size="3", data_dir=str(folder)))
+    card.run(run)
+    last = capsys.readouterr().out.splitlines()[-1]
+    rows = sum(s.rows for n in (DEFAULT, OTHER) for s in Manifest.read(folder / n).shards)
+    assert last.startswith(f"{folder / 'README.md'} describes 3x3, 3x4-key_and_door: {rows:,} rows")
+
+
+def test_the_stage_is_performed_unless_told_otherwise():
+    values = yaml.safe_load((ROOT / "conf" / "config.yaml").read_text(encoding="utf-8"))
+    assert values["stages"] == ["build", "validate", "card"]
+
+
+def test_every_config_has_every_picture_wide_enough_for_a_phone(carded):
+    pictures = {path.name for path in (carded / "pictures").iterdir()}
+    expected = {f"{name}-{figure}.png" for name in (DEFAULT, OTHER) for figure in FIGURES}
+    assert pictures == expected | {"labyrinth.png"}
+    for name in pictures:
+        with Image.open(carded / "pictures" / name) as image:
+            assert (image.width, image.mode) == (1080, "RGB")
+            assert np.asarray(image).mean() > 140
+
+
+def test_pictures_of_a_dataset_that_is_gone_go_and_a_persons_stay(folder):
+    shutil.copy(folder / "pictures" / "labyrinth.png", folder / "pictures" / "mine.png")
+    shutil.rmtree(folder / OTHER)
+    card.write_card(folder)
+    pictures = {path.name for path in (folder / "pictures").iterdir()}
+    own = {f"{DEFAULT}-{figure}.png" for figure in FIGURES}
+    assert pictures == own | {"labyrinth.png", "mine.png"}
+    assert "pictures/mine.png" in (folder / "SHA256SUMS").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", [DEFAULT, OTHER])
+def test_a_route_is_drawn_through_the_cells_it_visits_and_no_others(carded, name):
+    labyrinth = parse(labyrinths(carded / name, "test")[0])
+    (actions, *_) = shortest_routes(labyrinth)
+    picture = np.asarray(picture_with_route(labyrinth, actions, 100)).astype(int)
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    cell = len(picture) / max(height, width)
+    margin = (len(picture) - height * cell) / 2
+    visited, at = {labyrinth.start}, labyrinth.start
+    for action in actions:
+        at = labyrinth.structure.moves[at][action]
+        visited.add(at)
+    for number in range(height * width):
+        row, column = divmod(number, width)
+        y, x = len(picture) - margin - (row + 0.5) * cell, (column + 0.5) * cell
+        green = np.abs(picture[int(y), int(x)] - DEFAULT_STYLE.agent).max() < 8
+        assert green == (number in visited)
+
+
+def test_the_citation_has_what_its_format_requires(carded):
+    citation = yaml.safe_load((carded / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["type"] == "dataset"
+    assert citation["preferred-citation"]["url"] == "https://arxiv.org/abs/2509.24784"
+
+
+def manifests(folder: Path, *names: str) -> list[Manifest]:
+    return [Manifest.read(folder / name) for name in names]
+
+
+def test_the_changelog_has_an_entry_for_what_is_there(carded):
+    content = (carded / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (.*)$", content, re.MULTILINE) == ["Unreleased"]
+    for name in (DEFAULT, OTHER):
+        assert f"`{json.loads((carded / name / 'manifest.json').read_bytes())['fingerprint']}`" in (
+            content
+        )
+
+
+def test_a_version_takes_the_place_of_unreleased_and_older_entries_stay(carded):
+    first = updated("", manifests(carded, DEFAULT), None)
+    released = updated(first, manifests(carded, DEFAULT), "1.0.0")
+    assert released == first.replace("Unreleased", "1.0.0")
+    assert updated(released, manifests(carded, DEFAULT), None) == released
+    assert updated(released, manifests(carded, DEFAULT), "1.0.0") == released
+    longer = updated(released, manifests(carded, DEFAULT, OTHER), None)
+    assert re.findall(r"^## (.*)$", longer, re.MULTILINE) == ["Unreleased", "1.0.0"]
+    assert longer.endswith(released[released.index("## 1.0.0") :])
+    second = updated(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
+    assert re.findall(r"^## (.*)$", second, re.MULTILINE) == ["1.1.0", "1.0.0"]
+
+
+def test_what_a_person_adds_to_the_changelog_is_kept(carded):
+    content = updated("", manifests(carded, DEFAULT), None) + "- Thanks to everybody.\n"
+    content = content.replace("# Changelog", "# What changed") + "\n## 0.1\n\nOld.\n"
+    for version in (None, "1.0.0"):
+        content = updated(content, manifests(carded, DEFAULT, OTHER), version)
+        assert content.startswith("# What changed")
+        assert content.count("- Thanks to everybody.") == 1
+        assert content.endswith("\n## 0.1\n\nOld.\n")
+        assert content.count("- `3x3`") == 1
