@@ -8,6 +8,7 @@ at every moment, and running it again completes what an interruption left, or sa
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import subprocess
 import sys
@@ -106,6 +107,8 @@ def run(run: Run) -> None:
 def _publish(data_dir: Path, files: dict[str, Path], options: PublishOptions) -> None:
     from huggingface_hub import HfApi
 
+    for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
+        logging.getLogger(client).setLevel(logging.WARNING)
     api = HfApi()
     owner = _check_token(api)
     exists = bool(api.repo_exists(options.repo_id, repo_type="dataset"))
@@ -298,7 +301,7 @@ def _uploaded(api: HfApi, options: PublishOptions, plan: Plan) -> list[CommitOpe
     File by file, so that a run that was stopped has not to send again what it has sent.
     """
     from huggingface_hub import CommitOperationAdd
-    from huggingface_hub.utils import disable_progress_bars
+    from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
 

@@ -62,7 +62,7 @@ def sampled(task, count, seed, sizes=SIZES):
     """Return labyrinths of a task from the library's own sampler, any start, any goal."""
     rng = np.random.default_rng(seed)
     found = []
-    while len(found) < count:
+    for _ in range(1000 * count):
         height, width = sizes[rng.integers(len(sizes))]
         open_walls = float(rng.choice([0.0, 0.1, 0.4]))
         structure = sample_structure(height, width, rng, open_walls=open_walls)
@@ -71,7 +71,9 @@ def sampled(task, count, seed, sizes=SIZES):
             found.append(place(structure, start, goal, task, rng))
         except LabyrinthError:
             continue
-    return found
+        if len(found) == count:
+            return found
+    raise AssertionError(f"only {len(found)} structures of {1000 * count} hold {task}")
 
 
 def number_of(labyrinth, situation):
@@ -184,6 +186,13 @@ def test_nothing_is_optimal_where_the_episode_is_over(labyrinth):
             assert not optimal[cell].any()
         elif labyrinth.task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
             assert optimal[cell].any()
+
+
+@given(labyrinths(Task.KEY_AND_DOOR))
+def test_nothing_leads_on_from_a_door_that_the_agent_cannot_stand_in(labyrinth):
+    closed = [labyrinth.door, labyrinth.door + labyrinth.structure.cells]
+    assert [distances(labyrinth)[state] for state in closed] == [UNREACHABLE] * 2
+    assert not optimal_actions(labyrinth)[closed].any()
 
 
 @given(labyrinths())
