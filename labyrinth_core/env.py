@@ -73,7 +73,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
                 `vector.vector_observation` has it; or `state`, the number of the state in
                 `dynamics`, which says nothing of the walls: for tables on one labyrinth.
             image_size: Pixels on each side of the image; by default what the baselines look at.
-            labyrinth: A labyrinth to keep for every episode: its text, the `Path` of a file, or a
+            labyrinth: A labyrinth to keep for every episode: its text, the path of a file, or a
                 `Labyrinth`. Size and task are then its own.
             reward: `default`, or `normalised`: the goal pays so much that an optimal episode
                 returns exactly 1.

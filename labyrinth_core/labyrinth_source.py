@@ -49,21 +49,22 @@ def as_task(task: Task | str) -> Task:
 def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
     """Return a labyrinth given as such, as its text, or as the path of a file.
 
-    Tiles that a text leaves out are always placed in the same way.
+    A string without a line break is a path. Tiles that a text leaves out are always placed in
+    the same way.
 
     Raises:
         ValueError: It is none of these, the text is no labyrinth, or the file cannot be read.
     """
     if isinstance(labyrinth, Labyrinth):
         return labyrinth
-    if isinstance(labyrinth, str):
+    if isinstance(labyrinth, str) and "\n" in labyrinth:
         return parse(labyrinth)
-    if isinstance(labyrinth, Path):
+    if isinstance(labyrinth, (str, Path)):
         try:
-            return load(labyrinth)
+            return load(Path(labyrinth))
         except OSError as error:
             raise ValueError(f"labyrinth={labyrinth}: {error.strerror}") from error
-    raise ValueError(f"labyrinth={labyrinth!r}: give a Labyrinth, its text, or the Path of a file")
+    raise ValueError(f"labyrinth={labyrinth!r}: give a Labyrinth, its text, or the path of a file")
 
 
 def sample_labyrinth(

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
+from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -142,12 +143,10 @@ class Manifest:
 
 def current_versions() -> dict[str, str]:
     """Return the versions of what shapes the bytes of a dataset in this process."""
-    import pyarrow as pa
-
     return {
         "labyrinth-datasets": __version__,
         "numpy": np.__version__,
-        "pyarrow": pa.__version__,
+        "pyarrow": version("pyarrow"),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
         "png": f"own encoder, deflate level {LEVEL}",
     }

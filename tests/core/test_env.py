@@ -270,8 +270,9 @@ IMPOSSIBLE = [
     ({"goal": (0, 0)}, r"goal=\(0, 0\): start and goal must be two different cells"),
     ({"labyrinth": OPEN, "goal": (0, 0)}, "start and goal must be two different cells"),
     ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; ice would not matter"),
-    ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the Path of a file"),
-    ({"labyrinth": "labyrinth: 5"}, "<text>:1:"),
+    ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the path of a file"),
+    ({"labyrinth": "labyrinth: 5\n"}, "<text>:1:"),
+    ({"labyrinth": "no_such.labyrinth"}, "labyrinth=no_such.labyrinth: No such file"),
 ]
 
 
