@@ -282,7 +282,6 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
         complete = bool(ice)
     if complete:
         return Labyrinth(structure, start, goal, task, key, door, ice)
-    Labyrinth(structure, start, goal)  # Where no route leads to the goal, that is the mistake.
     return place(structure, start, goal, task, np.random.default_rng(seed), key=key, door=door)
 
 
