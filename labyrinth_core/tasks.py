@@ -46,14 +46,14 @@ def place(
     Raises:
         LabyrinthError: The structure cannot hold the task.
     """
+    if task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
+        return Labyrinth(structure, start, goal, task)
     Labyrinth(structure, start, goal)  # Is start, goal or the way at fault, it says which.
     if task is Task.KEY_AND_DOOR:
         key, door = _place_key_and_door(structure, start, goal, rng, key, door)
         return Labyrinth(structure, start, goal, task, key=key, door=door)
-    if task is Task.ICY_FLOOR:
-        ice = _place_ice(structure, start, goal, rng)
-        return Labyrinth(structure, start, goal, task, ice=ice)
-    return Labyrinth(structure, start, goal, task)
+    ice = _place_ice(structure, start, goal, rng)
+    return Labyrinth(structure, start, goal, task, ice=ice)
 
 
 def _place_key_and_door(

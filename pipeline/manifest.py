@@ -14,7 +14,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from importlib.metadata import version
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core import __version__
-from labyrinth_core.png import LEVEL, Band
+from labyrinth_core.png import LEVEL, Strip
 from pipeline.config import DatasetConfig
 from pipeline.schema import SPLITS, Row
 
@@ -192,30 +191,20 @@ class Fingerprint:
         return self._hash.hexdigest()
 
 
-def picture_digest(bands: Iterable[Band]) -> bytes:
+def picture_digest(strips: Iterable[Strip]) -> bytes:
     """Return sixteen bytes that depend on the pixels of a picture and on nothing else.
 
-    The picture is taken as its runs of equal rows of pixels, from the top: the BLAKE2b hash of the
-    sixteen-byte hash of each row and the length of its run as a little-endian uint16.
+    They are the BLAKE2b hash of the eight-byte BLAKE2b hashes of all its rows of pixels, one
+    after the other from the top.
     """
-    parts: list[bytes] = []
-    run: bytes | None = None
-    length = 0
-    for row, count in bands:
-        if row == run:
-            length += count
-            continue
-        if run is not None:
-            parts.append(_row_digest(run) + length.to_bytes(2, "little"))
-        run, length = row, count
-    if run is not None:
-        parts.append(_row_digest(run) + length.to_bytes(2, "little"))
-    return hashlib.blake2b(b"".join(parts), digest_size=16).digest()
+    rows = b"".join([_strip_digests(strip) for strip in strips])
+    return hashlib.blake2b(rows, digest_size=16).digest()
 
 
 @lru_cache(maxsize=8_192)
-def _row_digest(row: bytes) -> bytes:
-    return hashlib.blake2b(row, digest_size=16).digest()
+def _strip_digests(strip: Strip) -> bytes:
+    """Return the hash of each row of a strip."""
+    return b"".join(hashlib.blake2b(row, digest_size=8).digest() * count for row, count in strip)
 
 
 def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:
@@ -223,10 +212,5 @@ def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:
     differs = (picture[1:] != picture[:-1]).any(axis=(1, 2))
     first = np.flatnonzero(np.concatenate(([True], differs)))
     counts = np.diff(first, append=len(picture)).tolist()
-    rows = (row.tobytes() for row in picture[first])
-    return picture_digest(zip(rows, counts, strict=True))
-
-
-def bands_of(strips: Iterable[Iterable[Band]]) -> Iterable[Band]:
-    """Return the bands of all strips, in order."""
-    return chain.from_iterable(strips)
+    bands = zip((row.tobytes() for row in picture[first]), counts, strict=True)
+    return picture_digest([(band,) for band in bands])

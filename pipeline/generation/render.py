@@ -8,7 +8,7 @@ from labyrinth_core.language import dump
 from labyrinth_core.png import encode
 from labyrinth_core.renderer import PICTURE_SIZE, Painter
 from labyrinth_core.rollout import Episode
-from pipeline.manifest import bands_of, picture_digest
+from pipeline.manifest import picture_digest
 from pipeline.schema import NO_ACTION, Row
 
 
@@ -36,7 +36,7 @@ def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Ro
                     rewards=rewards[step],
                     episode_starts=step == 0,
                     info=info,
-                    picture_digest=picture_digest(bands_of(strips)),
+                    picture_digest=picture_digest(strips),
                 )
             )
         yield rows

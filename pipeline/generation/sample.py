@@ -122,6 +122,8 @@ def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Lab
 
 def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
     start, goal = default_start_and_goal(config.height, config.width)
+    if config.task in _TASKS_WITHOUT_TILES:  # Nothing is random about it.
+        return Labyrinth(structure, start, goal, config.task)
     return place(structure, start, goal, config.task, item_rng(config, split, structure))
 
 

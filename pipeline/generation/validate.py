@@ -34,7 +34,6 @@ from pipeline.manifest import (
     Fingerprint,
     Manifest,
     Shard,
-    bands_of,
     current_versions,
     decoded_picture_digest,
     file_sha256,
@@ -334,7 +333,7 @@ class _ShardCheck:
     ) -> None:
         """Check a picture, and add the row to the fingerprint."""
         strips = painter.strips(state)
-        digest = picture_digest(bands_of(strips))
+        digest = picture_digest(strips)
         if row.obs != _encoded(painter, state):
             try:
                 picture = _decode(row.obs)

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import io
 import sys
+import time
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from huggingface_hub import HfApi, hf_hub_download
+from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
+from pipeline import front_matter
 from pipeline.manifest import (
     MANIFEST,
     DatasetError,
@@ -24,6 +28,9 @@ from pipeline.manifest import (
     Shard,
     decoded_picture_digest,
 )
+from pipeline.release.card import published_files
+from pipeline.release.plan import make_plan
+from pipeline.release.remote import WAITS, Remote, one_line
 from pipeline.schema import SPLITS, Row
 
 
@@ -31,46 +38,52 @@ def verify(repo_id: str, commit: str, folder: Path) -> str:
     """Return a line that says what was verified.
 
     Raises:
-        DatasetError: The Hub gives anything else than was published.
+        DatasetError: The Hub gives anything else than was published, or does not give it.
     """
-    from datasets import Image, load_dataset
-    from huggingface_hub import HfApi, hf_hub_download
-
-    tree = {
-        entry.path: entry
-        for entry in HfApi().list_repo_tree(
-            repo_id, repo_type="dataset", revision=commit, recursive=True
-        )
-    }
-    rows = 0
-    for path in sorted(folder.glob(f"*/{MANIFEST}")):
-        manifest = Manifest.read(path.parent)
-        name = manifest.config.name
-        remote = hf_hub_download(
-            repo_id, f"{name}/{MANIFEST}", repo_type="dataset", revision=commit
-        )
-        if Manifest.read(Path(remote).parent) != manifest:
-            raise DatasetError(f"{name}/{MANIFEST} is not the one that was published")
-        for shard in manifest.shards:
-            _check_entry(tree, f"{name}/{shard.path}", shard)
-        for split in SPLITS:
-            for streaming in (False, True):
-                dataset = load_dataset(
-                    repo_id, name, split=split, revision=commit, streaming=streaming
-                )
-                dataset = dataset.cast_column("obs", Image(decode=False))
-                what = f"{name} {split}{', streaming' if streaming else ''}"
-                rows += _check_rows(dataset, manifest.of(split), what)
+    manifests = front_matter.finished(folder)
+    files = {p.relative_to(folder).as_posix(): p for p in published_files(folder, manifests)}
+    try:
+        plan = make_plan(files, Remote(HfApi(), repo_id).tree(commit))
+    except HTTPError as error:
+        raise DatasetError(f"its files cannot be listed: {one_line(error)}") from error
+    if not plan.is_done:
+        path = [*plan.add, *plan.delete][0]
+        raise DatasetError(f"{path} on the Hub is not what was published")
+    rows = sum(_verified_rows(repo_id, commit, manifest) for manifest in manifests)
     return f"verified {commit[:12]}: {rows:,} rows, plain and streaming, are those published."
 
 
-def _check_entry(tree: dict[str, Any], path: str, shard: Shard) -> None:
-    entry = tree.get(path)
-    lfs = getattr(entry, "lfs", None)
-    if entry is None:
-        raise DatasetError(f"{path} is missing")
-    if lfs is not None and lfs.sha256 != shard.sha256:
-        raise DatasetError(f"{path} has the sha256 {lfs.sha256}, not {shard.sha256}")
+def _verified_rows(repo_id: str, commit: str, manifest: Manifest) -> int:
+    """Return the number of rows of a config, loaded again after a fault that may pass."""
+    from datasets.exceptions import DatasetsError
+
+    for seconds in (*WAITS, None):
+        try:
+            return _load(repo_id, commit, manifest)
+        except (OSError, ValueError, HTTPError, DatasetsError) as error:
+            if seconds is None:
+                reason = one_line(error.__cause__ or error)
+                name = manifest.config.name
+                raise DatasetError(f"{name} cannot be loaded: {reason}") from error
+            time.sleep(seconds)
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _load(repo_id: str, commit: str, manifest: Manifest) -> int:
+    """Load a config in every way, and return the number of its rows, each way counted."""
+    from datasets import Image, load_dataset
+
+    name, rows = manifest.config.name, 0
+    remote = hf_hub_download(repo_id, f"{name}/{MANIFEST}", repo_type="dataset", revision=commit)
+    if Manifest.read(Path(remote).parent) != manifest:
+        raise DatasetError(f"{name}/{MANIFEST} is not the one that was published")
+    for split in SPLITS:
+        for streaming in (False, True):
+            dataset = load_dataset(repo_id, name, split=split, revision=commit, streaming=streaming)
+            dataset = dataset.cast_column("obs", Image(decode=False))
+            what = f"{name} {split}{', streaming' if streaming else ''}"
+            rows += _check_rows(dataset, manifest.of(split), what)
+    return rows
 
 
 def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str) -> int:

@@ -1,0 +1,87 @@
+"""What a release would change on the Hub: a comparison of two sets of files, by their hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from pipeline.manifest import file_sha256
+
+_DATA = r"\d+x\d+(-\w+)?/(manifest\.json|\w+-\d{5,}-of-\d{5,}\.parquet)"
+_CARD = (
+    r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
+    r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
+)
+
+
+class RemoteFile(NamedTuple):
+    """A file on the Hub."""
+
+    digest: str
+    """SHA-256 of a large file; for others the hash that git gives a blob."""
+    large: bool
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a release would change."""
+
+    files: Mapping[str, Path]
+    """All files of the release, by their path on the Hub."""
+    add: list[str]
+    keep: list[str]
+    delete: list[str]
+
+    @property
+    def bytes(self) -> int:
+        """The size of what has to be sent."""
+        return sum(self.files[path].stat().st_size for path in self.add)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing differs."""
+        return not self.add and not self.delete
+
+    @property
+    def data(self) -> list[str]:
+        """The paths that differ and are more than the card."""
+        return [path for path in [*self.add, *self.delete] if is_data(path)]
+
+
+def make_plan(files: Mapping[str, Path], remote: Mapping[str, RemoteFile]) -> Plan:
+    """Return what to change so that the Hub holds these files.
+
+    Args:
+        files: By their path on the Hub.
+        remote: What it holds now.
+    """
+    keep = [path for path, local in files.items() if path in remote and _same(local, remote[path])]
+    return Plan(
+        files=files,
+        add=[path for path in files if path not in keep],
+        keep=keep,
+        delete=[path for path in sorted(remote) if path not in files and is_ours(path)],
+    )
+
+
+def is_ours(path: str) -> bool:
+    """Return whether a file may be of an earlier release; others are somebody else's."""
+    return is_data(path) or re.fullmatch(_CARD, path, re.ASCII) is not None
+
+
+def is_data(path: str) -> bool:
+    """Return whether a file is part of a release, and not of its card."""
+    return re.fullmatch(_DATA, path, re.ASCII) is not None
+
+
+def _same(local: Path, remote: RemoteFile) -> bool:
+    if remote.large:
+        return file_sha256(local) == remote.digest
+    content = local.read_bytes()
+    header = b"blob %d\0" % len(content)
+    # How git names a blob, not a safeguard.
+    return hashlib.sha1(header + content, usedforsecurity=False).hexdigest() == remote.digest

@@ -1,0 +1,219 @@
+"""A dataset on the Hugging Face Hub: what is there, who may change it, what the Hub's errors mean.
+
+The client repeats some of its calls after a fault of the Hub, others not; those are repeated here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
+
+from huggingface_hub import HfApi, RepoFile, constants, get_token
+from huggingface_hub.errors import (  # type: ignore[attr-defined]
+    HfHubHTTPError,
+    HTTPError,
+    RevisionNotFoundError,
+)
+
+from pipeline.manifest import DatasetError
+from pipeline.release.plan import RemoteFile
+
+WAITS = (0.5, 1.0, 2.0)
+"""Seconds before each repetition of a call, after a fault of the Hub or of the line."""
+
+Result = TypeVar("Result")
+
+
+class PublishError(DatasetError):
+    """A release that could not be made, in one line."""
+
+
+def repeated(call: Callable[[], Result]) -> Result:
+    """Return what a call returns that may be made twice, after faults that may pass."""
+    for seconds in WAITS:
+        try:
+            return call()
+        except HTTPError as error:
+            if not is_passing(error):
+                raise
+        time.sleep(seconds)
+    return call()
+
+
+def is_passing(error: Exception) -> bool:
+    """Return whether the same call may succeed later: the line, the server, too many calls."""
+    status = status_of(error)
+    return status is None or status >= 500 or status in (408, 429)
+
+
+def status_of(error: Exception) -> int | None:
+    """Return the status of the Hub's answer, None if there was no answer."""
+    response = getattr(error, "response", None)
+    status: int | None = getattr(response, "status_code", None)
+    return status
+
+
+def one_line(error: BaseException) -> str:
+    """Return what an error of a library says, in one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+@dataclass(frozen=True)
+class Remote:
+    """A dataset on the Hub, there or not."""
+
+    api: HfApi
+    repo_id: str
+
+    def check_access(self, *, create_pr: bool) -> bool:
+        """Return whether the dataset is there.
+
+        Raises:
+            PublishError: There is no token, or it cannot be used for this.
+            HfHubHTTPError: The Hub refuses.
+        """
+        if not get_token():
+            raise PublishError(
+                "there is no Hub token: set HF_TOKEN, or run `hf auth login`, "
+                f"which leaves one in {constants.HF_TOKEN_PATH}"
+            )
+        user = repeated(self.api.whoami)
+        if repeated(lambda: self.api.repo_exists(self.repo_id, repo_type="dataset")):
+            # Anybody who sees a dataset may propose a change of it.
+            repeated(
+                lambda: self.api.auth_check(self.repo_id, repo_type="dataset", write=not create_pr)
+            )
+            return True
+        own = [user["name"], *(organization["name"] for organization in user.get("orgs", []))]
+        if self.repo_id.partition("/")[0] not in own:
+            raise PublishError(
+                f"{self.repo_id} does not exist, or this token may not see it; it may make "
+                f"datasets of {', '.join(own)}"
+            )
+        if user.get("auth", {}).get("accessToken", {}).get("role") == "read":
+            raise PublishError(_reasons(self.repo_id)[403])
+        return False
+
+    def create(self, *, private: bool) -> None:
+        """Make the dataset, unless it is there."""
+        repeated(
+            lambda: self.api.create_repo(
+                self.repo_id, repo_type="dataset", private=private, exist_ok=True
+            )
+        )
+
+    def create_branch(self, branch: str) -> None:
+        """Make a branch at the head of `main`, unless it is there."""
+        repeated(
+            lambda: self.api.create_branch(
+                self.repo_id, branch=branch, repo_type="dataset", exist_ok=True
+            )
+        )
+
+    def head(self, branch: str) -> str:
+        """Return the commit at the head of a branch; of `main`, where it would be made, if none."""
+        try:
+            return self._commit(branch)
+        except RevisionNotFoundError:
+            return self._commit("main")
+
+    def _commit(self, branch: str) -> str:
+        info = repeated(
+            lambda: self.api.repo_info(self.repo_id, repo_type="dataset", revision=branch)
+        )
+        return str(info.sha)
+
+    def tree(self, commit: str) -> dict[str, RemoteFile]:
+        """Return the files of a commit by their paths."""
+        entries = self.api.list_repo_tree(
+            self.repo_id, repo_type="dataset", revision=commit, recursive=True
+        )
+        return {
+            entry.path: RemoteFile(
+                entry.lfs.sha256 if entry.lfs else entry.blob_id, bool(entry.lfs)
+            )
+            for entry in entries
+            if isinstance(entry, RepoFile)
+        }
+
+    def tagged(self, tag: str) -> str | None:
+        """Return the commit that a tag points to, None if there is no such tag."""
+        refs = repeated(lambda: self.api.list_repo_refs(self.repo_id, repo_type="dataset"))
+        return next((str(each.target_commit) for each in refs.tags if each.name == tag), None)
+
+    def tag(self, tag: str, commit: str) -> None:
+        """Let a tag point to a commit.
+
+        Raises:
+            PublishError: It points to another.
+        """
+        if self.tagged(tag) is None:
+            try:
+                repeated(
+                    lambda: self.api.create_tag(
+                        self.repo_id, tag=tag, revision=commit, repo_type="dataset"
+                    )
+                )
+            except HfHubHTTPError as error:
+                # It is there: by a call whose answer was lost, or by somebody else's.
+                if status_of(error) != 409:
+                    raise
+        tagged = self.tagged(tag)
+        if tagged != commit:
+            raise PublishError(
+                f"the tag {tag} of {self.repo_id} points to {str(tagged)[:12]}, not to the release "
+                f"at {commit[:12]}: choose another publish.version"
+            )
+
+    def join(self, collection: str, *, private: bool) -> None:
+        """Put the dataset into the collection with a title, made if need be."""
+        namespace = self.repo_id.partition("/")[0]
+        joined = repeated(
+            lambda: self.api.create_collection(
+                collection, namespace=namespace, private=private, exists_ok=True
+            )
+        )
+        repeated(
+            lambda: self.api.add_collection_item(
+                joined.slug, self.repo_id, "dataset", exists_ok=True
+            )
+        )
+
+
+@contextmanager
+def explained(repo_id: str) -> Iterator[None]:
+    """Turn what the client raises into one line that says what to do.
+
+    Raises:
+        PublishError: In place of what the client raised.
+    """
+    try:
+        yield
+    except DatasetError:
+        raise
+    except HfHubHTTPError as error:
+        status = status_of(error)
+        other = f"the Hub answers {status}: {one_line(error)}"
+        raise PublishError(_reasons(repo_id).get(status, other)) from error
+    except ValueError as error:
+        raise PublishError(f"the Hub's client refuses: {one_line(error)}") from error
+    except (HTTPError, ConnectionError, RuntimeError) as error:
+        # What fails while contents are sent comes as a RuntimeError or a ConnectionError.
+        reason = one_line(error.__cause__ or error)
+        raise PublishError(
+            f"{constants.ENDPOINT} does not answer as it should: {reason}"
+        ) from error
+
+
+def _reasons(repo_id: str) -> dict[int | None, str]:
+    """Return what to tell a person for each status of an answer."""
+    return {
+        401: "the Hub rejects the token: make a new one, and set HF_TOKEN or run `hf auth login`",
+        403: f"the token may not write to {repo_id}: use one with write access",
+        404: f"{repo_id} does not exist, or this token may not see it",
+        409: f"the Hub reports a conflict for {repo_id}: publish again",
+        412: f"somebody else committed to {repo_id} meanwhile: publish again",
+    }

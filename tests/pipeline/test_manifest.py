@@ -1,0 +1,288 @@
+"""The manifest on disk, and the fingerprints in it."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.config import Run
+from pipeline.manifest import (
+    MANIFEST,
+    DatasetError,
+    Fingerprint,
+    Manifest,
+    Shard,
+    decoded_picture_digest,
+    file_sha256,
+    picture_digest,
+    write_text,
+)
+from pipeline.schema import Row
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=9), inner),
+    max_leaves=5,
+)
+
+
+@pytest.fixture(scope="module")
+def content(small_dataset: Run) -> Any:
+    return json.loads((small_dataset.folder / MANIFEST).read_bytes())
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("manifest")
+
+
+def read_back(folder: Path, content: Any) -> Manifest:
+    (folder / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    return Manifest.read(folder)
+
+
+def places(content: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield each place in a JSON value as the container and the key in it."""
+    if isinstance(content, dict | list):
+        for key in list(content) if isinstance(content, dict) else range(len(content)):
+            yield content, key
+            yield from places(content[key])
+
+
+def test_a_manifest_survives_the_way_to_disk_and_back(small_dataset: Run, tmp_path: Path) -> None:
+    manifest = Manifest.read(small_dataset.folder)
+    manifest.write(tmp_path)
+    assert Manifest.read(tmp_path) == manifest
+    assert (tmp_path / MANIFEST).read_bytes() == (small_dataset.folder / MANIFEST).read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == [MANIFEST]
+
+
+@given(data=st.data())
+def test_an_edited_manifest_is_read_as_one_or_refused(
+    content: Any, scratch: Path, data: st.DataObject
+) -> None:
+    edited = copy.deepcopy(content)
+    for _ in range(data.draw(st.integers(1, 3))):
+        options = list(places(edited))
+        container, key = options[data.draw(st.integers(0, len(options) - 1))]
+        action = data.draw(st.sampled_from(["replace", "remove", "repeat"]))
+        if action == "replace":
+            container[key] = data.draw(anything)
+        elif action == "remove":
+            del container[key]
+        elif isinstance(container, list):
+            container.append(copy.deepcopy(container[key]))
+        else:
+            container[data.draw(st.text(max_size=9))] = copy.deepcopy(container[key])
+    try:
+        manifest = read_back(scratch, edited)
+    except DatasetError as error:
+        message = str(error)
+    else:
+        message = ""
+    if message:
+        assert str(scratch) in message
+        assert "\n" not in message
+        assert len(message) < 1_000
+        return
+    assert all((scratch / shard.path).parent == scratch for shard in manifest.shards)
+    manifest.write(scratch)
+    assert Manifest.read(scratch) == manifest
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode) | anything)
+def test_other_content_is_no_manifest(scratch: Path, other: Any) -> None:
+    raw = other if isinstance(other, bytes) else json.dumps(other).encode()
+    (scratch / MANIFEST).write_bytes(raw)
+    with pytest.raises(DatasetError, match=MANIFEST):
+        Manifest.read(scratch)
+
+
+def test_nesting_without_end_is_no_manifest(tmp_path: Path) -> None:
+    (tmp_path / MANIFEST).write_text("[" * 200_000)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        Manifest.read(tmp_path)
+
+
+def test_a_folder_in_its_place_is_no_manifest(tmp_path: Path) -> None:
+    (tmp_path / MANIFEST).mkdir()
+    with pytest.raises(DatasetError, match="cannot be read"):
+        Manifest.read(tmp_path)
+
+
+def test_a_folder_without_manifest_holds_no_finished_dataset(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(DatasetError, match="holds no finished dataset"):
+            Manifest.read(folder)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../train-00000-of-00001.parquet",
+        "/train-00000-of-00001.parquet",
+        "sub/train-00000-of-00001.parquet",
+        "..",
+        ".",
+        "",
+        "train-00000-of-00001.parquet\n",
+        "train-00000-of-00001.parquet\0",
+        "\\train-00000-of-00001.parquet",
+        "test-00000-of-00001.parquet",
+        "train.parquet",
+        "manifest.json",
+    ],
+)
+def test_a_shard_anywhere_but_in_its_place_is_refused(
+    content: Any, scratch: Path, path: str
+) -> None:
+    edited = copy.deepcopy(content)
+    assert edited["shards"][0]["path"] == "train-00000-of-00001.parquet"
+    edited["shards"][0]["path"] = path
+    with pytest.raises(DatasetError, match="no split 'train' has a shard"):
+        read_back(scratch, edited)
+
+
+def test_a_split_that_is_none_of_the_six_is_refused(content: Any, scratch: Path) -> None:
+    edited = copy.deepcopy(content)
+    edited["shards"][0] |= {"split": "eval", "path": "eval-00000-of-00001.parquet"}
+    with pytest.raises(DatasetError, match="no split 'eval'"):
+        read_back(scratch, edited)
+
+
+def test_another_format_is_refused_by_its_number(content: Any, scratch: Path) -> None:
+    with pytest.raises(DatasetError, match="its format is 2, not 1"):
+        read_back(scratch, content | {"format": 2})
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Shard)])
+@pytest.mark.parametrize("value", [None, True, 1.0, -1, [], {}])
+def test_a_field_of_a_shard_of_another_kind_is_refused(
+    content: Any, scratch: Path, name: str, value: Any
+) -> None:
+    edited = copy.deepcopy(content)
+    edited["shards"][2][name] = value
+    with pytest.raises(DatasetError, match="cannot be read"):
+        read_back(scratch, edited)
+
+
+def test_shards_are_those_of_a_split(small_dataset: Run) -> None:
+    manifest = Manifest.read(small_dataset.folder)
+    assert [shard.split for shard in manifest.of("s0")] == ["s0"]
+    with pytest.raises(DatasetError, match="split=eval: the dataset has train, validation, test"):
+        manifest.of("eval")
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "text"
+    write_text(path, "before\n")
+    with pytest.raises(UnicodeEncodeError):
+        write_text(path, "\ud800")
+    assert [file.name for file in tmp_path.iterdir()] == ["text"]
+    assert path.read_text() == "before\n"
+
+
+def test_the_hash_of_a_file_is_sha256(tmp_path: Path) -> None:
+    (tmp_path / "abc").write_bytes(b"abc")
+    # FIPS 180-2, appendix B.1
+    expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert file_sha256(tmp_path / "abc") == expected
+
+
+rows = st.builds(
+    Row,
+    obs=st.just(b""),
+    obs_path=st.just(""),
+    actions=st.integers(-1, 3),
+    rewards=st.floats(width=32, allow_nan=False),
+    episode_starts=st.booleans(),
+    info=st.text(max_size=9),
+    picture_digest=st.binary(min_size=16, max_size=16),
+)
+
+
+def fingerprint(some_rows: list[Row]) -> str:
+    fingerprint = Fingerprint()
+    for row in some_rows:
+        fingerprint.update(row)
+    return fingerprint.hexdigest()
+
+
+@given(st.lists(rows, max_size=4), st.lists(rows, max_size=4))
+def test_other_rows_have_another_fingerprint(some: list[Row], others: list[Row]) -> None:
+    # The value minus zero is equal to zero, and yet not the same bytes.
+    same = [(row, str(row.rewards)) for row in some] == [(row, str(row.rewards)) for row in others]
+    assert (fingerprint(some) == fingerprint(others)) == same
+
+
+@given(st.lists(rows, min_size=1, max_size=4), st.data())
+def test_any_change_of_a_row_changes_the_fingerprint(some: list[Row], data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(some) - 1))
+    row = some[place]
+    change = data.draw(
+        st.sampled_from(
+            [
+                {"actions": row.actions + 1},
+                {"rewards": row.rewards + 1 if abs(row.rewards) < 1e6 else 0.5},
+                {"episode_starts": not row.episode_starts},
+                {"info": row.info + " "},
+                {"picture_digest": bytes(15) + bytes([row.picture_digest[15] ^ 1])},
+            ]
+        )
+    )
+    if "picture_digest" in change:
+        change["picture_digest"] = row.picture_digest[:15] + change["picture_digest"][15:]
+    changed = [*some[:place], row._replace(**change), *some[place + 1 :]]
+    assert fingerprint(changed) != fingerprint(some)
+
+
+def test_the_fingerprint_of_a_dataset_depends_on_each_shard(small_dataset: Run) -> None:
+    manifest = Manifest.read(small_dataset.folder)
+    written = json.loads((small_dataset.folder / MANIFEST).read_bytes())
+    assert manifest.fingerprint == written["fingerprint"]
+    for place, shard in enumerate(manifest.shards):
+        other = Shard(**asdict(shard) | {"fingerprint": "0" * 64})
+        shards = (*manifest.shards[:place], other, *manifest.shards[place + 1 :])
+        changed = Manifest(manifest.config, manifest.versions, shards)
+        assert changed.fingerprint != manifest.fingerprint
+
+
+pictures = st.lists(
+    st.tuples(st.binary(min_size=6, max_size=6), st.integers(1, 4)), min_size=1, max_size=6
+)
+
+
+def pixels(bands: list[tuple[bytes, int]]) -> np.ndarray:
+    picture = np.frombuffer(b"".join(row * count for row, count in bands), np.uint8)
+    return picture.reshape(-1, 2, 3)
+
+
+@given(pictures)
+def test_a_picture_has_the_same_digest_in_bands_and_decoded(bands: list[tuple[bytes, int]]) -> None:
+    assert picture_digest([tuple(bands)]) == decoded_picture_digest(pixels(bands))
+
+
+@given(pictures, st.integers(0))
+def test_a_digest_does_not_depend_on_where_bands_are_cut(
+    bands: list[tuple[bytes, int]], place: int
+) -> None:
+    row, count = bands[place % len(bands)]
+    cut = [*bands[: place % len(bands)], *[(row, 1)] * count, *bands[place % len(bands) + 1 :]]
+    assert picture_digest([tuple(cut)]) == picture_digest([tuple(bands)])
+
+
+@given(pictures, pictures)
+def test_other_pixels_have_another_digest(
+    some: list[tuple[bytes, int]], others: list[tuple[bytes, int]]
+) -> None:
+    same = pixels(some).tobytes() == pixels(others).tobytes()
+    assert (picture_digest([tuple(some)]) == picture_digest([tuple(others)])) == same

@@ -1,0 +1,288 @@
+"""`python run.py ...` as a person uses it: one line for a mistake, nothing half-made."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labyrinth_core.labyrinth import Structure
+from pipeline.config import OPTIONS, Run
+from pipeline.generation.sample import split_of
+from pipeline.manifest import Manifest
+from pipeline.schema import SPLITS
+
+RUN = Path(__file__).parents[2] / "run.py"
+STAGES = "stages=[build,validate]"
+
+Build = Callable[..., Run]
+
+
+def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command in a folder; `data` in it is the `data_dir` that the tests use."""
+    return subprocess.run(
+        [sys.executable, "-W", "error", str(RUN), *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
+        timeout=120,
+        **options,
+    )
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def error_of(result: subprocess.CompletedProcess[str]) -> str:
+    """Return the one line that a mistake is answered with."""
+    assert result.returncode == 1
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+def spaced(text: str) -> str:
+    return " ".join(text.split())
+
+
+# Mistakes.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["size=1"], ["size=1", "from 2 to 1,000", "4x6"]),
+        (["size=abc"], ["size=abc", "from 2 to 1,000", "4x6"]),
+        (["size=4x"], ["size=4x", "height x width"]),
+        (["sizee=5"], ["sizee", "did you mean size?", *OPTIONS]),
+        (["labyrinths=0"], ["labyrinths=0", "1 or more"]),
+        (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
+        (["seed=-1"], ["seed=-1", "0 or more"]),
+        (["task=foo"], ["task=foo", "icy_floor, key_and_door, navigation, partial_observability"]),
+        (["+foo=1"], ["foo", "no option"]),
+        (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
+        (["size=${foo}"], ["size", "foo"]),
+        (["workers=1000000"], ["workers=1000000", "1 to 1,000"]),
+        (["size=9", "labyrinths=99999999999999999999999999999999999999999999999"], ["2**144"]),
+    ],
+    ids=lambda value: " ".join(value[:2])[:40],
+)
+def test_a_mistake_is_answered_with_one_line_and_leaves_nothing(
+    tmp_path: Path, arguments: list[str], parts: list[str]
+) -> None:
+    error = error_of(run(tmp_path, "data_dir=data", *arguments))
+    assert all(part in error for part in parts), error
+    assert list(tmp_path.iterdir()) == []
+
+
+def connected_structures_of_3x3() -> list[Structure]:
+    edges = [(c, c + 1) for c in range(9) if c % 3 < 2] + [(c, c + 3) for c in range(6)]
+    found = []
+    for size in range(8, 13):
+        for chosen in combinations(edges, size):
+            reached = {0}
+            for _ in range(8):
+                reached |= {cell for pair in chosen if reached & set(pair) for cell in pair}
+            if len(reached) == 9:
+                found.append(Structure.from_passages(3, 3, chosen))
+    return found
+
+
+def test_more_labyrinths_than_there_are_names_how_many_there_can_be(tmp_path: Path) -> None:
+    structures = connected_structures_of_3x3()
+    assert len(structures) == 431
+    counts = Counter(split_of(structure, (34, 33, 33)) for structure in structures)
+    error = error_of(run(tmp_path, "size=3", "labyrinths=300", "data_dir=data"))
+    assert "labyrinths=300" in error
+    assert all(f"{counts[split]} in {split}" in error for split in ("train", "validation", "test"))
+    assert f"labyrinths={min(counts.values())} or fewer" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_in_the_way_is_answered_with_one_line(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("mine")
+    for data_dir in ("data", "data/deeper"):
+        error = error_of(run(tmp_path, "size=3", "labyrinths=1", f"data_dir={data_dir}"))
+        assert data_dir in error
+        assert "Not a directory" in error
+    assert content_of(tmp_path) == {"data": b"mine"}
+
+
+def test_a_place_that_nobody_can_write_to_is_answered_with_one_line(tmp_path: Path) -> None:
+    error = error_of(run(tmp_path, "size=3", "labyrinths=1", "data_dir=/proc/labyrinth"))
+    assert "/proc/labyrinth" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_text_that_is_no_card_is_answered_with_one_line(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# My thesis\n")
+    error = error_of(run(tmp_path, "size=3", "labyrinths=1", "data_dir=."))
+    assert "README.md is not the README of a dataset" in error
+    assert content_of(tmp_path) == {"README.md": b"# My thesis\n"}
+
+
+def limit_of(size: int) -> Callable[[], None]:
+    """Return what makes every file of a process end at so many bytes, as a full disk would."""
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+def test_a_full_disk_is_answered_with_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    arguments = ["size=3", "labyrinths=8", "data_dir=new/data"]
+    error = error_of(run(tmp_path, *arguments, preexec_fn=limit_of(2_000)))
+    assert "new/data" in error
+    assert "File too large" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_up_leaves_no_dataset_and_the_next_run_goes_on(
+    tmp_path: Path, build: Build, small_dataset: Run
+) -> None:
+    sizes = [shard.bytes for shard in Manifest.read(small_dataset.folder).shards]
+    assert max(sizes[:3]) < 10_000 < sizes[3]
+    arguments = ["size=3", "labyrinths=8", "data_dir=data", "stages=[build]"]
+    error_of(run(tmp_path, *arguments, preexec_fn=limit_of(10_000)))
+    assert [path.name for path in (tmp_path / "data").iterdir()] == [".3x3.building"]
+    assert not list(tmp_path.rglob("*.tmp"))
+    build(tmp_path / "data")
+    assert content_of(tmp_path / "data") == content_of(small_dataset.data_dir)
+
+
+# Commands that work.
+
+
+def test_help_lists_the_options_and_does_nothing_else(tmp_path: Path) -> None:
+    result = run(tmp_path, "--help")
+    assert (result.returncode, result.stderr) == (0, "")
+    for name, meaning in OPTIONS.items():
+        assert f"{name} {spaced(meaning)}" in spaced(result.stdout)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
+    tmp_path: Path, small_dataset: Run
+) -> None:
+    arguments = ["size=3", "labyrinths=8", "data_dir=data", STAGES]
+    first = run(tmp_path, *arguments)
+    assert (first.returncode, first.stderr) == (0, "")
+    assert 'load_dataset("data", "3x3")' in first.stdout
+    assert "data/3x3 is valid: 1,020 rows replayed." in spaced(first.stdout)
+    assert all(split in first.stdout for split in SPLITS)
+    content = content_of(tmp_path)
+    of_the_build = content_of(small_dataset.data_dir)
+    assert {name: content[f"data/{name}"] for name in of_the_build} == of_the_build
+    assert len(content) == len(of_the_build)
+    second = run(tmp_path, *arguments)
+    assert (second.returncode, second.stderr) == (0, "")
+    assert "data/3x3 is complete already." in spaced(second.stdout)
+    assert content_of(tmp_path) == content
+
+
+def test_another_dataset_is_replaced_only_when_that_is_asked_for(
+    tmp_path: Path, build: Build, small_dataset: Run
+) -> None:
+    build(tmp_path / "data", labyrinths=2, random_steps=5)
+    before = content_of(tmp_path)
+    arguments = ["size=3", "labyrinths=8", "data_dir=data", STAGES]
+    error = error_of(run(tmp_path, *arguments))
+    assert "data/3x3" in error
+    assert "labyrinths=2, not 8; random_steps=5, not 100" in error
+    assert "overwrite=true" in error
+    assert content_of(tmp_path) == before
+    result = run(tmp_path, *arguments, "overwrite=true")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert content_of(tmp_path / "data") == content_of(small_dataset.data_dir)
+
+
+def test_a_sweep_builds_each_size(tmp_path: Path) -> None:
+    arguments = ["size=3,2x4", "labyrinths=1", "random_steps=5", "data_dir=data", STAGES]
+    result = run(tmp_path, "-m", *arguments)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "data").iterdir()} == {"3x3", "2x4", "README.md"}
+    for name in ("3x3", "2x4"):
+        manifest = Manifest.read(tmp_path / "data" / name)
+        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
+        assert f"data/{name} is valid" in spaced(result.stdout)
+
+
+def test_validation_that_fails_names_the_file_and_makes_the_command_fail(
+    tmp_path: Path, small_dataset: Run
+) -> None:
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
+    (tmp_path / "data/3x3/test-00000-of-00001.parquet").unlink()
+    result = run(tmp_path, "size=3", "data_dir=data", "stages=[validate]")
+    assert result.returncode == 1
+    assert result.stderr.splitlines() == [
+        "error: data/3x3 is not valid:",
+        "  test-00000-of-00001.parquet is missing",
+    ]
+
+
+# The end of a process.
+
+LONG = {"size": "10", "labyrinths": 100, "stages": ["build"]}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(build: Build, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    return content_of(build(tmp_path_factory.mktemp("undisturbed"), **LONG).data_dir)
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "lines"),
+    [
+        (signal.SIGINT, 130, ["interrupted: the same command goes on from the finished shards"]),
+        (signal.SIGKILL, -signal.SIGKILL, []),
+    ],
+    ids=["SIGINT", "SIGKILL"],
+)
+def test_a_build_that_is_ended_leaves_no_dataset_and_the_next_run_goes_on(
+    tmp_path: Path,
+    build: Build,
+    undisturbed: dict[str, bytes],
+    sent: signal.Signals,
+    status: int,
+    lines: list[str],
+) -> None:
+    process = subprocess.Popen(
+        [sys.executable, str(RUN), "size=10", "labyrinths=100", "stages=[build]", "data_dir=data"],
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    building = tmp_path / "data" / ".10x10.building"
+    finished = building / "train-00000-of-00001.json"
+    try:
+        while process.poll() is None and not finished.exists():
+            time.sleep(0.002)
+        os.kill(process.pid, sent)
+        _, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == status
+    assert [line for line in stderr.splitlines() if line] == lines
+    assert [path.name for path in (tmp_path / "data").iterdir()] == [building.name]
+    assert not (building / "manifest.json").exists()
+    shard = building / "train-00000-of-00001.parquet"
+    kept = (shard.stat().st_ino, shard.stat().st_mtime_ns)
+
+    run = build(tmp_path / "data", **LONG)
+    assert content_of(run.data_dir) == undisturbed
+    shard = run.folder / shard.name
+    assert (shard.stat().st_ino, shard.stat().st_mtime_ns) == kept
