@@ -36,6 +36,10 @@ if __name__ == "__main__":
         main()
     except (HydraException, OmegaConfBaseException) as error:
         sys.exit(f"error: {one_line(error)}")
+    except ValueError as error:
+        if "Config group override" not in str(error):  # What Hydra says of `task=null`.
+            raise
+        sys.exit(f"error: {error}")
     except KeyboardInterrupt:
         print("\ninterrupted: the same command goes on from the finished shards", file=sys.stderr)
         sys.exit(130)

@@ -24,6 +24,18 @@ Band = tuple[bytes, int]
 Strip = tuple[Band, ...]
 """Some bands, from top to bottom."""
 
+
+class KeptStrip(Strip):
+    """A strip that is drawn once and used in many pictures; caches know it by its identity.
+
+    Hashing the content would cost more than the look-up it is for.
+    """
+
+    __slots__ = ()
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
 LEVEL = 6
 """Of zlib. A changed level changes the bytes of every picture, though not its pixels."""
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.dynamics import State
 from labyrinth_core.labyrinth import Labyrinth, Task
-from labyrinth_core.png import Band, Strip, encode
+from labyrinth_core.png import Band, KeptStrip, Strip, encode
 from labyrinth_core.visibility import visible_from
 
 PICTURE_SIZE = 600
@@ -257,7 +257,7 @@ def _line(grid: _Grid, style: Style, passages: int) -> Strip:
     floor, wall = bytes(style.floor), bytes(style.wall)
     columns = len(grid.columns) - 1
     between = [(floor if passages >> c & 1 else wall) * grid.wide(c) for c in range(columns)]
-    return ((grid.pixels(wall, between, floor, 0), grid.thickness),)
+    return KeptStrip([(grid.pixels(wall, between, floor, 0), grid.thickness)])
 
 
 @lru_cache(maxsize=8_192)
@@ -273,7 +273,7 @@ def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passage
             _tile_row(nested, grid.wide(column), tall, top) for column, nested in enumerate(squares)
         ]
         bands.append((grid.pixels(wall, between, floor, passages), bottom - top))
-    return tuple(bands)
+    return KeptStrip(bands)
 
 
 def _tile_row(squares: list[tuple[int, Colour]], wide: int, tall: int, y: int) -> bytes:

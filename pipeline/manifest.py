@@ -194,11 +194,10 @@ class Fingerprint:
 def picture_digest(strips: Iterable[Strip]) -> bytes:
     """Return sixteen bytes that depend on the pixels of a picture and on nothing else.
 
-    They are the BLAKE2b hash of the eight-byte BLAKE2b hashes of all its rows of pixels, one
-    after the other from the top.
+    They begin the SHA-256 of the eight-byte BLAKE2b hashes of all its rows of pixels, one after
+    the other from the top.
     """
-    rows = b"".join([_strip_digests(strip) for strip in strips])
-    return hashlib.blake2b(rows, digest_size=16).digest()
+    return hashlib.sha256(b"".join([_strip_digests(strip) for strip in strips])).digest()[:16]
 
 
 @lru_cache(maxsize=8_192)

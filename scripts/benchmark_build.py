@@ -33,7 +33,7 @@ from labyrinth_core.png import Strip
 from pipeline import manifest
 from pipeline.config import DatasetConfig, RunConfig, resolve
 from pipeline.generation.render import render
-from pipeline.generation.sample import item_rng, labyrinth_of, sample
+from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
 from pipeline.schema import SAMPLED_SPLITS, Row
@@ -112,7 +112,7 @@ def make_episodes(
 
     def place() -> Iterator[tuple[Labyrinth, np.random.Generator]]:
         for structure in structures:
-            rng = item_rng(config, split, structure).spawn(1)[0]
+            rng = item_rng(config, split, structure, ACTING)
             yield labyrinth_of(config, split, structure), rng
 
     labyrinths = list(timed(place(), "sample", seconds))

@@ -19,7 +19,7 @@ from pipeline import front_matter
 from pipeline.config import DatasetConfig, Run
 from pipeline.executor import ordered_map
 from pipeline.generation.render import render
-from pipeline.generation.sample import check_capacity, item_rng, labyrinth_of, sample
+from pipeline.generation.sample import ACTING, check_capacity, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
 from pipeline.manifest import (
@@ -179,7 +179,7 @@ def make_shard(job: ShardJob) -> Shard:
         nonlocal cut
         config, split = job.config, job.split
         labyrinths = (
-            (labyrinth_of(config, split, structure), item_rng(config, split, structure).spawn(1)[0])
+            (labyrinth_of(config, split, structure), item_rng(config, split, structure, ACTING))
             for structure in job.structures
         )
         for number, solution in enumerate(solve(config, split, labyrinths), start=job.first):
@@ -207,7 +207,10 @@ def _finished_shard(job: ShardJob) -> Shard | None:
 
 
 def _move_into_place(building: Path, folder: Path) -> None:
-    """Put the finished folder where it belongs; a crash leaves the old one or the new one."""
+    """Put the finished folder where it belongs.
+
+    A crash between the two renames leaves the old dataset in `.NAME.replaced`.
+    """
     if folder.exists():
         replaced = folder.with_name(f".{folder.name}.replaced")
         shutil.rmtree(replaced, ignore_errors=True)

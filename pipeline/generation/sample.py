@@ -32,6 +32,9 @@ PATIENCE = 300_000
 COUNTABLE_EDGES = 13
 """Up to so many neighbouring pairs of cells, as at 3x3, all structures are counted beforehand."""
 
+PLACING, ACTING = 0, 1
+"""What the randomness of an item is for."""
+
 _TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
 
@@ -132,9 +135,18 @@ def _variant(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Labyrin
     return change(labyrinth, item_rng(config, split, labyrinth.structure))
 
 
-def item_rng(config: DatasetConfig, split: str, structure: Structure) -> np.random.Generator:
-    """Return the randomness for one structure in one split, whatever else is in the dataset."""
-    key = (list(SPLITS).index(split), int(structure.structure_id, 16))
+def item_rng(
+    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
+) -> np.random.Generator:
+    """Return the randomness for one structure in one split, whatever else is in the dataset.
+
+    Args:
+        config: Of the dataset.
+        split: Any of the six.
+        structure: Which one.
+        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
+    """
+    key = (list(SPLITS).index(split), int(structure.structure_id, 16), purpose)
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
 
 

@@ -180,7 +180,8 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     first = run(tmp_path, *arguments)
     assert (first.returncode, first.stderr) == (0, "")
     assert 'load_dataset("data", "3x3")' in first.stdout
-    assert "data/3x3 is valid: 1,020 rows replayed." in spaced(first.stdout)
+    rows = sum(shard.rows for shard in Manifest.read(small_dataset.folder).shards)
+    assert f"data/3x3 is valid: {rows:,} rows replayed." in spaced(first.stdout)
     assert all(split in first.stdout for split in SPLITS)
     content = content_of(tmp_path)
     of_the_build = content_of(small_dataset.data_dir)
