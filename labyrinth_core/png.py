@@ -39,6 +39,7 @@ class KeptStrip(Strip):
 LEVEL = 6
 """Of zlib. A changed level changes the bytes of every picture, though not its pixels."""
 
+_WINDOW_BITS, _MEMORY_LEVEL = -12, 5
 _ADLER_MODULUS = 65_521
 _FILTER_NONE = b"\x00"
 _FILTER_UP = b"\x02"
@@ -106,7 +107,8 @@ def _repeat_piece(length: int, times: int) -> Piece:
 
 
 def _compress(data: bytes) -> Piece:
-    deflate = zlib.compressobj(LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS)
+    # Rows are short: a small window and a small memory hold all of one, and are set up sooner.
+    deflate = zlib.compressobj(LEVEL, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
     compressed = deflate.compress(data) + deflate.flush(zlib.Z_FULL_FLUSH)
     adler = zlib.adler32(data)
     return compressed, adler & 0xFFFF, adler >> 16, len(data)
