@@ -19,7 +19,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, get_token
-from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from pipeline import front_matter
@@ -29,11 +28,13 @@ from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
 from pipeline.release.readme import PICTURES
 from pipeline.release.remote import (
+    FAULTS,
     WAITS,
     PublishError,
     Remote,
     explained,
     is_passing,
+    reasons,
 )
 from pipeline.terminal import console, tracked
 
@@ -88,9 +89,9 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
         remote.create_branch(options.branch)
     if not plan.is_done:
         head = _commit(remote, options, plan, head)
-    if options.create_pr:
-        _say(f"pull request: {head}; publish again, to tag, once it is merged.")
-        return False
+        if options.create_pr:
+            _say(f"pull request: {head}; publish again, to tag, once it is merged.")
+            return False
     _verify(options, data_dir, head)
     remote.tag(options.version, head)
     _say(f"tagged {options.version} at {head[:12]}.")
@@ -153,7 +154,7 @@ def _print_plan(plan: Plan, options: PublishOptions, exists: bool) -> None:
                 _say(f"  {word:6} {path}")
     tag = (
         "a pull request is not tagged"
-        if options.create_pr
+        if options.create_pr and not plan.is_done
         else f"the tag {options.version} is to be made"
     )
     _say(
@@ -182,15 +183,12 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
                 create_pr=options.create_pr,
             )
             return str(info.pr_url if options.create_pr else info.oid)
-        except HTTPError as error:
+        except FAULTS as error:
             head = remote.head(options.branch)
             if head != parent:
                 if make_plan(plan.files, remote.tree(head)).is_done:
                     return head
-                raise PublishError(
-                    f"somebody else committed to {options.repo_id} meanwhile, and nothing was "
-                    "changed: look at what they did, and publish again"
-                ) from error
+                raise PublishError(reasons(options.repo_id)[412]) from error
             # A pull request may be there all the same, and would be made a second time.
             if seconds is None or options.create_pr or not is_passing(error):
                 raise
@@ -247,7 +245,7 @@ def _environment(home: str) -> dict[str, str]:
         if not (name.startswith(("HF_", "HUGGINGFACE_", "TRANSFORMERS_")) and name.endswith(CACHES))
     }
     own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
-    return kept | own
+    return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.
 
 
 def _say(text: str) -> None:

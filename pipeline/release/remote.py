@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from json import JSONDecodeError
 from typing import TypeVar
 
 from huggingface_hub import HfApi, RepoFile, constants, get_token
@@ -21,8 +22,11 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 from pipeline.manifest import DatasetError
 from pipeline.release.plan import RemoteFile
 
-WAITS = (0.5, 1.0, 2.0)
+WAITS = (0.2, 1.0, 3.0)
 """Seconds before each repetition of a call, after a fault of the Hub or of the line."""
+
+FAULTS = (HTTPError, JSONDecodeError)
+"""What the client raises for a fault; the second where it takes an error page for JSON."""
 
 Result = TypeVar("Result")
 
@@ -36,7 +40,7 @@ def repeated(call: Callable[[], Result]) -> Result:
     for seconds in WAITS:
         try:
             return call()
-        except HTTPError as error:
+        except FAULTS as error:
             if not is_passing(error):
                 raise
         time.sleep(seconds)
@@ -94,7 +98,7 @@ class Remote:
                 f"datasets of {', '.join(own)}"
             )
         if user.get("auth", {}).get("accessToken", {}).get("role") == "read":
-            raise PublishError(_reasons(self.repo_id)[403])
+            raise PublishError(reasons(self.repo_id)[403])
         return False
 
     def create(self, *, private: bool) -> None:
@@ -197,7 +201,7 @@ def explained(repo_id: str) -> Iterator[None]:
     except HfHubHTTPError as error:
         status = status_of(error)
         other = f"the Hub answers {status}: {one_line(error)}"
-        raise PublishError(_reasons(repo_id).get(status, other)) from error
+        raise PublishError(reasons(repo_id).get(status, other)) from error
     except ValueError as error:
         raise PublishError(f"the Hub's client refuses: {one_line(error)}") from error
     except (HTTPError, ConnectionError, RuntimeError) as error:
@@ -208,12 +212,13 @@ def explained(repo_id: str) -> Iterator[None]:
         ) from error
 
 
-def _reasons(repo_id: str) -> dict[int | None, str]:
+def reasons(repo_id: str) -> dict[int | None, str]:
     """Return what to tell a person for each status of an answer."""
     return {
         401: "the Hub rejects the token: make a new one, and set HF_TOKEN or run `hf auth login`",
         403: f"the token may not write to {repo_id}: use one with write access",
         404: f"{repo_id} does not exist, or this token may not see it",
         409: f"the Hub reports a conflict for {repo_id}: publish again",
-        412: f"somebody else committed to {repo_id} meanwhile: publish again",
+        412: f"somebody else committed to {repo_id} meanwhile, and nothing was changed: "
+        "look at what they did, and publish again",
     }

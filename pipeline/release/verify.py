@@ -8,6 +8,7 @@ manifests of the folder that was published.
 from __future__ import annotations
 
 import io
+import os
 import sys
 import time
 from collections.abc import Iterable
@@ -120,9 +121,21 @@ def _digest(png: bytes) -> bytes:
         return decoded_picture_digest(np.array(image))
 
 
-if __name__ == "__main__":
-    repo, commit, folder = sys.argv[1:]
+def main() -> None:
+    """Verify what the command line names, and end with 0 if all is well, else 1."""
+    repo_id, commit, folder = sys.argv[1:]
+    status = 0
     try:
-        sys.stdout.write(verify(repo, commit, Path(folder)) + "\n")
+        print(verify(repo_id, commit, Path(folder)))  # noqa: T201
     except DatasetError as error:
-        sys.exit(str(error))
+        print(error, file=sys.stderr)  # noqa: T201
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # At once: pyarrow's threads may abort an interpreter that ends after streaming
+    # (https://github.com/apache/arrow/issues/45214), as if the verification had failed.
+    os._exit(status)
+
+
+if __name__ == "__main__":
+    main()

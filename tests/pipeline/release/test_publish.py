@@ -1,0 +1,357 @@
+"""A release by the real command line, and what others load from the Hub afterwards."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hub.local_hub import LocalHub
+from publishing import (
+    REPO,
+    ROOT,
+    SECONDS,
+    built,
+    changes,
+    environment,
+    error_of,
+    held,
+    is_there,
+    large,
+    publish,
+    published,
+)
+
+from pipeline.config import ConfigError, PublishConfig, RunConfig, resolve
+from pipeline.release.remote import reasons
+from pipeline.schema import SPLITS
+
+LOADED = """
+import json, os, sys
+from pathlib import Path
+import pyarrow.parquet as pq
+from datasets import Image, get_dataset_config_names, get_dataset_split_names, load_dataset
+from pipeline.loader import load_transitions
+
+repo, revision, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
+results = {}
+for config in get_dataset_config_names(repo, revision=revision):
+    for split in get_dataset_split_names(repo, config, revision=revision):
+        paths = sorted((folder / config).glob(f"{split}-*.parquet"))
+        rows = [row for path in paths for row in pq.read_table(path).to_pylist()]
+        results[f"{config} {split}"] = [len(rows)]
+        for streaming in (False, True):
+            loaded = load_dataset(
+                repo, config, split=split, revision=revision, streaming=streaming
+            ).cast_column("obs", Image(decode=False))
+            results[f"{config} {split}"].append(list(loaded) == rows and len(rows) > 0)
+    there = load_transitions(repo, config, revision=revision, image_size=8)
+    here = load_transitions(folder, config, image_size=8)
+    names = ("observations", "next_observations", "actions", "rewards", "dones", "labyrinth_ids")
+    same = [(getattr(there, name) == getattr(here, name)).all() for name in names]
+    results[config] = [len(here), *map(bool, same)]
+print(json.dumps(results), flush=True)
+os._exit(0)
+"""
+"""Everything that a person can load, compared with the files that were published.
+
+The end is that of `pipeline.release.verify`, for its reason.
+"""
+
+BLOCKS = """
+import json, sys
+from datasets import load_dataset
+
+for block in json.loads(sys.argv[1]):
+    names = {}
+    exec(compile(block, "README.md", "exec"), names)
+print(load_dataset(sys.argv[2], revision=sys.argv[3])["test"].num_rows)
+print(names["picture"].size, len(names["actions"]))
+"""
+
+EXISTS = """
+import sys
+from huggingface_hub import HfApi
+
+print(HfApi().repo_exists(sys.argv[1], repo_type="dataset"))
+"""
+
+
+def fresh(hub: LocalHub, script: str, *arguments: str | Path, token: str | None = None) -> str:
+    """Return what a script prints in a fresh process with an empty cache."""
+    done = subprocess.run(
+        [sys.executable, "-c", script, *map(str, arguments)],
+        env=environment(hub, token, USE_TORCH="0"),
+        cwd=hub.folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=SECONDS,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def loaded(hub: LocalHub, version: str, folder: Path) -> dict[str, list[Any]]:
+    """Return, by config and split, the number of rows and whether all ways of loading give them."""
+    results: dict[str, list[Any]] = json.loads(fresh(hub, LOADED, REPO, version, folder))
+    return results
+
+
+def front(text: str) -> dict[str, Any]:
+    values: dict[str, Any] = yaml.safe_load(text.split("---\n")[1])
+    return values
+
+
+def release(hub: LocalHub, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Return what became of `scripts/release`."""
+    return subprocess.run(
+        [sys.executable, ROOT / "scripts" / "release", *map(str, arguments)],
+        env=environment(hub),
+        cwd=hub.folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=SECONDS,
+    )
+
+
+def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_built(
+    local_hub: LocalHub, tmp_path: Path
+) -> None:
+    data_dir = tmp_path / "labyrinth"
+    options = ("labyrinths=3", "random_steps=5", f"data_dir={data_dir}")
+    done = release(local_hub, REPO, "1.0.0", *options)
+    assert done.returncode == 0, done.stderr
+    assert f'load_dataset("{REPO}", "5x5", revision="1.0.0")' in done.stdout
+    assert held(local_hub, "1.0.0") == built(data_dir)
+    shutil.copytree(data_dir, tmp_path / "copy")
+
+    results = loaded(local_hub, "1.0.0", tmp_path / "copy")
+    configs = ["3x3", "4x4", "5x5"]
+    assert list(results) == [
+        name for config in configs for name in [*(f"{config} {s}" for s in SPLITS), config]
+    ]
+    assert all(all(values[1:]) for values in results.values()), results
+
+    # What the card counts is what is loaded, and all that it tells to run runs.
+    card = local_hub.content(REPO, "README.md", "1.0.0").decode()
+    assert [call.status for call in local_hub.log.find("POST", "/validate-yaml")] == [200]
+    counts = {
+        f"{info['config_name']} {split['name']}": split["num_examples"]
+        for info in front(card)["dataset_info"]
+        for split in info["splits"]
+    }
+    assert counts == {name: values[0] for name, values in results.items() if " " in name}
+    assert f"**{sum(counts.values()):,} rows** in 3 configs" in card
+    blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
+    assert len(blocks) == 3
+    printed = fresh(local_hub, BLOCKS, json.dumps(blocks), REPO, "1.0.0")
+    assert printed.split() == [
+        str(counts["5x5 test"]),
+        *("(600,", "600)"),
+        str(counts["5x5 train"]),
+    ]
+
+
+def test_the_command_that_releases_ends_at_the_first_failure(
+    local_hub: LocalHub, tmp_path: Path
+) -> None:
+    for arguments, message in (
+        ((REPO, "1.0"), "publish.version=1.0: give three numbers, such as 1.0.0"),
+        ((REPO, "1.0.0", "labyrinths=0"), "labyrinths=0: give 1 or more"),
+    ):
+        done = release(local_hub, *arguments, f"data_dir={tmp_path / 'labyrinth'}")
+        assert error_of(done) == message
+    assert not (tmp_path / "labyrinth").exists()
+    assert len(local_hub.log) == 0
+
+
+def test_a_release_that_adds_a_config_sends_it_alone_and_leaves_the_first_as_it_was(
+    local_hub: LocalHub, releasable: Path, with_one_more: Path, tmp_path: Path
+) -> None:
+    local_hub.restart("lfs-basic")
+    local_hub.faults.set_page_size(3)
+    published(local_hub, releasable)
+    first, known, asked = held(local_hub, "1.0.0"), large(local_hub), len(local_hub.log)
+    assert first == built(releasable)
+    old = Path(shutil.copytree(releasable, tmp_path / "old"))
+
+    shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
+    published(local_hub, releasable, "1.1.0")
+    assert held(local_hub) == held(local_hub, "1.1.0") == built(releasable)
+    sent = [call.path.rpartition("/")[2] for call in local_hub.log.uploaded(asked)]
+    paths = [path for path, digest in held(local_hub).items() if digest in sent]
+    assert sorted(sent) == sorted(large(local_hub) - known)
+    assert {Path(path).parent.name for path in paths} == {"3x3-icy_floor", "pictures"}
+
+    assert held(local_hub, "1.0.0") == first
+    before = loaded(local_hub, "1.0.0", old)
+    assert "3x3-icy_floor" not in before
+    assert all(all(values[1:]) for values in before.values())
+    changelog = local_hub.content(REPO, "CHANGELOG.md").decode()
+    assert re.findall(r"^## (.*)$", changelog, re.MULTILINE) == ["1.1.0", "1.0.0"]
+
+
+def test_a_version_is_published_once(
+    local_hub: LocalHub, releasable: Path, other_shard: Path
+) -> None:
+    published(local_hub, releasable)
+    refs, asked = local_hub.refs(REPO), len(local_hub.log)
+    assert published(local_hub, releasable).splitlines()[0] == (
+        f"1.0.0 is published already, at {refs['refs/tags/1.0.0'][:12]}."
+    )
+    readme = releasable / "README.md"
+    readme.write_text(readme.read_text(encoding="utf-8") + "\nMine.\n", encoding="utf-8")
+    printed = published(local_hub, releasable)
+    assert printed.splitlines()[0].endswith(", with a card that was written otherwise.")
+
+    shutil.rmtree(releasable / "2x3")
+    shutil.copytree(other_shard / "2x3", releasable / "2x3")
+    before = built(releasable)
+    for option in ("publish.dry_run=true", "publish.dry_run=false"):
+        error = error_of(publish(local_hub, releasable, "1.0.0", option))
+        assert error == (
+            f"the tag 1.0.0 of {REPO} is at {refs['refs/tags/1.0.0'][:12]}, with other data "
+            "(2x3/manifest.json): choose another publish.version"
+        )
+    assert local_hub.refs(REPO) == refs
+    assert changes(local_hub, asked) == []
+    assert built(releasable) == before
+
+
+def stamps(folder: Path) -> dict[str, tuple[int, bytes]]:
+    """Return what a dry run must not change: of every file the time and the bytes."""
+    return {
+        path.relative_to(folder).as_posix(): (
+            path.stat().st_mtime_ns,
+            path.read_bytes() if path.is_file() else b"",
+        )
+        for path in [folder, *folder.rglob("*")]
+    }
+
+
+def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs(
+    local_hub: LocalHub, releasable: Path, with_one_more: Path
+) -> None:
+    def dry() -> list[str]:
+        before, asked = stamps(releasable), len(local_hub.log)
+        printed = published(local_hub, releasable, "1.1.0", "publish.dry_run=true")
+        assert stamps(releasable) == before
+        assert changes(local_hub, asked) == []
+        assert list((local_hub.folder / "temporary").iterdir()) == []
+        return printed.splitlines()
+
+    def plan(lines: list[str], word: str) -> list[str]:
+        return sorted(line.split()[1] for line in lines if line.startswith(f"  {word:6} "))
+
+    lines = dry()
+    assert not is_there(local_hub)
+    assert lines[-1].startswith(f"{REPO} (to be created), branch main: 17 files to add (0.3")
+    assert lines[-1].endswith("the tag 1.1.0 is to be made.")
+    assert len(plan(lines, "add")) == 17
+
+    shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
+    published(local_hub, releasable)
+    theirs = [local_hub.commit(REPO, path, b"mine") for path in ("notes.txt", "raw/rows.parquet")]
+    old = held(local_hub)
+    shutil.rmtree(releasable / "3x3-icy_floor")
+    lines = dry()
+    published(local_hub, releasable, "1.1.0")
+    assert local_hub.history(REPO)[1] == theirs[1]
+    new = held(local_hub)
+    assert new.pop("notes.txt") == new.pop("raw/rows.parquet") == old.pop("notes.txt")
+    del old["raw/rows.parquet"]
+    assert new == built(releasable)
+    assert plan(lines, "add") == sorted(path for path in new if old.get(path) != new[path])
+    assert plan(lines, "keep") == sorted(p for p in new if old.get(p) == new[p])
+    assert plan(lines, "delete") == sorted(old.keys() - new)
+    size = sum((releasable / path).stat().st_size for path in plan(lines, "add"))
+    assert f"{len(plan(lines, 'add'))} files to add ({size / 1e6:.2f} MB)" in lines[-1]
+    (line,) = dry()
+    assert line.startswith("1.1.0 is published already, at ")
+
+
+def test_a_private_release_joins_its_collection_once_and_only_its_owner_loads_it(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    published(local_hub, releasable, "1.0.0", "publish.private=true")
+    assert fresh(local_hub, EXISTS, REPO, token="stranger") == "False\n"
+    assert fresh(local_hub, EXISTS, REPO, token="read") == "True\n"
+    collections = local_hub.folder / "collections.json"
+    for _ in range(2):  # Also where nothing else was left to be done.
+        options = ("publish.private=true", 'publish.collection="Mazes & labyrinths"')
+        printed = published(local_hub, releasable, "1.0.0", *options)
+        assert f"{REPO} is in the collection Mazes & labyrinths." in printed
+        (collection,) = json.loads(collections.read_text(encoding="utf-8")).values()
+        assert collection["title"] == "Mazes & labyrinths"
+        assert collection["private"] is True
+        assert [item["id"] for item in collection["items"]] == [REPO]
+
+
+def test_a_pull_request_is_tagged_once_it_is_merged(local_hub: LocalHub, releasable: Path) -> None:
+    theirs = "stranger/labyrinth"
+    for repo in (theirs, REPO):
+        local_hub.create_repo(repo)
+        done = publish(local_hub, releasable, "1.0.0", "publish.create_pr=true", repo=repo)
+        assert done.returncode == 0, done.stderr
+        assert "a pull request is not tagged" in done.stdout
+        url = f"{local_hub.url}/datasets/{repo}/discussions/1"
+        assert f"pull request: {url}; publish again, to tag, once it is merged." in done.stdout
+        assert local_hub.refs(repo).keys() == {"refs/heads/main", "refs/pr/1"}
+        assert held(local_hub, repo=repo) == {}
+        assert held(local_hub, "refs/pr/1", repo) == built(releasable)
+    proposed = local_hub.refs(REPO)["refs/pr/1"]
+    local_hub._repository(REPO, "dataset").point("refs/heads/main", proposed)
+    assert "tagged 1.0.0" in published(local_hub, releasable, "1.0.0", "publish.create_pr=true")
+    assert local_hub.refs(REPO)["refs/tags/1.0.0"] == proposed
+    assert local_hub.refs(theirs).keys() == {"refs/heads/main", "refs/pr/1"}
+
+
+def test_a_release_on_a_branch_leaves_main_alone(local_hub: LocalHub, releasable: Path) -> None:
+    published(local_hub, releasable, "1.0.0", "publish.branch=next")
+    refs = local_hub.refs(REPO)
+    assert refs["refs/tags/1.0.0"] == refs["refs/heads/next"] != refs["refs/heads/main"]
+    assert held(local_hub) == {}
+    assert held(local_hub, "1.0.0") == built(releasable)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({}, "publish.repo_id="),
+        ({"repo_id": "labyrinth", "version": "1.0.0"}, "publish.repo_id=labyrinth: give the id"),
+        ({"repo_id": "user/a/b", "version": "1.0.0"}, "publish.repo_id=user/a/b: give the id"),
+        ({"repo_id": REPO}, "publish.version=: give three numbers, such as 1.0.0"),
+        ({"repo_id": REPO, "version": "v1"}, "publish.version=v1: give three numbers"),
+        ({"repo_id": REPO, "version": "1.0.0", "branch": ""}, "publish.branch=: give the name"),
+    ],
+)
+def test_where_and_what_is_published_has_to_be_given(values: dict[str, str], message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        resolve(RunConfig(stages=["publish"], data_dir=".", publish=PublishConfig(**values)))
+    assert str(caught.value).startswith(message)
+
+
+def test_what_cannot_be_published_is_told_in_one_line(
+    local_hub: LocalHub, releasable: Path, tmp_path: Path
+) -> None:
+    assert "publish.repo_id=x: give the id" in error_of(publish(local_hub, releasable, repo="x"))
+    error = error_of(publish(local_hub, releasable, repo="user/laby--rinth"))
+    assert error.startswith("the Hub's client refuses: ")
+    (tmp_path / "empty").mkdir()
+    for folder in (tmp_path / "empty", tmp_path / "nowhere"):
+        error = error_of(publish(local_hub, folder))
+        assert error == f"{folder} holds no finished dataset: python run.py makes one"
+    assert changes(local_hub) == []
+
+
+def test_the_document_explains_what_the_hub_may_answer() -> None:
+    text = (ROOT / "docs" / "release.md").read_text(encoding="utf-8")
+    assert [reason for reason in reasons(REPO).values() if f"| {reason} |" not in text] == []

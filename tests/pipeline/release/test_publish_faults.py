@@ -1,0 +1,308 @@
+"""What goes wrong while publishing: it is done again, or told in one line, and nothing is lost."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hub.faults import UNLIMITED
+from hub.local_hub import LocalHub
+from publishing import (
+    REPO,
+    ROOT,
+    built,
+    changes,
+    environment,
+    error_of,
+    held,
+    is_there,
+    publish,
+    published,
+    publishing,
+    wait_for,
+)
+
+R = "/api/datasets/user/labyrinth"
+SENDING = {
+    "xet": [("GET", "/xet-write-token/")],
+    "lfs-basic": [("POST", "/objects/batch"), ("PUT", "^/lfs/"), ("POST", "/lfs/verify")],
+    "lfs-multipart": [("PUT", "^/parts/"), ("POST", "/complete-multipart/")],
+}
+"""The calls that send contents, by mode."""
+WRITING = [
+    ("GET", "/whoami-v2"),
+    ("GET", f"{R}$"),
+    ("POST", "/repos/create"),
+    ("GET", f"{R}/revision/main"),
+    ("GET", f"{R}/tree/"),
+    ("POST", "/preupload/"),
+    ("POST", "/validate-yaml"),
+    ("POST", "/commit/"),
+    ("GET", f"{R}/refs"),
+    ("POST", "/tag/"),
+    ("POST", "/collections$"),
+    ("POST", "/items$"),
+]
+READING = [
+    ("GET", f"{R}/tree/.*[^/]{{40}}$"),
+    ("HEAD", "/resolve/.*manifest.json"),
+    ("HEAD", "/resolve/.*README.md"),
+    ("GET", f"{R}/revision/"),
+    ("GET", f"{R}/tree/.*/2x3"),
+    ("HEAD", "/resolve/.*parquet"),
+    ("GET", "/resolve/.*parquet"),
+    ("GET", "^/lfs/"),
+]
+"""The calls of the verification."""
+
+
+def test_a_fault_of_each_call_that_writes_is_got_over(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    rules = [local_hub.faults.fail(*call) for call in WRITING + SENDING["xet"]]
+    published(local_hub, releasable, "1.0.0", "publish.collection=Mazes")
+    assert [rule for rule in rules if not rule.reached.is_set()] == []
+    assert held(local_hub, "1.0.0") == held(local_hub) == built(releasable)
+    assert len(local_hub.history(REPO)) == 2
+
+
+@pytest.mark.parametrize("local_hub", ["lfs-basic", "lfs-multipart"], indirect=True)
+def test_a_fault_of_each_call_that_sends_is_got_over(local_hub: LocalHub, releasable: Path) -> None:
+    rules = [local_hub.faults.fail(*call) for call in SENDING[local_hub.mode]]
+    published(local_hub, releasable)
+    assert [rule for rule in rules if not rule.reached.is_set()] == []
+    assert held(local_hub, "1.0.0") == built(releasable)
+
+
+def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releasable: Path) -> None:
+    local_hub.restart("lfs-basic")
+    published(local_hub, releasable)
+    commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
+    rules = [local_hub.faults.drop(*call) for call in READING[::2]]
+    rules += [local_hub.faults.fail(*call) for call in READING[1::2]]
+    done = verify(local_hub, commit, releasable)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"verified {commit[:12]}: 150 rows, plain and streaming, are ")
+    assert [rule for rule in rules if not rule.reached.is_set()] == []
+
+
+def verify(hub: LocalHub, commit: str, data_dir: Path) -> subprocess.CompletedProcess[str]:
+    """Return what the verification alone comes to."""
+    return subprocess.run(
+        [sys.executable, "-m", "pipeline.release.verify", REPO, commit, str(data_dir)],
+        env=environment(hub, USE_TORCH="0"),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    local_hub.create_repo(REPO)
+    for method, path, landed, message in (
+        ("POST", "/commit/", False, "the Hub answers 503: "),
+        ("GET", f"{R}/revision/[0-9a-f]{{40}}", True, "so it is not tagged: 2x3 cannot be loaded"),
+    ):
+        local_hub.faults.fail(method, path, times=UNLIMITED)
+        assert message in error_of(publish(local_hub, releasable))
+        assert held(local_hub) == (built(releasable) if landed else {})
+        assert local_hub.refs(REPO).keys() == {"refs/heads/main"}
+        local_hub.faults.clear()
+    assert "tagged 1.0.0" in published(local_hub, releasable)
+    assert held(local_hub) == built(releasable)
+    assert len(local_hub.history(REPO)) == 2
+
+
+def test_a_hub_that_is_not_there_is_told_in_one_line(local_hub: LocalHub, releasable: Path) -> None:
+    local_hub.stop()
+    error = error_of(publish(local_hub, releasable))
+    assert error.startswith(f"{local_hub.url} does not answer as it should: ")
+
+
+@pytest.mark.parametrize("status", [0, 500])
+def test_a_commit_whose_answer_is_lost_is_found_and_made_once(
+    local_hub: LocalHub, releasable: Path, status: int
+) -> None:
+    local_hub.faults.lose_response("POST", "/commit/", status=status)
+    assert "tagged 1.0.0" in published(local_hub, releasable)
+    assert held(local_hub, "1.0.0") == held(local_hub) == built(releasable)
+    assert len(local_hub.history(REPO)) == 2
+
+
+@pytest.mark.parametrize("path", ["/preupload/", "/commit/"])
+def test_somebody_elses_commit_in_between_is_told_and_never_lost(
+    local_hub: LocalHub, releasable: Path, path: str
+) -> None:
+    local_hub.create_repo(REPO)
+    rule = local_hub.faults.hold("POST", path)
+    with publishing(local_hub, releasable) as process:
+        wait_for(rule, process)
+        theirs = local_hub.commit(REPO)
+        local_hub.faults.release()
+        process.wait()
+        assert process.stderr is not None
+        last = process.stderr.read().splitlines()[-1]
+    assert last.startswith(f"error: somebody else committed to {REPO} meanwhile")
+    assert process.returncode == 1
+    assert local_hub.history(REPO)[0] == theirs
+    assert local_hub.log.find("POST", "/commit/", 412)
+    published(local_hub, releasable)
+    tree = held(local_hub, "1.0.0")
+    assert tree.pop("NEWS.md") == theirs.tree["NEWS.md"].sha256
+    assert tree == built(releasable)
+
+
+def test_a_tag_that_is_elsewhere_is_never_moved(local_hub: LocalHub, releasable: Path) -> None:
+    local_hub.create_repo(REPO)
+    first = local_hub.refs(REPO)["refs/heads/main"]
+    local_hub.tag(REPO, "1.0.0")
+    before = built(releasable)
+    error = error_of(publish(local_hub, releasable))
+    assert error.startswith(f"the tag 1.0.0 of {REPO} is at {first[:12]}, with other data (2x3/")
+    assert error.endswith("choose another publish.version")
+    assert changes(local_hub) == []
+    assert built(releasable) == before
+
+    local_hub.faults.occupy_tag()
+    error = error_of(publish(local_hub, releasable, "1.0.1"))
+    commit = local_hub.refs(REPO)["refs/heads/main"]
+    assert f"points to {first[:12]}, not to the release at {commit[:12]}" in error
+    assert held(local_hub) == built(releasable)
+    assert local_hub.refs(REPO)["refs/tags/1.0.1"] == first
+    published(local_hub, releasable, "1.0.2")
+    assert held(local_hub, "1.0.2") == built(releasable)
+
+
+@pytest.mark.parametrize(
+    ("token", "repo", "exists", "message"),
+    [
+        (None, REPO, True, "there is no Hub token: set HF_TOKEN, or run `hf auth login`, which "),
+        ("rejected", REPO, True, "the Hub rejects the token: make a new one"),
+        ("read", REPO, True, f"the token may not write to {REPO}: use one with write access"),
+        ("read", REPO, False, f"the token may not write to {REPO}: use one with write access"),
+        ("stranger", REPO, True, f"the token may not write to {REPO}"),
+        (
+            "write",
+            "stranger/labyrinth",
+            True,
+            "stranger/labyrinth does not exist, or this token may not see it; it may make datasets "
+            "of user, lab",
+        ),
+    ],
+    ids=["none", "rejected", "read", "read and new", "public of others", "private of others"],
+)
+def test_a_token_that_does_not_do_has_its_own_line(
+    local_hub: LocalHub,
+    releasable: Path,
+    token: str | None,
+    repo: str,
+    exists: bool,
+    message: str,
+) -> None:
+    if exists:
+        local_hub.create_repo(repo, private=repo != REPO)
+    before = built(releasable)
+    for option in ("publish.dry_run=true", "publish.dry_run=false"):
+        done = publish(local_hub, releasable, "1.0.0", option, token=token, repo=repo)
+        assert error_of(done).startswith(message)
+        assert len(done.stderr.splitlines()) == 1
+    assert changes(local_hub) == []
+    assert is_there(local_hub, repo) == exists
+    assert built(releasable) == before
+
+
+WARM = """
+import sys
+from datasets import load_dataset
+from huggingface_hub import hf_hub_download
+for split in ("train", "validation", "test", "random", "s0", "s0_and_g"):
+    load_dataset(sys.argv[1], "2x3", split=split, revision=sys.argv[2])
+hf_hub_download(sys.argv[1], "2x3/manifest.json", repo_type="dataset", revision=sys.argv[2])
+print(load_dataset(sys.argv[1], "2x3", split="test", revision=sys.argv[2]).num_rows)
+"""
+
+
+def test_a_stale_cache_is_never_taken_for_a_verification(
+    local_hub: LocalHub, releasable: Path, tmp_path: Path
+) -> None:
+    local_hub.restart("lfs-basic")
+    home = str(tmp_path / "home")
+    caches = {"HF_HOME": home, "HF_HUB_CACHE": f"{home}/hub", "HF_DATASETS_CACHE": f"{home}/data"}
+    rule = local_hub.faults.hold("POST", "/commit/", after=True)
+    with publishing(local_hub, releasable, **caches) as process:
+        wait_for(rule, process)
+        commit = local_hub.refs(REPO)["refs/heads/main"]
+        for _ in range(2):  # The second time from the cache, all contents being out of reach.
+            warm = subprocess.run(
+                [sys.executable, "-c", WARM, REPO, commit],
+                env=environment(local_hub, USE_TORCH="0", **caches),
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            assert warm.stdout == "12\n"
+            local_hub.faults.fail("GET|HEAD", "/resolve|^/lfs/", status=501, times=UNLIMITED)
+        rule.released.set()
+        process.wait()
+        assert process.stderr is not None
+        error = process.stderr.read().splitlines()[-1]
+    assert error.startswith(f"error: the verification of {commit[:12]} failed, so it is not tagged")
+    assert "refs/tags/1.0.0" not in local_hub.refs(REPO)
+    assert held(local_hub) == built(releasable)
+
+    local_hub.faults.clear()
+    done = publish(local_hub, releasable, **caches)
+    assert done.returncode == 0, done.stderr
+    assert local_hub.refs(REPO)["refs/tags/1.0.0"] == commit
+
+
+def test_other_bytes_than_were_sent_are_not_tagged(
+    local_hub: LocalHub, releasable: Path, other_shard: Path
+) -> None:
+    local_hub.restart("lfs-basic")
+    shard = "2x3/random-00000-of-00001.parquet"
+    rule = local_hub.faults.hold("POST", "/commit/", after=True)
+    with publishing(local_hub, releasable) as process:
+        wait_for(rule, process)
+        blob = local_hub.folder / "blobs" / built(releasable)[shard]
+        shutil.copy(other_shard / shard, blob)
+        local_hub.faults.release()
+        process.wait()
+        assert process.stderr is not None
+        error = process.stderr.read().splitlines()[-1]
+    assert "failed, so it is not tagged: 2x3 " in error
+    assert "refs/tags/1.0.0" not in local_hub.refs(REPO)
+    shutil.copy(releasable / shard, blob)
+    assert "tagged 1.0.0" in published(local_hub, releasable)
+
+
+def test_a_card_that_the_hub_refuses_is_told_in_one_line(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    readme = releasable / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    readme.write_text(text.replace("---\n", "---\nlanguage: 5\n", 1), encoding="utf-8")
+    error = error_of(publish(local_hub, releasable))
+    assert error.startswith("the Hub's client refuses: Invalid metadata in README.md")
+    assert '"language" must be a string' in error
+    assert held(local_hub) == {}
+
+
+def test_a_damaged_shard_is_found_before_anything_is_sent(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    shard = releasable / "2x3" / "test-00000-of-00001.parquet"
+    shard.write_bytes(shard.read_bytes()[:-1])
+    before = built(releasable)
+    for option in ("publish.dry_run=true", "publish.dry_run=false"):
+        error = error_of(publish(local_hub, releasable, "1.0.0", option))
+        assert error.startswith(f"{shard} ")
+    assert changes(local_hub) == []
+    assert not is_there(local_hub)
+    assert built(releasable) == before
