@@ -35,6 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[_private] = folder
     os.environ["HF_HUB_OFFLINE"] = "1"
     os.environ["HF_HOME"] = str(folder / "huggingface")
+    os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
     os.environ["HF_DATASETS_CACHE"] = str(folder / "huggingface" / "datasets")
 
 

@@ -22,7 +22,7 @@ from labyrinth_core.language import labyrinth_id, parse
 from labyrinth_core.png import encode
 from labyrinth_core.renderer import render
 from labyrinth_core.vector import vector_observation
-from pipeline import loader
+from pipeline import pictures
 from pipeline.config import RunConfig, TaskConfig, resolve
 from pipeline.generation import build
 from pipeline.loader import (
@@ -62,6 +62,12 @@ def data_dir(tmp_path_factory):
             )
             build.run(resolve(config))
     return folder
+
+
+@pytest.fixture(autouse=True)
+def cache_of_its_own(monkeypatch, tmp_path):
+    """Each test makes the pictures it loads, since it may be about what making them says."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -168,8 +174,8 @@ def test_pictures_come_at_the_size_asked_for(data_dir, image_size):
 def test_shapes_and_types_are_as_documented(data_dir):
     images = load_transitions(data_dir, "3x3")
     count = len(images)
-    for pictures in (images.observations, images.next_observations):
-        assert (pictures.shape, pictures.dtype) == ((count, 64, 64, 3), np.uint8)
+    for array in (images.observations, images.next_observations):
+        assert (array.shape, array.dtype) == ((count, 64, 64, 3), np.uint8)
     vectors = load_transitions(data_dir, "4x4-key_and_door", observation="vector")
     assert vectors.observations.shape == (len(vectors), 5 + 7 * 7)
     assert vectors.observations.dtype == np.int32
@@ -655,6 +661,6 @@ def test_random_flips_in_a_file_never_show_a_traceback(data_dir, tmp_path, load)
 
 def test_remembered_pictures_take_no_more_than_a_fixed_space():
     for image_size in (8, 64, 600, 4000):
-        remembered = loader._remembering_decoder(image_size).cache_info().maxsize
+        remembered = pictures._remembering_decoder(image_size).cache_info().maxsize
         assert remembered >= 1
-        assert remembered == 1 or remembered * 3 * image_size**2 <= loader.CACHED_BYTES
+        assert remembered == 1 or remembered * 3 * image_size**2 <= pictures.CACHED_BYTES

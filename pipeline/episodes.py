@@ -1,0 +1,65 @@
+"""Rows, in order, into the episodes that they are of."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from functools import lru_cache
+
+import numpy as np
+
+from labyrinth_core.dynamics import is_terminal
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.language import labyrinth_id, parse
+from labyrinth_core.rollout import replay
+from pipeline.manifest import DatasetError
+from pipeline.pictures import ObservationSpec
+from pipeline.schema import NO_ACTION
+from pipeline.source import RawRow
+from pipeline.transitions import LoadedEpisode
+
+
+def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[LoadedEpisode]:
+    """Yield episodes from rows in order, wherever shards and batches may end.
+
+    Raises:
+        DatasetError: The rows do not make episodes.
+    """
+    pending: list[RawRow] = []
+    for number, row in enumerate(rows):
+        if not pending and not row.episode_starts:
+            raise DatasetError(f"row {number} episode_starts: False where an episode must begin")
+        if pending and (row.episode_starts or row.info != pending[0].info):
+            raise DatasetError(f"row {number}: an episode ends without its last row, actions=-1")
+        pending.append(row)
+        if row.actions == NO_ACTION:
+            if len(pending) == 1:
+                raise DatasetError(f"row {number} actions: -1 in the first row of an episode")
+            yield _episode(pending, spec)
+            pending = []
+    if pending:
+        raise DatasetError("the last episode ends without its last row, actions=-1")
+
+
+def _episode(rows: list[RawRow], spec: ObservationSpec) -> LoadedEpisode:
+    actions = [row.actions for row in rows[:-1]]
+    try:
+        labyrinth, number = _parse(rows[0].info)
+        episode = replay(labyrinth, actions)
+    except ValueError as error:
+        reason = str(error).partition("\n")[0]
+        raise DatasetError(f"an episode cannot be replayed: {reason}") from error
+    return LoadedEpisode(
+        labyrinth_id=number,
+        info=rows[0].info,
+        observations=spec.observe(episode, [row.png for row in rows]),
+        actions=np.array(actions, np.int64),
+        rewards=np.array([row.rewards for row in rows[:-1]], np.float32),
+        terminated=is_terminal(labyrinth, episode.states[-1]),
+    )
+
+
+@lru_cache(maxsize=1)
+def _parse(info: str) -> tuple[Labyrinth, int]:
+    """Return a labyrinth and its id; consecutive episodes mostly are of the same."""
+    labyrinth = parse(info)
+    return labyrinth, int(labyrinth_id(labyrinth), 16)

@@ -1,0 +1,112 @@
+"""What is observed of a state: its picture, decoded or drawn, or its vector."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.png_reading import strips_of
+from labyrinth_core.renderer import PICTURE_SIZE, Painter, area_average
+from labyrinth_core.rollout import Episode
+from labyrinth_core.shrinking import shrink
+from labyrinth_core.vector import vector_observation
+from pipeline.manifest import DatasetError
+
+OBSERVATIONS = ("image", "vector")
+
+PIXELS = 1
+"""Version of the pixels that come of decoding, drawing and area-averaging.
+
+Whatever changes one of them increases it, as the frame cache keeps pictures by it.
+"""
+
+CACHED_BYTES = 64 * 2**20
+"""Of decoded pictures that are remembered."""
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """How states are observed."""
+
+    observation: str
+    """One of `OBSERVATIONS`."""
+    image_size: int
+    """Pixels on each side of a picture."""
+    draw: bool = False
+    """Whether pictures are drawn from `info` and `actions`, instead of decoded from `obs`."""
+
+    def __post_init__(self) -> None:
+        if self.observation not in OBSERVATIONS:
+            allowed = ", ".join(OBSERVATIONS)
+            raise ValueError(f"observation={self.observation}: choose one of {allowed}")
+        if self.image_size < 1:
+            raise ValueError(f"image_size={self.image_size}: give 1 or more")
+
+    @property
+    def decodes(self) -> bool:
+        """Whether the pictures of `obs` are asked for."""
+        return self.observation == "image" and not self.draw
+
+    def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
+        """Return what is observed in the states of an episode, one after the other.
+
+        Args:
+            episode: The states.
+            pngs: Their pictures in `obs`; not looked at unless `decodes`.
+
+        Raises:
+            DatasetError: A picture is missing, or is none.
+        """
+        labyrinth = episode.labyrinth
+        if self.decodes:
+            decode = _remembering_decoder(self.image_size)
+            return np.stack([decode(png) for png in pngs])
+        if self.observation == "vector":
+            return np.stack([vector_observation(labyrinth, state) for state in episode.states])
+        strips = _painter(labyrinth).strips
+        drawn = {state: shrink(strips(state), self.image_size) for state in set(episode.states)}
+        return np.stack([drawn[state] for state in episode.states])
+
+
+@lru_cache(maxsize=1)
+def _painter(labyrinth: Labyrinth) -> Painter:
+    """Return what draws a labyrinth; consecutive episodes may be of the same."""
+    return Painter(labyrinth)
+
+
+@lru_cache(maxsize=1)
+def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
+    """Return `_decode` with a memory: a random policy comes back to its states."""
+    pictures = max(1, CACHED_BYTES // (3 * image_size**2))
+    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
+
+
+def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
+    """Return a picture, shape (image_size, image_size, 3), area-averaged."""
+    if png is None:
+        raise DatasetError("obs: a row has no picture")
+    strips = strips_of(png, PICTURE_SIZE)
+    return _decode_any(png, image_size) if strips is None else shrink(strips, image_size)
+
+
+def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
+    """Return what `_decode` does of a picture that another encoder made, or say what is wrong."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
+            # Before anything is unpacked, since it may claim to be huge.
+            if image.size != (PICTURE_SIZE, PICTURE_SIZE):
+                width, height = image.size
+                raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")
+            return area_average(np.asarray(image.convert("RGB")), image_size)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        reason = " ".join(str(error).split())
+        raise DatasetError(f"obs: a picture cannot be decoded: {reason}") from error

@@ -1,0 +1,307 @@
+"""How fast transitions (s, a, s') at 64 x 64 are loaded, beside `datasets` and Pillow in one run.
+
+    python scripts/benchmark_load.py [--labyrinths N] [--rounds N] [--quick]
+
+The yardstick is what one writes with the library `datasets` alone: a row, its picture decoded by
+Pillow and resized by area (`Image.BOX`) to an array. In random order each transition takes two
+rows; in order each row is decoded once and paired with the one before.
+
+Ours are, each with all it takes until every transition was held in an array once:
+
+    cold      `load_transitions` with an empty cache, and with all that a process remembers
+              of pictures forgotten; then all transitions in batches of 64
+    warm      batches of 64, copied out of the file of the cache into arrays of their own
+    views     one transition at a time, its arrays the memory of that file, a byte of each read
+    stream    `stream_transitions`
+    torch     a `DataLoader` with its own collation, batches of 64 (where torch is installed),
+              workers started before; "gathered" lets the dataset make the batches
+
+Each round times every contestant once, one after the other, so that a busy machine slows all of
+them alike; a figure is the median of the rounds' ratios to the yardstick of the same order. The
+dataset is 5x5, the split train, made for the run; its files are in memory for all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import random
+import shutil
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from itertools import count, islice, pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from labyrinth_core import png_reading, renderer, shrinking
+from pipeline import pictures
+from pipeline.config import RunConfig, resolve
+from pipeline.loader import Transitions, load_transitions, stream_transitions
+
+SIZE = 64
+BATCH = 64
+CONFIG = "5x5"
+RANDOM, ORDERED = "random", "in order"
+
+Passed = Callable[[], tuple[int, float]]
+"""Goes through transitions, and returns how many and the seconds."""
+
+
+class Contestant(NamedTuple):
+    """What is measured."""
+
+    order: str
+    passed: Passed
+    aim: float = 0
+    """Times the yardstick of the same order that are to be reached."""
+
+
+def timed(transitions: Callable[[], int]) -> Passed:
+    """Return what times a function that returns how many transitions it went through."""
+
+    def passed() -> tuple[int, float]:
+        start = time.perf_counter()
+        return transitions(), time.perf_counter() - start
+
+    return passed
+
+
+# The yardstick.
+
+
+def small(row: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Return the picture of a row, averaged."""
+    from PIL import Image
+
+    return np.asarray(row["obs"].resize((SIZE, SIZE), Image.Resampling.BOX))
+
+
+def random_rows(dataset: Any, pairs: int, numbers: Iterator[int]) -> int:
+    """Read transitions anywhere, two rows each."""
+    rng = random.Random(next(numbers))
+    done = 0
+    while done < pairs:
+        index = rng.randrange(len(dataset) - 1)
+        row = dataset[index]
+        if row["actions"] != -1:
+            _ = small(row), row["actions"], small(dataset[index + 1])
+            done += 1
+    return done
+
+
+def ordered_rows(rows: Callable[[], Iterator[dict[str, Any]]], pairs: int) -> int:
+    """Read transitions one after the other, each row once."""
+    steps = pairwise((small(row), row["actions"]) for row in rows())
+    return sum(1 for _ in islice((step for step in steps if step[0][1] != -1), pairs))
+
+
+# Ours.
+
+
+def forget() -> None:
+    """Clear all that a process remembers of pictures, as if it were a new one."""
+    for remembered in (
+        pictures._remembering_decoder,
+        png_reading._unpack,
+        shrinking._remembering_shares,
+        shrinking._remembering_narrow,
+        renderer._tiles,
+        renderer._line,
+    ):
+        remembered.cache_clear()
+
+
+def batches(transitions: Transitions, *, shuffled: bool) -> int:
+    """Copy all transitions into batches."""
+    order = np.arange(len(transitions))
+    if shuffled:
+        np.random.default_rng().shuffle(order)
+    return sum(
+        len(transitions[order[at : at + BATCH]].action) for at in range(0, len(order), BATCH)
+    )
+
+
+def cold(load: Callable[..., Transitions], folder: Path, *, shuffled: bool) -> int:
+    """Load with an empty cache, and go through all."""
+    forget()
+    cache = folder / "cold"
+    shutil.rmtree(cache, ignore_errors=True)
+    return batches(load(cache_dir=cache), shuffled=shuffled)
+
+
+def views(transitions: Transitions, *, shuffled: bool) -> int:
+    """Take transitions one at a time."""
+    indices = list(range(len(transitions)))
+    if shuffled:
+        random.shuffle(indices)
+    for index in indices:
+        s, _, s_next = transitions[index]
+        _ = s[0, 0, 0], s_next[0, 0, 0]
+    return len(indices)
+
+
+def streamed(stream: Callable[[], Iterator[Any]]) -> int:
+    """Go through a stream that nothing is remembered of."""
+    forget()
+    return sum(1 for _ in stream())
+
+
+# A DataLoader.
+
+
+def torch_loaders(transitions: Transitions) -> dict[str, Any]:
+    """Return data loaders of torch, by name, after they have shown that they get all of it."""
+    from torch.utils.data import BatchSampler, DataLoader, RandomSampler
+
+    def loader(workers: int, method: str | None = None, *, gathered: bool = False) -> Any:
+        kept = {"persistent_workers": True, "multiprocessing_context": method} if workers else {}
+        if gathered:
+            sampler = BatchSampler(RandomSampler(transitions), BATCH, drop_last=False)
+            return DataLoader(
+                transitions, batch_size=None, sampler=sampler, num_workers=workers, **kept
+            )
+        return DataLoader(transitions, batch_size=BATCH, shuffle=True, num_workers=workers, **kept)
+
+    loaders = {
+        "torch, 0 workers": loader(0),
+        "torch, 0 workers, gathered": loader(0, gathered=True),
+        "torch, 2 workers, forked": loader(2, "fork"),
+        "torch, 2 workers, spawned": loader(2, "spawn"),
+        "torch, 2 workers, gathered": loader(2, "fork", gathered=True),
+        "torch, 4 workers, forked": loader(4, "fork"),
+    }
+    actions, pixels = int(transitions.actions.sum()), int(transitions.observations.sum())
+    for name, each in loaders.items():
+        got = [(int(action.sum()), int(s.sum())) for s, action, _ in each]
+        if tuple(map(sum, zip(*got, strict=True))) != (actions, pixels):
+            sys.exit(f"{name}: other transitions than those of the dataset")
+    return loaders
+
+
+def epoch(loader: Any) -> int:
+    """Go through all batches of a data loader."""
+    return sum(len(action) for _, action, _ in loader)
+
+
+# The run.
+
+
+def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, Contestant]:
+    """Return what is measured, by name; the first of each order is its yardstick."""
+    from datasets import load_dataset
+
+    rows = load_dataset(str(data_dir), CONFIG, split="train", cache_dir=str(folder / "arrow"))
+    load = partial(load_transitions, data_dir, CONFIG, image_size=SIZE)
+    stream = partial(stream_transitions, data_dir, CONFIG, image_size=SIZE)
+    their_stream = partial(load_dataset, str(data_dir), CONFIG, split="train", streaming=True)
+    warm = load(cache_dir=folder / "warm")
+    numbers = count()
+
+    def both(name: str, aim: float, passed: Callable[..., int]) -> dict[str, Contestant]:
+        return {
+            f"{name}, {order}": Contestant(order, timed(partial(passed, shuffled=shuffled)), aim)
+            for order, shuffled in ((RANDOM, True), (ORDERED, False))
+        }
+
+    def ordered(passed: Callable[[], int], aim: float = 0) -> Contestant:
+        return Contestant(ORDERED, timed(passed), aim)
+
+    all_of_them = {
+        "datasets, random": Contestant(RANDOM, timed(partial(random_rows, rows, pairs, numbers))),
+        "datasets, in order": ordered(partial(ordered_rows, lambda: iter(rows), 2 * pairs)),
+        "datasets, stream": ordered(partial(ordered_rows, lambda: iter(their_stream()), 2 * pairs)),
+        **both("cold, decoded", 2, partial(cold, load, folder)),
+        **both("cold, drawn", 2, partial(cold, partial(load, draw=True), folder)),
+        **both("warm, batches", 1_000, partial(batches, warm)),
+        **both("warm, views", 0, partial(views, warm)),
+        "stream, decoded": ordered(partial(streamed, stream), 1.5),
+        "stream, drawn": ordered(partial(streamed, partial(stream, draw=True)), 1.5),
+    }
+    try:
+        loaders = torch_loaders(warm)
+    except ImportError:
+        print("torch is not installed: no data loaders")
+        loaders = {}
+    return all_of_them | {
+        name: Contestant(RANDOM, timed(partial(epoch, loader))) for name, loader in loaders.items()
+    }
+
+
+def report(rates: dict[str, list[float]], everyone: dict[str, Contestant]) -> None:
+    """Print the table: median rate, median ratio, its range, and what was to be reached."""
+    print(f"{'':30}{'(s, a, s^) a second':>20}{'times datasets':>16}{'range':>20}{'to reach':>16}")
+    for name, measured in rates.items():
+        contestant = everyone[name]
+        yardstick = next(each for each in rates if everyone[each].order == contestant.order)
+        line = f"{name:30}{median(measured):>20,.0f}"
+        if name != yardstick:
+            ratios = [a / b for a, b in zip(measured, rates[yardstick], strict=True)]
+            extent = f"{min(ratios):,.1f} - {max(ratios):,.1f}"
+            aim = contestant.aim
+            verdict = f"{aim:,}" + ("" if median(ratios) >= aim else " MISSED") if aim else ""
+            line += f"{median(ratios):>16,.1f}{extent:>20}{verdict:>16}"
+        print(line)
+
+
+def build(data_dir: Path, labyrinths: int) -> None:
+    """Make the dataset."""
+    from pipeline.generation import build
+
+    options = RunConfig(
+        stages=["build"], size="5", labyrinths=labyrinths, data_dir=str(data_dir), random_steps=1
+    )
+    build.run(resolve(options))
+
+
+def main() -> None:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--labyrinths", type=int, default=1_000, help="in the split train")
+    parser.add_argument("--pairs", type=int, default=200, help="transitions a round of datasets")
+    parser.add_argument("--rounds", type=int, default=7, help="rounds, each timing everything once")
+    parser.add_argument("--quick", action="store_true", help="100 labyrinths, 2 short rounds")
+    arguments = parser.parse_args()
+    if arguments.quick:
+        arguments.labyrinths, arguments.pairs, arguments.rounds = 100, 50, 2
+    for name in ("labyrinths", "pairs", "rounds"):
+        if getattr(arguments, name) < 1:
+            parser.error(f"--{name} {getattr(arguments, name)}: give a whole number from 1 on")
+    warnings.filterwarnings("ignore", message="This DataLoader will create")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        build(folder / "data", arguments.labyrinths)
+        everyone = contestants(folder, folder / "data", arguments.pairs)
+        print(
+            f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
+            f"Python {platform.python_version()}, {', '.join(versions())}; "
+            f"{arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
+        )
+        rates: dict[str, list[float]] = {name: [] for name in everyone}
+        for _ in range(arguments.rounds + 1):
+            for name, contestant in everyone.items():
+                transitions, seconds = contestant.passed()
+                rates[name].append(transitions / seconds)
+        # The first round does not count: in it libraries are imported.
+        report({name: measured[1:] for name, measured in rates.items()}, everyone)
+
+
+def versions() -> Iterator[str]:
+    """Yield the libraries that matter, with their versions."""
+    for name in ("numpy", "pillow", "pyarrow", "datasets", "torch"):
+        try:
+            yield f"{name} {version(name)}"
+        except PackageNotFoundError:
+            continue
+
+
+if __name__ == "__main__":
+    main()
