@@ -1,0 +1,64 @@
+"""What the labyrinths of each split, and the routes through them, have to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from labyrinth_core import solver
+from labyrinth_core.grid import manhattan
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.tasks import default_start_and_goal, tiles_matter
+from pipeline.config import DatasetConfig
+from pipeline.generation.sample import split_of
+from pipeline.schema import SAMPLED_SPLITS
+
+
+def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
+    """Yield what is wrong with a labyrinth in a split."""
+    structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
+    if not structure.is_connected:
+        yield "not every cell can be reached"
+    if not tiles_matter(labyrinth):
+        yield "the tiles of the task make no difference"
+    wanted = split if split in SAMPLED_SPLITS else "train"
+    if split_of(structure, config.buckets) != wanted:
+        yield f"the structure belongs to {split_of(structure, config.buckets)}"
+    first_start, first_goal = default_start_and_goal(config.height, config.width)
+    if split in ("s0", "s0_and_g"):
+        if start == first_start or (goal == first_goal) != (split == "s0"):
+            yield "start and goal are not changed as the split says"
+        # Only next to nothing is far enough where no cell is.
+        least = min((config.height + config.width) // 2, config.height + config.width - 3)
+        if manhattan(start, goal, config.width) < least:
+            yield f"start and goal are less than {least} moves apart"
+    elif (start, goal) != (first_start, first_goal):
+        yield "start and goal are not in the corners"
+
+
+def route_problem(
+    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: list[list[int]]
+) -> str | None:
+    """Return what is wrong with the routes of a labyrinth's episodes, None if nothing is.
+
+    Args:
+        config: Says which routes there are to be.
+        split: In `random`, steps are counted instead.
+        labyrinth: That the routes, as actions, lead through.
+        routes: All of them, in their order.
+    """
+    if split == "random":
+        steps = sum(map(len, routes))
+        return None if steps == config.random_steps else f"{steps} random steps"
+    if config.solutions == "shortest":
+        best = solver.distances(labyrinth)[labyrinth.start]
+        if len(routes) == 1 and len(routes[0]) == best:
+            return None
+        lengths = ", ".join(str(len(route)) for route in routes)
+        return f"routes of {lengths} moves, instead of one of {best}"
+    enumerate_routes = (
+        solver.shortest_routes if config.solutions == "all_shortest" else solver.simple_routes
+    )
+    expected = enumerate_routes(labyrinth, config.solutions_limit)
+    if routes == expected:
+        return None
+    return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"
