@@ -19,12 +19,19 @@ from labyrinth_core.grid import parse_size
 from labyrinth_core.labyrinth import Task
 from labyrinth_core.renderer import MAX_PICTURED_SIDE, PICTURE_SIZE
 from labyrinth_core.sampling import ALGORITHMS, default_open_walls
+from pipeline.training_config import (
+    TRAINING_OPTIONS,
+    TrainingConfig,
+    TrainingOptions,
+    resolve_training,
+)
 
 STAGES = {
     "build": "pipeline.generation.build",
     "validate": "pipeline.generation.validate",
     "card": "pipeline.release.card",
     "publish": "pipeline.release.publish",
+    "train": "pipeline.training.train",
 }
 """Stage -> the module whose `run` performs it."""
 
@@ -68,7 +75,7 @@ class PublishConfig:
 
 
 @dataclass
-class RunConfig:
+class RunConfig(TrainingConfig):
     """The schema of `conf/config.yaml`; `OPTIONS` explains each field."""
 
     stages: list[str] = field(default_factory=list)
@@ -98,11 +105,12 @@ OPTIONS = {
     "sampler": "spanning tree a structure starts from: " + ", ".join(ALGORITHMS),
     "open_walls": "probability of opening each wall that the tree leaves",
     "buckets": "percent of all structures that may be in each split (buckets.train=...)",
-    "seed": "same seed and options, same bytes",
+    "seed": "same seed and options, same bytes; in training, same weights",
     "data_dir": "folder of the dataset; each size and task is a folder in it",
-    "overwrite": "replace a finished dataset that was made with other options",
+    "overwrite": "replace a finished dataset or run that was made with other options",
     "workers": "processes",
     "stages": "what to do, in order: " + ", ".join(STAGES),
+    **TRAINING_OPTIONS,
     "publish.repo_id": "dataset on the Hub, such as user/labyrinth",
     "publish.version": "tag of the release, such as 1.0.0",
     "publish.dry_run": "say what would be added, kept and deleted, and change nothing",
@@ -182,6 +190,8 @@ class Run:
     workers: int
     publish: PublishOptions | None = None
     """None unless the stage `publish` is asked for."""
+    training: TrainingOptions | None = None
+    """None unless a stage of training is asked for."""
 
     @property
     def folder(self) -> Path:
@@ -190,8 +200,10 @@ class Run:
 
 
 _HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in Parquet shards.
+Train a policy on it.
 
     python run.py size=5
+    python run.py size=5 stages=[train] method=bc encoder=cnn seed=0
     python run.py size=4x6 task=key_and_door labyrinths=1000 workers=2
     python run.py -m size=3,4,5
 
@@ -260,7 +272,15 @@ def resolve(config: RunConfig) -> Run:
         overwrite=config.overwrite,
         workers=config.workers,
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
+        training=_resolve_training(config) if "train" in config.stages else None,
     )
+
+
+def _resolve_training(config: RunConfig) -> TrainingOptions:
+    try:
+        return resolve_training(config, str(Path(config.data_dir).expanduser()), config.seed)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
 
 
 def _resolve_publish(config: PublishConfig) -> PublishOptions:

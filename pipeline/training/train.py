@@ -1,0 +1,202 @@
+"""The stage `train`: a policy from a dataset, in a folder of its own, whole or not finished.
+
+The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. While the run goes on it holds a
+checkpoint; when it is over, `policy.safetensors`, `curves.png` and, written last, `run.json`.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pipeline.config import ConfigError, Run
+from pipeline.manifest import MANIFEST, DatasetError, Manifest
+from pipeline.source import locate
+from pipeline.terminal import console, progress
+from pipeline.training.checkpoint import Progress, differences
+from pipeline.training.evaluate import success_rate
+from pipeline.training.loop import Judge, fit
+from pipeline.training.method import BaseSettings, Learner, Problem, find
+from pipeline.training.networks import NetworkSpec
+from pipeline.training.policy import Policy, save_policy
+from pipeline.training.record import (
+    CHECKPOINT,
+    POLICY,
+    draw_curves,
+    read_record,
+    write_record,
+)
+from pipeline.training.steps import load_steps
+from pipeline.training.worlds import Worlds, load_worlds
+from pipeline.training_config import IMAGE_SIZE, PROTOCOLS, TrainingOptions
+
+
+def run(run: Run) -> None:
+    """Train the policy of a run, unless it is there already; go on where a run was stopped.
+
+    Raises:
+        ConfigError: A setting or the device is impossible, or an extra is missing.
+        DatasetError: The dataset is missing or has no split that the method needs, or the folder
+            holds another run.
+    """
+    options = run.training
+    assert options is not None  # `resolve` made them, for this stage.
+    folder = options.folder(run.dataset.name)
+    method, settings = find(options.method, options.settings)
+    device = choose_device(options)
+    identity = identify(run, settings)
+    if run.overwrite:
+        shutil.rmtree(folder, ignore_errors=True)
+    if _is_finished(folder, identity):
+        console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    cuda = [device] if device.type == "cuda" else []
+    with torch.random.fork_rng(devices=cuda):
+        torch.manual_seed(options.seed)
+        learner, judge = prepare(run, method, settings, device)
+        done = _train(learner, judge, options, folder, identity)
+    save_policy(folder / POLICY, done.weights, learner.problem.spec)
+    draw_curves(folder, options.name, done.history)
+    computed = {"device": device.type, "threads": torch.get_num_threads()}
+    write_record(folder, identity, done, computed)
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    _tell(folder, options, done)
+
+
+def choose_device(options: TrainingOptions) -> torch.device:
+    """Return the device to compute on, and settle how many threads do.
+
+    Raises:
+        ConfigError: There is no such device.
+    """
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)
+    there = torch.cuda.is_available()
+    if options.device == "cuda" and not there:
+        raise ConfigError("device=cuda: there is none here; choose cpu or auto")
+    return torch.device("cuda" if there and options.device != "cpu" else "cpu")
+
+
+def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
+    """Return all that determines the weights of a run, in plain types.
+
+    Raises:
+        DatasetError: There is no dataset.
+    """
+    options = run.training
+    assert options is not None
+    config = run.dataset.name
+    if options.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
+        size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
+        raise DatasetError(
+            f"{run.folder} holds no dataset: python run.py {size} data_dir={run.data_dir} makes it"
+        )
+    located = locate(options.source, config, "train", options.revision)
+    return {
+        **options.what,
+        "settings": asdict(settings),
+        "config": config,
+        "dataset": options.source,
+        "revision": options.revision,
+        "fingerprint": Manifest.read(located).fingerprint,
+    }
+
+
+def prepare(
+    run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
+) -> tuple[Learner, Judge]:
+    """Return a fresh learner, and what tries its policy on train and validation."""
+    options = run.training
+    assert options is not None
+    config, source = run.dataset.name, options.source
+    load: Callable[[str], Worlds] = partial(
+        load_worlds,
+        source,
+        config,
+        observation=options.observation,
+        image_size=IMAGE_SIZE,
+        resize=PROTOCOLS[options.protocol].resize,
+        revision=options.revision,
+    )
+    train, validation = load("train"), load("validation")
+    steps = partial(load_steps, source, config, worlds=train, revision=options.revision)
+    problem = Problem(
+        worlds=train,
+        observations=torch.tensor(train.observations, device=device),
+        demonstrations=steps("train"),
+        exploration=partial(steps, "random"),
+        spec=NetworkSpec(
+            encoder=options.encoder,
+            pool_stride=options.pool_stride,
+            height=run.dataset.height,
+            width=run.dataset.width,
+            task=str(run.dataset.task),
+        ),
+        rng=np.random.default_rng(options.seed),
+    )
+
+    def judge(policy: Policy) -> dict[str, float]:
+        return {
+            "train_sr": success_rate(policy, train),
+            "validation_sr": success_rate(policy, validation),
+        }
+
+    return method(problem, settings), judge
+
+
+def _is_finished(folder: Path, identity: dict[str, Any]) -> bool:
+    record = read_record(folder)
+    if record is None:
+        return False
+    differing = differences(record["run"], identity)
+    if differing:
+        raise DatasetError(
+            f"{folder} holds a run with {differing}: choose another run_dir, or give "
+            "overwrite=true to replace it"
+        )
+    return True
+
+
+def _train(
+    learner: Learner,
+    judge: Judge,
+    options: TrainingOptions,
+    folder: Path,
+    identity: dict[str, Any],
+) -> Progress:
+    with progress() as bars:
+        bar = bars.add_task(options.method, total=learner.settings.epochs)
+
+        def report(done: Progress) -> None:
+            figures = done.history[-1]
+            best = "" if done.best is None else f", SR {done.best['validation_sr']:.0%}"
+            told = f"{options.method} loss {figures['loss']:.3f}{best}"
+            bars.update(bar, completed=done.epoch, description=told)
+
+        return fit(
+            learner,
+            judge,
+            PROTOCOLS[options.protocol],
+            folder / CHECKPOINT,
+            identity,
+            report,
+        )
+
+
+def _tell(folder: Path, options: TrainingOptions, done: Progress) -> None:
+    best = done.best
+    assert best is not None  # The last epoch is always judged.
+    console.print(
+        f"{options.name}: SR {best['validation_sr']:.1%} on validation, {best['train_sr']:.1%} on "
+        f"train, after epoch {best['epoch']} of {done.epoch}; {done.seconds:.0f} s. {folder}",
+        highlight=False,
+        soft_wrap=True,
+    )
