@@ -1,8 +1,13 @@
-"""Pictures at another size straight from their strips, the exact mean of what each pixel covers.
+"""Pictures at another size straight from their strips.
+
+By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
+`renderer.area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
+between the four pixels nearest to its centre, with no antialiasing, as tensors are resized by
+default (`torch.nn.functional.interpolate`, `align_corners=False`): lines thinner than the distance
+of two centres vanish. That is for comparison with results that were got so.
 
 A strip comes back at the same height in many pictures, so what it adds to the pixels of the small
-picture is worked out once. All sums are in whole numbers: the result is that of
-`renderer.area_average` on the large picture, to the last bit.
+picture is worked out once. All sums are in whole numbers.
 """
 
 from __future__ import annotations
@@ -23,11 +28,12 @@ REMEMBERED_BYTES = 32 * 2**20
 The narrowed rows they are made of may take as much again.
 """
 
-_AREA = PICTURE_SIZE**2
+RESIZES = ("area", "bilinear")
+"""How a picture becomes smaller; `bilinear` makes none larger."""
 
 
 class _Share(NamedTuple):
-    """What a strip adds to a small picture, before the division by the area."""
+    """What a strip adds to a small picture, before the division."""
 
     first: int
     """The first row of pixels that it touches."""
@@ -38,24 +44,26 @@ class _Share(NamedTuple):
     """Rows of the strip in the large picture."""
 
 
-def shrink(strips: Sequence[Strip], image_size: int) -> NDArray[np.uint8]:
-    """Return a picture at another size, each pixel the rounded mean of what it covers.
+def shrink(strips: Sequence[Strip], image_size: int, resize: str = "area") -> NDArray[np.uint8]:
+    """Return a picture at another size, its values rounded.
 
     Args:
         strips: The picture of `PICTURE_SIZE` each way, from top to bottom.
         image_size: Side of the result, shape (image_size, image_size, 3).
+        resize: One of `RESIZES`.
     """
     if image_size == PICTURE_SIZE:
         return _unshrunk(strips)
-    share_of = _remembering_shares(image_size)
-    # Half the area first, so that the division rounds.
-    sums = np.full((image_size, 3 * image_size), _AREA // 2, np.int32)
+    share_of = _remembering_shares(image_size, resize)
+    unit = int(_weights(image_size, resize)[0].sum()) ** 2
+    # Half of it first, so that the division rounds.
+    sums = np.full((image_size, 3 * image_size), unit // 2, np.int32)
     top = 0
     for strip in strips:
         first, end, share, height = share_of(strip, top)
         sums[first:end] += share
         top += height
-    sums //= _AREA
+    sums //= unit
     return sums.astype(np.uint8).reshape(image_size, image_size, 3)
 
 
@@ -67,62 +75,54 @@ def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=4)
-def _remembering_shares(image_size: int) -> Callable[[Strip, int], _Share]:
+def _remembering_shares(image_size: int, resize: str = "area") -> Callable[[Strip, int], _Share]:
     # A tenth of a picture is about what a strip is of, with the rows it shares with the next.
     share_bytes = 4 * 3 * image_size * (image_size // 10 + 2)
     shares = max(32, REMEMBERED_BYTES // share_bytes)
-    return lru_cache(maxsize=shares)(partial(_share, image_size=image_size))
+    return lru_cache(maxsize=shares)(partial(_share, image_size=image_size, resize=resize))
 
 
-def _share(strip: Strip, top: int, *, image_size: int) -> _Share:
+def _share(strip: Strip, top: int, *, image_size: int, resize: str = "area") -> _Share:
     height = sum(count for _, count in strip)
-    first = top * image_size // PICTURE_SIZE
-    end = -(-(top + height) * image_size // PICTURE_SIZE)
+    weights = _weights(image_size, resize)
+    touched = np.flatnonzero(weights[:, top : top + height].any(axis=1))
+    first, end = (int(touched[0]), int(touched[-1]) + 1) if touched.size else (0, 0)
     sums = np.zeros((end - first, 3 * image_size), np.int32)
-    narrow = _remembering_narrow(image_size)
+    narrow = _remembering_narrow(image_size, resize)
     for row, count in strip:
-        covered = _overlap(np.array([top]), count, np.arange(first, end), image_size)
-        sums += covered * narrow(row)
+        weight = weights[first:end, top : top + count].sum(axis=1, keepdims=True)
+        sums += weight.astype(np.int32) * narrow(row)
         top += count
     return _Share(first, end, sums, height)
 
 
 @lru_cache(maxsize=4)
-def _remembering_narrow(image_size: int) -> Callable[[bytes], NDArray[np.int32]]:
+def _remembering_narrow(image_size: int, resize: str) -> Callable[[bytes], NDArray[np.int32]]:
     rows = max(32, REMEMBERED_BYTES // (4 * 3 * image_size))
-    return lru_cache(maxsize=rows)(partial(_narrow, image_size=image_size))
+    return lru_cache(maxsize=rows)(partial(_narrow, image_size=image_size, resize=resize))
 
 
-def _narrow(row: bytes, image_size: int) -> NDArray[np.int32]:
-    """Return a row of pixels at another width, times its old width, shape (image_size * 3,)."""
+def _narrow(row: bytes, image_size: int, resize: str) -> NDArray[np.int32]:
+    """Return a row of pixels at another width, weighted sums, shape (image_size * 3,)."""
     pixels = np.frombuffer(row, np.uint8).reshape(PICTURE_SIZE, 3)
     # In floats, which hold these whole numbers exactly and are multiplied much faster.
-    sums = _coverage(image_size) @ pixels.astype(np.float64)
+    sums = _weights(image_size, resize) @ pixels.astype(np.float64)
     return sums.astype(np.int32).reshape(-1)
 
 
 @lru_cache(maxsize=4)
-def _coverage(image_size: int) -> NDArray[np.float64]:
-    """Return how much of each pixel a small one covers, shape (image_size, PICTURE_SIZE)."""
-    covered = _overlap(np.arange(PICTURE_SIZE), 1, np.arange(image_size), image_size)
-    return covered.astype(np.float64)
+def _weights(image_size: int, resize: str) -> NDArray[np.float64]:
+    """Return how much each pixel counts in a small one, shape (image_size, PICTURE_SIZE).
 
-
-def _overlap(
-    starts: NDArray[np.int64], length: int, targets: NDArray[np.int64], image_size: int
-) -> NDArray[np.int32]:
-    """Return how much of each run of pixels lies under each pixel of the small picture.
-
-    Args:
-        starts: First pixel of each run, shape (S,).
-        length: Pixels in each run.
-        targets: Pixels of the small picture, shape (T,).
-        image_size: Side of the small picture.
-
-    Returns:
-        Shape (T, S), in a unit of which a pixel is `image_size` and a small one `PICTURE_SIZE`.
+    In whole numbers, and the same in all for every small pixel: by `area` the unit is 1 /
+    `image_size` of a pixel, by `bilinear` half of that.
     """
-    begins, ends = starts * image_size, (starts + length) * image_size
-    lows = targets[:, None] * PICTURE_SIZE
-    overlap: NDArray[np.int64] = np.minimum(ends, lows + PICTURE_SIZE) - np.maximum(begins, lows)
-    return overlap.clip(0).astype(np.int32)
+    small = np.arange(image_size)[:, None]
+    if resize == "area":
+        starts, lows = np.arange(PICTURE_SIZE) * image_size, small * PICTURE_SIZE
+        overlap = np.minimum(starts + image_size, lows + PICTURE_SIZE) - np.maximum(starts, lows)
+        return overlap.clip(0).astype(np.float64)
+    # From the centre of the first pixel to that of the small one.
+    centres = PICTURE_SIZE * (2 * small + 1) - image_size
+    apart = abs(2 * image_size * np.arange(PICTURE_SIZE) - centres)
+    return (2 * image_size - apart).clip(0).astype(np.float64)

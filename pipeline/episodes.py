@@ -43,7 +43,7 @@ def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[Load
 def _episode(rows: list[RawRow], spec: ObservationSpec) -> LoadedEpisode:
     actions = [row.actions for row in rows[:-1]]
     try:
-        labyrinth, number = _parse(rows[0].info)
+        labyrinth, number = parse_info(rows[0].info)
         episode = replay(labyrinth, actions)
     except ValueError as error:
         reason = str(error).partition("\n")[0]
@@ -59,7 +59,7 @@ def _episode(rows: list[RawRow], spec: ObservationSpec) -> LoadedEpisode:
 
 
 @lru_cache(maxsize=1)
-def _parse(info: str) -> tuple[Labyrinth, int]:
+def parse_info(info: str) -> tuple[Labyrinth, int]:
     """Return a labyrinth and its id; consecutive episodes mostly are of the same."""
     labyrinth = parse(info)
     return labyrinth, int(labyrinth_id(labyrinth), 16)

@@ -62,6 +62,7 @@ def load_transitions(
     image_size: int = DEFAULT_IMAGE_SIZE,
     revision: str | None = None,
     draw: bool = False,
+    resize: str = "area",
     cache_dir: str | Path | bool | None = True,
 ) -> Transitions:
     """Return all transitions of a split.
@@ -72,13 +73,14 @@ def load_transitions(
     they are not read at all, and the arrays are those of the dataset that the manifest describes.
 
     Args:
-        source: As for `load_episodes`, with the others up to `draw`.
+        source: As for `load_episodes`, with the others up to `resize`.
         config: Such as `5x5`.
         split: Such as `train`.
         observation: "image" or "vector".
         image_size: Pixels on each side of the pictures.
         revision: On the Hub.
         draw: Whether pictures are drawn instead of decoded.
+        resize: How pictures become smaller.
         cache_dir: Folder in which pictures are kept. True stands for `labyrinth-datasets` in
             `$XDG_CACHE_HOME` or `~/.cache`. False or None keeps nothing and holds all in memory;
             so does, with a warning, a folder that cannot be written, or a full disk.
@@ -87,7 +89,7 @@ def load_transitions(
         ValueError: An argument is none of the allowed values.
         DatasetError: As for `load_episodes`, or there is no episode in the split.
     """
-    spec = ObservationSpec(observation, image_size, draw)
+    spec = ObservationSpec(observation, image_size, draw, resize)
     folder = locate(source, config, split, revision)
     manifest = Manifest.read(folder)
     shards = manifest.of(split)
@@ -113,6 +115,7 @@ def _key(shards: Sequence[Shard], spec: ObservationSpec) -> str:
         "shards": [shard.sha256 for shard in shards],
         "image_size": spec.image_size,
         "drawn": spec.draw,
+        "resize": spec.resize,
         "pixels": PIXELS,
     }
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
@@ -127,6 +130,7 @@ def load_episodes(
     image_size: int = DEFAULT_IMAGE_SIZE,
     revision: str | None = None,
     draw: bool = False,
+    resize: str = "area",
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split, in order.
 
@@ -136,16 +140,18 @@ def load_episodes(
         split: One of train, validation, test, random, s0, s0_and_g.
         observation: "image" for pictures from `obs`; "vector" for the authors' vector form, made
             from `info` and `actions` alone (see `labyrinth_core.vector`).
-        image_size: Pixels on each side of the pictures, area-averaged from 600.
+        image_size: Pixels on each side of the pictures.
         revision: Branch, tag or commit on the Hub; not for folders.
         draw: Whether pictures are drawn from `info` and `actions`, too: the same to the last bit,
             as `validate` has made sure, and `obs` is not read.
+        resize: How pictures become smaller: "area" averages, so that no wall vanishes; "bilinear"
+            is without antialiasing, and loses walls (see `labyrinth_core.shrinking`).
 
     Raises:
         ValueError: An argument is none of the allowed values.
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
-    spec = ObservationSpec(observation, image_size, draw)
+    spec = ObservationSpec(observation, image_size, draw, resize)
     folder = locate(source, config, split, revision)
     shards = Manifest.read(folder).of(split)
     return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
@@ -160,6 +166,7 @@ def stream_episodes(
     image_size: int = DEFAULT_IMAGE_SIZE,
     revision: str | None = None,
     draw: bool = False,
+    resize: str = "area",
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
@@ -167,7 +174,7 @@ def stream_episodes(
     when the last was read or nobody reads on. Arguments and errors are those of `load_episodes`;
     no more is downloaded than they need.
     """
-    spec = ObservationSpec(observation, image_size, draw)
+    spec = ObservationSpec(observation, image_size, draw, resize)
     folder = local_folder(source, config, revision)
     if folder is not None:
         Manifest.read(folder).of(split)  # Or it says which splits there are.
@@ -185,6 +192,7 @@ def stream_transitions(
     image_size: int = DEFAULT_IMAGE_SIZE,
     revision: str | None = None,
     draw: bool = False,
+    resize: str = "area",
 ) -> Generator[Transition]:
     """Yield the transitions of a split as they are downloaded; as `stream_episodes`."""
     episodes = stream_episodes(
@@ -195,6 +203,7 @@ def stream_transitions(
         image_size=image_size,
         revision=revision,
         draw=draw,
+        resize=resize,
     )
     return _steps(episodes)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.dynamics import State
 from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.png_reading import strips_of
 from labyrinth_core.renderer import PICTURE_SIZE, Painter, area_average
 from labyrinth_core.rollout import Episode
-from labyrinth_core.shrinking import shrink
+from labyrinth_core.shrinking import RESIZES, shrink
 from labyrinth_core.vector import vector_observation
 from pipeline.manifest import DatasetError
 
@@ -41,6 +42,8 @@ class ObservationSpec:
     """Pixels on each side of a picture."""
     draw: bool = False
     """Whether pictures are drawn from `info` and `actions`, instead of decoded from `obs`."""
+    resize: str = "area"
+    """One of `shrinking.RESIZES`."""
 
     def __post_init__(self) -> None:
         if self.observation not in OBSERVATIONS:
@@ -48,6 +51,12 @@ class ObservationSpec:
             raise ValueError(f"observation={self.observation}: choose one of {allowed}")
         if self.image_size < 1:
             raise ValueError(f"image_size={self.image_size}: give 1 or more")
+        if self.resize not in RESIZES:
+            raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
+        if self.resize == "bilinear" and self.image_size > PICTURE_SIZE:
+            raise ValueError(
+                f"image_size={self.image_size}: resize=bilinear goes up to {PICTURE_SIZE}"
+            )
 
     @property
     def decodes(self) -> bool:
@@ -66,13 +75,18 @@ class ObservationSpec:
         """
         labyrinth = episode.labyrinth
         if self.decodes:
-            decode = _remembering_decoder(self.image_size)
+            decode = _remembering_decoder(self.image_size, self.resize)
             return np.stack([decode(png) for png in pngs])
+        states = dict.fromkeys(episode.states)
+        place = {state: number for number, state in enumerate(states)}
+        return self.look(labyrinth, states)[[place[state] for state in episode.states]]
+
+    def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
+        """Return what is observed in states of a labyrinth, pictures being drawn."""
         if self.observation == "vector":
-            return np.stack([vector_observation(labyrinth, state) for state in episode.states])
+            return np.stack([vector_observation(labyrinth, state) for state in states])
         strips = _painter(labyrinth).strips
-        drawn = {state: shrink(strips(state), self.image_size) for state in set(episode.states)}
-        return np.stack([drawn[state] for state in episode.states])
+        return np.stack([shrink(strips(state), self.image_size, self.resize) for state in states])
 
 
 @lru_cache(maxsize=1)
@@ -82,21 +96,25 @@ def _painter(labyrinth: Labyrinth) -> Painter:
 
 
 @lru_cache(maxsize=1)
-def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
+def _remembering_decoder(
+    image_size: int, resize: str = "area"
+) -> Callable[[bytes | None], NDArray[np.uint8]]:
     """Return `_decode` with a memory: a random policy comes back to its states."""
     pictures = max(1, CACHED_BYTES // (3 * image_size**2))
-    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
+    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size, resize=resize))
 
 
-def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
-    """Return a picture, shape (image_size, image_size, 3), area-averaged."""
+def _decode(png: bytes | None, image_size: int, resize: str) -> NDArray[np.uint8]:
+    """Return a picture, shape (image_size, image_size, 3)."""
     if png is None:
         raise DatasetError("obs: a row has no picture")
     strips = strips_of(png, PICTURE_SIZE)
-    return _decode_any(png, image_size) if strips is None else shrink(strips, image_size)
+    if strips is None:
+        return _decode_any(png, image_size, resize)
+    return shrink(strips, image_size, resize)
 
 
-def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
+def _decode_any(png: bytes, image_size: int, resize: str) -> NDArray[np.uint8]:
     """Return what `_decode` does of a picture that another encoder made, or say what is wrong."""
     from PIL import Image
 
@@ -106,7 +124,10 @@ def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
             if image.size != (PICTURE_SIZE, PICTURE_SIZE):
                 width, height = image.size
                 raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")
-            return area_average(np.asarray(image.convert("RGB")), image_size)
+            picture = np.asarray(image.convert("RGB"))
+            if resize == "area":
+                return area_average(picture, image_size)
+            return shrink([((row.tobytes(), 1),) for row in picture], image_size, resize)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         reason = " ".join(str(error).split())
         raise DatasetError(f"obs: a picture cannot be decoded: {reason}") from error

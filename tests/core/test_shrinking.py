@@ -4,7 +4,8 @@ import hashlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+import torch
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import labyrinths
 
@@ -25,6 +26,20 @@ def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
     np.testing.assert_array_equal(small, area_average(painter.array(state), image_size))
     decoded = strips_of(painter.png(state), PICTURE_SIZE)
     np.testing.assert_array_equal(small, shrink(decoded, image_size))
+
+
+@given(labyrinths(), st.integers(1, 600), st.data())
+@settings(max_examples=25)
+def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
+    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    painter = Painter(labyrinth)
+    large = torch.tensor(painter.array(state)).permute(2, 0, 1)[None].double()
+    expected = torch.nn.functional.interpolate(
+        large, (image_size, image_size), mode="bilinear", align_corners=False, antialias=False
+    )[0].permute(1, 2, 0)
+    small = shrink(painter.strips(state), image_size, "bilinear")
+    # Rounded to whole numbers, here exactly.
+    assert np.abs(small - expected.numpy()).max() <= 0.5 + 1e-6
 
 
 @pytest.mark.parametrize("image_size", [1, 2, 64, 299, 599, 600, 601, 1000])
