@@ -35,7 +35,8 @@ HOMES = {
     ),
     "huggingface_hub": ("pipeline.release", "pipeline.source"),
     "torch": ("pipeline.training",),
-    "torchvision": ("pipeline.training",),
+    "safetensors": ("pipeline.training",),
+    "matplotlib": ("pipeline.training.record",),
     "gymnasium": (
         "labyrinth_core.env",
         "labyrinth_core.vector_env",

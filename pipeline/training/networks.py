@@ -116,7 +116,7 @@ class ResNet18(nn.Sequential):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
 
-class Mlp(nn.Sequential):
+class Mlp(nn.Module):
     """An encoder of ours for vectors, the wall grid as it is and positions one-hot: 512 features.
 
     The supplement has none. A position is a number of a place, not an amount.
@@ -125,10 +125,11 @@ class Mlp(nn.Sequential):
     features = WIDTH
 
     def __init__(self, spec: NetworkSpec, frames: int = 1) -> None:
+        super().__init__()
         self.tiles = tile_count(Task(spec.task))
         self.grid = (2 * spec.height - 1) * (2 * spec.width - 1)
         inputs = frames * (self.tiles * (self.grid + 1) + self.grid)
-        super().__init__(nn.Linear(inputs, WIDTH), nn.LeakyReLU(SLOPE))
+        self.layer = nn.Linear(inputs, WIDTH)
 
     def forward(self, vectors: Tensor) -> Tensor:
         """Return the features of vectors, those of several frames being one after the other."""
@@ -137,8 +138,7 @@ class Mlp(nn.Sequential):
         places = functional.one_hot(frames[:, :, : self.tiles] + 1, self.grid + 1)
         walls = frames[:, :, self.tiles :]
         inputs = torch.cat([places.flatten(1), walls.flatten(1)], 1).float()
-        features: Tensor = super().forward(inputs)
-        return features
+        return functional.leaky_relu(self.layer(inputs), SLOPE)
 
 
 def make_encoder(spec: NetworkSpec, frames: int = 1) -> Cnn | ResNet18 | Mlp:

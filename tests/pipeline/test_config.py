@@ -96,6 +96,37 @@ IMPOSSIBLE = [
 ]
 
 
+IMPOSSIBLE_TO_TRAIN = [
+    ("encoder", "vgg", "[cnn, resnet18, mlp]"),
+    ("encoder", "mlp", "observation=vector"),
+    ("pool_stride", 3, "[1, 2]"),
+    ("observation", "sound", "[image, vector]"),
+    ("protocol", "mine", "[default, paper]"),
+    ("device", "tpu", "[auto, cpu, cuda]"),
+    ("threads", 0, "from 1 to"),
+    ("run_dir", " ", "give a folder"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "allowed"), IMPOSSIBLE_TO_TRAIN)
+def test_an_impossible_option_of_training_is_refused_where_something_is_trained(
+    name: str, value: Any, allowed: str
+) -> None:
+    assert resolve(config(**{name: value})).training is None
+    with pytest.raises(ConfigError) as caught:
+        resolve(config(stages=["train"], **{name: value}))
+    message = str(caught.value)
+    assert message.startswith(name)
+    assert allowed in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", ["", "BC", "os.path", "../bc", None])
+def test_the_name_of_a_method_is_an_identifier(name: str | None) -> None:
+    with pytest.raises(ConfigError, match=r"^method.name=.*: give the name of a method"):
+        resolve(config(stages=["train"], method={"name": name}))
+
+
 @pytest.mark.parametrize(("name", "value", "allowed"), IMPOSSIBLE)
 def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allowed: str) -> None:
     with pytest.raises(ConfigError) as caught:
@@ -177,6 +208,26 @@ def test_a_run_knows_its_folder() -> None:
     assert resolve(config(data_dir="~/a")).data_dir == Path.home() / "a"
 
 
+def test_the_folder_of_a_run_tells_what_was_trained() -> None:
+    plain = resolve(config(stages=["train"], seed=3)).training
+    other = resolve(
+        config(
+            stages=["train"],
+            method={"name": "iupe", "epochs": 7},
+            encoder="resnet18",
+            pool_stride=2,
+            protocol="paper",
+            run_dir="~/runs",
+        )
+    ).training
+    assert plain is not None
+    assert other is not None
+    assert plain.folder("5x5") == Path("runs/5x5/bc-cnn-seed3")
+    assert other.folder("4x6").parent == Path.home() / "runs" / "4x6"
+    assert other.name == "iupe-resnet18-seed0-stride2-paper"
+    assert dict(other.settings) == {"epochs": 7}
+
+
 def test_options_document_exactly_the_fields_of_the_schema() -> None:
     documented = set()
     for name, default in vars(RunConfig()).items():
@@ -192,10 +243,10 @@ def test_options_document_exactly_the_fields_of_the_schema() -> None:
 
 def test_the_yaml_sets_exactly_the_fields_of_the_schema() -> None:
     values = yaml.safe_load((CONF / "config.yaml").read_text())
-    names = set(values) - {"defaults", "hydra"} | {"task"}
+    names = set(values) - {"defaults", "hydra"} | {"task", "method"}
     schema = RunConfig()
     assert names == set(vars(schema))
-    for name in names - {"task"}:
+    for name in names - {"task", "method"}:
         if is_dataclass(getattr(schema, name)):
             assert set(values[name]) == set(vars(getattr(schema, name)))
 

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import torch
 
 from labyrinth_core.labyrinth import Task
 from pipeline.config import Run
+from pipeline.training.method import Problem
+from pipeline.training.networks import NetworkSpec
+from pipeline.training.steps import load_steps
+from pipeline.training.worlds import load_worlds
+
+torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")
@@ -18,3 +28,27 @@ def datasets(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
     for task in Task:
         build(folder, size="3x4", task=str(task), labyrinths=5, solutions="all", random_steps=20)
     return folder
+
+
+@pytest.fixture(scope="session")
+def problem_of(small_dataset: Run) -> Callable[..., Problem]:
+    """A function that returns what methods learn from: 3x3, eight labyrinths."""
+    worlds = load_worlds(small_dataset.data_dir, "3x3", "train")
+    steps = {
+        split: load_steps(small_dataset.data_dir, "3x3", split, worlds)
+        for split in ("train", "random")
+    }
+
+    def make(seed: int = 0, **changed: Any) -> Problem:
+        torch.manual_seed(seed)
+        problem = Problem(
+            worlds=worlds,
+            observations=torch.tensor(worlds.observations),
+            demonstrations=steps["train"],
+            exploration=lambda: steps["random"],
+            spec=NetworkSpec("cnn", 1, 3, 3, "navigation"),
+            rng=np.random.default_rng(seed),
+        )
+        return replace(problem, **changed)
+
+    return make

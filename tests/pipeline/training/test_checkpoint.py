@@ -1,0 +1,83 @@
+"""A run that was killed goes on exactly where it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from safetensors import safe_open
+
+from pipeline.manifest import DatasetError
+from pipeline.training import bc, checkpoint
+from pipeline.training.checkpoint import Progress, state_of
+from pipeline.training.method import Learner, Problem
+
+Problems = Callable[..., Problem]
+
+
+def learner(problem: Problem) -> bc.Method:
+    return bc.Method(problem, bc.Settings())
+
+
+def same(left: Learner, right: Learner) -> bool:
+    (tensors, plain), (others, other_plain) = state_of(left), state_of(right)
+    if json.dumps(plain) != json.dumps(other_plain) or set(tensors) != set(others):
+        return False
+    return all(torch.equal(tensor, others[name]) for name, tensor in tensors.items())
+
+
+def test_a_checkpoint_holds_weights_moments_randomness_and_history(
+    problem_of: Problems, tmp_path: Path
+) -> None:
+    path = tmp_path / "checkpoint"
+    first = learner(problem_of(0))
+    first.epoch()
+    weights = {name: tensor.clone() for name, tensor in first.policy.state_dict().items()}
+    told = Progress(3, 1.5, [{"epoch": 3, "loss": 0.25}], {"epoch": 3}, 2, weights)
+    checkpoint.save(path, first, told, {"run": 1})
+    uninterrupted = [first.epoch() for _ in range(2)]
+
+    second = learner(problem_of(99))
+    assert not same(first, second)
+    progress = checkpoint.load(path, second, {"run": 1})
+    assert (progress.epoch, progress.history, progress.stale) == (3, told.history, 2)
+    assert all(torch.equal(each, weights[name]) for name, each in progress.weights.items())
+    assert [second.epoch() for _ in range(2)] == uninterrupted
+    assert same(first, second)
+
+
+def test_there_is_no_code_in_a_checkpoint(problem_of: Problems, tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint"
+    checkpoint.save(path, learner(problem_of()), Progress(), {})
+    with safe_open(path, framework="pt") as file:
+        assert "policy/encoder.0.weight" in file.keys()  # noqa: SIM118
+    assert b"pickle" not in path.read_bytes()[:20_000]
+    assert [each.name for each in tmp_path.iterdir()] == ["checkpoint"]
+
+
+def test_the_checkpoint_of_another_run_is_refused(problem_of: Problems, tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint"
+    checkpoint.save(path, learner(problem_of()), Progress(), {"seed": 0, "encoder": "cnn"})
+    with pytest.raises(DatasetError, match="seed=0, not 1: choose another run_dir"):
+        checkpoint.load(path, learner(problem_of()), {"seed": 1, "encoder": "cnn"})
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x80\x04\x95pickle"])
+def test_what_is_no_checkpoint_is_refused(
+    problem_of: Problems, tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / "checkpoint"
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match="remove it to begin anew"):
+        checkpoint.load(path, learner(problem_of()), {})
+
+
+def test_an_attribute_that_would_be_forgotten_is_an_error(problem_of: Problems) -> None:
+    forgetful: Any = learner(problem_of())
+    forgetful.seen = ["a list"]
+    with pytest.raises(TypeError, match="seen is a list"):
+        state_of(forgetful)

@@ -1,0 +1,109 @@
+"""The networks have the shapes of the supplement's Tables 1 and 2."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import nn
+
+from labyrinth_core.labyrinth import Task
+from labyrinth_core.vector import tile_count
+from pipeline.training.networks import (
+    Cnn,
+    Discriminator,
+    Mlp,
+    Network,
+    NetworkSpec,
+    ResNet18,
+    as_input,
+)
+
+
+def spec(encoder: str, pool_stride: int = 1, task: str = "navigation") -> NetworkSpec:
+    return NetworkSpec(encoder, pool_stride, 3, 4, task)
+
+
+def parameters(network: nn.Module) -> int:
+    return sum(weight.numel() for weight in network.parameters())
+
+
+def pictures(count: int) -> torch.Tensor:
+    return torch.randint(0, 256, (count, 64, 64, 3), dtype=torch.uint8)
+
+
+def test_the_policies_have_the_parameters_of_table_1() -> None:
+    assert parameters(Network(spec("cnn"))) == 865_700
+    assert parameters(ResNet18()) == 11_176_512
+    assert parameters(Network(spec("resnet18"))) == 11_176_512 + 2 * (512 * 512 + 512) + 4 * 513
+
+
+def test_table_1a_layer_by_layer() -> None:
+    layers = [
+        type(layer).__name__ for layer in Network(spec("cnn")).modules() if not [*layer.children()]
+    ]
+    normalised = ["Conv2d", "BatchNorm2d", "LeakyReLU"]
+    dense = ["Linear", "LeakyReLU", "Dropout"]
+    assert layers == [
+        "Conv2d",
+        "LeakyReLU",
+        *normalised,
+        *normalised,
+        "Flatten",
+        *dense,
+        *dense,
+        "Linear",
+    ]
+
+
+@pytest.mark.parametrize(("stride", "side"), [(1, 32), (2, 16)])
+def test_the_pooling_of_resnet_keeps_or_halves_the_picture(stride: int, side: int) -> None:
+    encoder = ResNet18(pool_stride=stride)
+    features = as_input(pictures(1))
+    assert nn.Sequential(*list(encoder)[:4])(features).shape == (1, 64, side, side)
+    assert encoder(features).shape == (1, 512)
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+@pytest.mark.parametrize("encoder", ["cnn", "resnet18"])
+def test_pictures_give_four_scores(encoder: str, frames: int) -> None:
+    seen = torch.cat([pictures(2)] * frames, -1)
+    assert Network(spec(encoder), frames=frames)(seen).shape == (2, 4)
+    assert Network(spec(encoder), outputs=1, frames=frames)(seen).shape == (2, 1)
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+@pytest.mark.parametrize("task", list(Task))
+def test_vectors_give_four_scores(task: Task, frames: int) -> None:
+    tiles, grid = tile_count(task), 5 * 7
+    vectors = torch.zeros((2, tiles + grid), dtype=torch.int32)
+    vectors[:, :tiles] = torch.tensor([-1, grid - 1] * 3)[:tiles]
+    seen = torch.cat([vectors] * frames, -1)
+    assert Network(spec("mlp", task=str(task)), frames=frames)(seen).shape == (2, 4)
+
+
+def test_a_position_in_a_vector_is_a_place_and_not_an_amount() -> None:
+    encoder = Mlp(spec("mlp"))
+    assert encoder.layer.in_features == 3 * (35 + 1) + 35
+
+
+def test_the_discriminator_has_the_1028_inputs_of_table_2() -> None:
+    discriminator = Discriminator(spec("cnn"))
+    assert discriminator.classifier[0].in_features == 1028
+    assert not [layer for layer in discriminator.modules() if isinstance(layer, nn.BatchNorm2d)]
+    convolutions = parameters(Cnn()) - 2 * 2 * 64
+    assert parameters(discriminator) == convolutions + 1028 * 256 + 256 + 256 * 257 + 257
+    logits = discriminator(pictures(3), torch.tensor([0, 3, 1]))
+    assert logits.shape == (3,)
+
+
+def test_the_discriminator_sees_the_action() -> None:
+    discriminator = Discriminator(spec("cnn"))
+    same = pictures(1).expand(4, -1, -1, -1)
+    assert len(set(discriminator(same, torch.arange(4)).tolist())) == 4
+
+
+def test_pictures_are_scaled_to_the_unit_interval() -> None:
+    seen = pictures(2)
+    inputs = as_input(seen)
+    assert inputs.shape == (2, 3, 64, 64)
+    assert torch.equal((inputs.permute(0, 2, 3, 1) * 255).round().byte(), seen)

@@ -1,0 +1,209 @@
+"""The stage `train`: the same seed, the same weights; killed or not; whole or not finished."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from pipeline.config import ConfigError, Run, RunConfig, resolve
+from pipeline.manifest import DatasetError
+from pipeline.training import bc, loop, train
+from pipeline.training.record import CHECKPOINT, CURVES, POLICY, RECORD
+from pipeline.training.worlds import load_worlds
+
+
+@pytest.fixture
+def run_of(small_dataset: Run, tmp_path: Path) -> Callable[..., Run]:
+    """A function that returns a run of the stage on the small dataset, three epochs of BC."""
+
+    def make(folder: str = "runs", **options: Any) -> Run:
+        settings = {"name": "bc", "epochs": 3, "evaluate_every": 2} | options.pop("method", {})
+        small: dict[str, Any] = {
+            "stages": ["train"],
+            "size": "3",
+            "data_dir": str(small_dataset.data_dir),
+            "run_dir": str(tmp_path / folder),
+            "method": settings,
+        }
+        return resolve(RunConfig(**small | options))
+
+    return make
+
+
+def folder_of(run: Run) -> Path:
+    assert run.training is not None
+    return run.training.folder(run.dataset.name)
+
+
+def weights_of(run: Run) -> bytes:
+    return (folder_of(run) / POLICY).read_bytes()
+
+
+def test_a_run_leaves_policy_curves_and_a_record_of_how_it_was_made(
+    run_of: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = run_of()
+    train.run(run)
+    folder = folder_of(run)
+    assert folder.name == "bc-cnn-seed0"
+    assert sorted(path.name for path in folder.iterdir()) == [CURVES, POLICY, RECORD]
+    record = json.loads((folder / RECORD).read_text())
+    assert record["run"]["settings"]["epochs"] == 3
+    assert len(record["run"]["fingerprint"]) == 64
+    assert [row["epoch"] for row in record["history"]] == [1, 2, 3]
+    assert ["validation_sr" in row for row in record["history"]] == [False, True, True]
+    assert record["selected"] in record["history"]
+    assert "SR" in capsys.readouterr().out
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
+    run_of: Callable[..., Run],
+) -> None:
+    first, again, other = run_of("a"), run_of("b"), run_of("c", seed=1)
+    for run in (first, again, other):
+        train.run(run)
+    assert weights_of(first) == weights_of(again)
+    assert weights_of(first) != weights_of(other)
+
+
+def test_training_leaves_the_randomness_of_others_alone(run_of: Callable[..., Run]) -> None:
+    torch.manual_seed(3)
+    expected = torch.rand(2)
+    torch.manual_seed(3)
+    train.run(run_of())
+    assert torch.equal(torch.rand(2), expected)
+
+
+def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = run_of("whole")
+    train.run(whole)
+    monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", 0.0)
+    killed, epoch = run_of("killed"), bc.Method.epoch
+    for survived in (1, 1):
+        left = [survived]
+
+        def dying(self: bc.Method, left: list[int] = left) -> dict[str, float]:
+            if not left.pop():
+                raise KeyboardInterrupt
+            left.append(0)
+            return epoch(self)
+
+        monkeypatch.setattr(bc.Method, "epoch", dying)
+        with pytest.raises(KeyboardInterrupt):
+            train.run(killed)
+        assert [path.name for path in folder_of(killed).iterdir()] == [CHECKPOINT]
+    monkeypatch.setattr(bc.Method, "epoch", epoch)
+    train.run(killed)
+    assert weights_of(killed) == weights_of(whole)
+    histories = [json.loads((folder_of(run) / RECORD).read_text()) for run in (whole, killed)]
+    for history in histories:
+        for row in [*history["history"], history["selected"]]:
+            del row["seconds"]
+    assert histories[0]["history"] == histories[1]["history"]
+    assert histories[0]["selected"] == histories[1]["selected"]
+
+
+def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
+    run_of: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = run_of()
+    train.run(run)
+    before = {path: path.stat().st_mtime_ns for path in folder_of(run).iterdir()}
+    train.run(run)
+    assert "complete already" in capsys.readouterr().out
+    changed = run_of(method={"epochs": 4})
+    with pytest.raises(DatasetError, match="overwrite=true") as caught:
+        train.run(changed)
+    assert "'epochs': 3" in str(caught.value)
+    assert {path: path.stat().st_mtime_ns for path in folder_of(run).iterdir()} == before
+    train.run(replace(changed, overwrite=True))
+    assert json.loads((folder_of(run) / RECORD).read_text())["epochs"] == 4
+
+
+def test_the_labyrinths_of_test_are_never_opened(
+    run_of: Callable[..., Run], small_dataset: Run, tmp_path: Path
+) -> None:
+    copy = tmp_path / "labyrinth"
+    shutil.copytree(small_dataset.data_dir, copy)
+    for split in ("test", "s0", "s0_and_g"):
+        for shard in copy.glob(f"3x3/{split}-*"):
+            shard.unlink()
+    without, with_them = run_of("without", data_dir=str(copy)), run_of("with")
+    for run in (without, with_them):
+        train.run(run)
+    assert weights_of(without) == weights_of(with_them)
+
+
+def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better_one(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of train and validation by turns.
+    rates = iter([rate for rate in [0.1, *[0.3] * 10] for _ in range(2)])
+    monkeypatch.setattr(train, "success_rate", lambda *_: next(rates))
+    run = run_of(protocol="paper", method={"epochs": 50, "evaluate_every": 1})
+    train.run(run)
+    record = json.loads((folder_of(run) / RECORD).read_text())
+    assert (folder_of(run).name, record["epochs"]) == ("bc-cnn-seed0-paper", 7)
+    assert record["selected"]["epoch"] == 7
+
+
+def test_vectors_are_learnt_from_too(run_of: Callable[..., Run]) -> None:
+    run = run_of(encoder="mlp", observation="vector")
+    train.run(run)
+    losses = [row["loss"] for row in json.loads((folder_of(run) / RECORD).read_text())["history"]]
+    assert losses[-1] < losses[0]
+
+
+def test_no_dataset_is_answered_with_the_command_that_makes_it(
+    run_of: Callable[..., Run], tmp_path: Path
+) -> None:
+    with pytest.raises(DatasetError, match=r"python run.py size=3x3 task=navigation data_dir=\S+"):
+        train.run(run_of(data_dir=str(tmp_path / "nothing")))
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"method": {"name": "magic"}}, "method=magic"),
+        ({"method": {"name": "loop"}}, "method=loop"),
+        ({"method": {"epochs": 0}}, "method.epochs=0: give a whole number, 1 or more"),
+        ({"method": {"epochs": 1.5}}, "method.epochs=1.5: give a whole number"),
+        ({"method": {"learning_rate": "x"}}, "method.learning_rate=x: give a number"),
+        ({"method": {"speed": 1}}, "method.speed is no option: choose from [epochs"),
+    ],
+)
+def test_an_impossible_setting_of_a_method_is_refused_in_one_line(
+    run_of: Callable[..., Run], tmp_path: Path, options: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        train.run(run_of(**options))
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_device_that_is_not_there_is_refused(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(ConfigError, match="device=cuda: there is none here"):
+        train.run(run_of(device="cuda"))
+
+
+def test_pictures_of_the_two_protocols_differ_in_their_walls(small_dataset: Run) -> None:
+    area, bilinear = (
+        load_worlds(small_dataset.data_dir, "3x3", "train", resize=resize).observations
+        for resize in ("area", "bilinear")
+    )
+    assert area.shape == bilinear.shape
+    assert (area != bilinear).any()
