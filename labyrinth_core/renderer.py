@@ -29,7 +29,7 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class Style:
-    """The colours, red, green and blue from 0 to 255.
+    """The colours, red, green and blue from 0 to 255, and how thick walls are.
 
     The defaults give start, goal and agent the roles red, blue and green have in the original,
     in the shades of Okabe and Ito that the colour-blind can tell apart
@@ -45,6 +45,8 @@ class Style:
     key: Colour = (240, 228, 66)
     door: Colour = (128, 72, 32)
     ice: Colour = (170, 217, 242)
+    wall_pixels: int | None = None
+    """Of `PICTURE_SIZE`; None: a twelfth of a cell, or two pixels if that is more."""
 
 
 DEFAULT_STYLE = Style()
@@ -82,7 +84,7 @@ class Painter:
         structure = labyrinth.structure
         self._labyrinth = labyrinth
         self._style = style
-        self._grid = _grid(structure.height, structure.width)
+        self._grid = _grid(structure.height, structure.width, style.wall_pixels)
         width = structure.width
         everything = (1 << width) - 1
         self._rows = [
@@ -233,7 +235,7 @@ class _Grid:
 
 
 @lru_cache(maxsize=64)
-def _grid(height: int, width: int) -> _Grid:
+def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
     most = max(height, width)
     if most > MAX_PICTURED_SIDE:
         raise ValueError(
@@ -241,7 +243,8 @@ def _grid(height: int, width: int) -> _Grid:
             f"{MAX_PICTURED_SIDE} rows and columns at most"
         )
     # A twelfth of a cell looks right in small labyrinths; two pixels survive the way to 64 x 64.
-    thickness = max(PICTURE_SIZE // (12 * most), 2 if PICTURE_SIZE // most >= 4 else 1)
+    usual = max(PICTURE_SIZE // (12 * most), 2 if PICTURE_SIZE // most >= 4 else 1)
+    thickness = usual if wall_pixels is None else min(wall_pixels, usual)
     span = PICTURE_SIZE - thickness
 
     def lines(count: int) -> tuple[int, ...]:

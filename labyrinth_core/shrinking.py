@@ -3,8 +3,8 @@
 By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
 `renderer.area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
 between the four pixels nearest to its centre, with no antialiasing, as tensors are resized by
-default (`torch.nn.functional.interpolate`, `align_corners=False`): lines thinner than the distance
-of two centres vanish. That is for comparison with results that were got so.
+default (`torch.nn.functional.interpolate`, `align_corners=False`): thin lines between two centres
+vanish. That is for comparison with results that were got so.
 
 A strip comes back at the same height in many pictures, so what it adds to the pixels of the small
 picture is worked out once. All sums are in whole numbers.

@@ -80,7 +80,7 @@ def load_transitions(
         image_size: Pixels on each side of the pictures.
         revision: On the Hub.
         draw: Whether pictures are drawn instead of decoded.
-        resize: How pictures become smaller.
+        resize: How pictures become small.
         cache_dir: Folder in which pictures are kept. True stands for `labyrinth-datasets` in
             `$XDG_CACHE_HOME` or `~/.cache`. False or None keeps nothing and holds all in memory;
             so does, with a warning, a folder that cannot be written, or a full disk.
@@ -144,8 +144,8 @@ def load_episodes(
         revision: Branch, tag or commit on the Hub; not for folders.
         draw: Whether pictures are drawn from `info` and `actions`, too: the same to the last bit,
             as `validate` has made sure, and `obs` is not read.
-        resize: How pictures become smaller: "area" averages, so that no wall vanishes; "bilinear"
-            is without antialiasing, and loses walls (see `labyrinth_core.shrinking`).
+        resize: How pictures become small: "area" averages, so that no wall vanishes; "original"
+            loses walls as the authors' way does (see `pipeline.pictures.RESIZES`).
 
     Raises:
         ValueError: An argument is none of the allowed values.

@@ -14,13 +14,24 @@ from numpy.typing import NDArray
 from labyrinth_core.dynamics import State
 from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.png_reading import strips_of
-from labyrinth_core.renderer import PICTURE_SIZE, Painter, area_average
+from labyrinth_core.renderer import DEFAULT_STYLE, PICTURE_SIZE, Painter, Style, area_average
 from labyrinth_core.rollout import Episode
-from labyrinth_core.shrinking import RESIZES, shrink
+from labyrinth_core.shrinking import shrink
 from labyrinth_core.vector import vector_observation
 from pipeline.manifest import DatasetError
 
 OBSERVATIONS = ("image", "vector")
+
+RESIZES = {
+    "area": (DEFAULT_STYLE, "area"),
+    "original": (Style(wall_pixels=2), "bilinear"),
+}
+"""How pictures become small -> the style they are drawn in, and what `shrink` does then.
+
+`original` is for comparison: walls two pixels thick and no antialiasing, as the authors have it,
+so that most walls vanish on the way to 64 x 64. Pictures in `obs` have thicker walls, which would
+stay; so it is always drawn.
+"""
 
 PIXELS = 1
 """Version of the pixels that come of decoding, drawing and area-averaging.
@@ -43,7 +54,7 @@ class ObservationSpec:
     draw: bool = False
     """Whether pictures are drawn from `info` and `actions`, instead of decoded from `obs`."""
     resize: str = "area"
-    """One of `shrinking.RESIZES`."""
+    """One of `RESIZES`."""
 
     def __post_init__(self) -> None:
         if self.observation not in OBSERVATIONS:
@@ -53,15 +64,15 @@ class ObservationSpec:
             raise ValueError(f"image_size={self.image_size}: give 1 or more")
         if self.resize not in RESIZES:
             raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
-        if self.resize == "bilinear" and self.image_size > PICTURE_SIZE:
+        if self.resize != "area" and self.image_size > PICTURE_SIZE:
             raise ValueError(
-                f"image_size={self.image_size}: resize=bilinear goes up to {PICTURE_SIZE}"
+                f"image_size={self.image_size}: resize={self.resize} goes up to {PICTURE_SIZE}"
             )
 
     @property
     def decodes(self) -> bool:
         """Whether the pictures of `obs` are asked for."""
-        return self.observation == "image" and not self.draw
+        return self.observation == "image" and not self.draw and self.resize == "area"
 
     def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
         """Return what is observed in the states of an episode, one after the other.
@@ -75,46 +86,42 @@ class ObservationSpec:
         """
         labyrinth = episode.labyrinth
         if self.decodes:
-            decode = _remembering_decoder(self.image_size, self.resize)
+            decode = _remembering_decoder(self.image_size)
             return np.stack([decode(png) for png in pngs])
-        states = dict.fromkeys(episode.states)
-        place = {state: number for number, state in enumerate(states)}
-        return self.look(labyrinth, states)[[place[state] for state in episode.states]]
+        place = {state: number for number, state in enumerate(dict.fromkeys(episode.states))}
+        return self.look(labyrinth, place)[[place[state] for state in episode.states]]
 
     def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
         """Return what is observed in states of a labyrinth, pictures being drawn."""
         if self.observation == "vector":
             return np.stack([vector_observation(labyrinth, state) for state in states])
-        strips = _painter(labyrinth).strips
-        return np.stack([shrink(strips(state), self.image_size, self.resize) for state in states])
+        style, way = RESIZES[self.resize]
+        strips = _painter(labyrinth, style).strips
+        return np.stack([shrink(strips(state), self.image_size, way) for state in states])
 
 
 @lru_cache(maxsize=1)
-def _painter(labyrinth: Labyrinth) -> Painter:
+def _painter(labyrinth: Labyrinth, style: Style) -> Painter:
     """Return what draws a labyrinth; consecutive episodes may be of the same."""
-    return Painter(labyrinth)
+    return Painter(labyrinth, style)
 
 
 @lru_cache(maxsize=1)
-def _remembering_decoder(
-    image_size: int, resize: str = "area"
-) -> Callable[[bytes | None], NDArray[np.uint8]]:
+def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
     """Return `_decode` with a memory: a random policy comes back to its states."""
     pictures = max(1, CACHED_BYTES // (3 * image_size**2))
-    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size, resize=resize))
+    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
 
 
-def _decode(png: bytes | None, image_size: int, resize: str) -> NDArray[np.uint8]:
-    """Return a picture, shape (image_size, image_size, 3)."""
+def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
+    """Return a picture, shape (image_size, image_size, 3), area-averaged."""
     if png is None:
         raise DatasetError("obs: a row has no picture")
     strips = strips_of(png, PICTURE_SIZE)
-    if strips is None:
-        return _decode_any(png, image_size, resize)
-    return shrink(strips, image_size, resize)
+    return _decode_any(png, image_size) if strips is None else shrink(strips, image_size)
 
 
-def _decode_any(png: bytes, image_size: int, resize: str) -> NDArray[np.uint8]:
+def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
     """Return what `_decode` does of a picture that another encoder made, or say what is wrong."""
     from PIL import Image
 
@@ -124,10 +131,7 @@ def _decode_any(png: bytes, image_size: int, resize: str) -> NDArray[np.uint8]:
             if image.size != (PICTURE_SIZE, PICTURE_SIZE):
                 width, height = image.size
                 raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")
-            picture = np.asarray(image.convert("RGB"))
-            if resize == "area":
-                return area_average(picture, image_size)
-            return shrink([((row.tobytes(), 1),) for row in picture], image_size, resize)
+            return area_average(np.asarray(image.convert("RGB")), image_size)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         reason = " ".join(str(error).split())
         raise DatasetError(f"obs: a picture cannot be decoded: {reason}") from error

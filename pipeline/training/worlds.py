@@ -95,7 +95,7 @@ def load_worlds(
         split: Such as `train`.
         observation: "image" or "vector".
         image_size: Pixels on each side of the pictures.
-        resize: How pictures become smaller; see `labyrinth_core.shrinking`.
+        resize: How pictures become small; one of `pipeline.pictures.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.
 
     Raises:

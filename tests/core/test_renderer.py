@@ -322,7 +322,8 @@ def test_every_colour_of_a_style_is_used_and_no_other():
     for text, state in drawn:
         lines = np.unique(render(parse(text), state, style=COLOURFUL), axis=0)
         shown |= set(map(tuple, lines.reshape(-1, 3).tolist()))
-    assert shown == {getattr(COLOURFUL, field.name) for field in fields(Style)}
+    colours = [field.name for field in fields(Style) if field.name != "wall_pixels"]
+    assert shown == {getattr(COLOURFUL, name) for name in colours}
 
 
 # Nothing looks like something else.

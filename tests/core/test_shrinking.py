@@ -13,7 +13,14 @@ from labyrinth_core import shrinking
 from labyrinth_core.dynamics import initial, state_at, state_count
 from labyrinth_core.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.png_reading import strips_of
-from labyrinth_core.renderer import PICTURE_SIZE, Painter, area_average, render
+from labyrinth_core.renderer import (
+    DEFAULT_STYLE,
+    PICTURE_SIZE,
+    Painter,
+    Style,
+    area_average,
+    render,
+)
 from labyrinth_core.shrinking import shrink
 
 
@@ -40,6 +47,23 @@ def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth,
     small = shrink(painter.strips(state), image_size, "bilinear")
     # Rounded to whole numbers, here exactly.
     assert np.abs(small - expected.numpy()).max() <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize(("size", "lost"), [(3, 1), (4, 3), (5, 3)])
+def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
+    # No passage leads from one column to the next, save in the top row.
+    columns = [(cell, cell + size) for cell in range(size * (size - 1))]
+    top = [(cell, cell + 1) for cell in range(size * (size - 1), size * size - 1)]
+    walled = Labyrinth(Structure.from_passages(size, size, columns + top), 0, size * size - 1)
+
+    def vanished(style, resize):
+        picture = shrink(Painter(walled, style).strips(initial(walled)), 64, resize)
+        row = picture[64 - 64 // size - 64 // (2 * size)].mean(axis=1)  # The second from below.
+        near = [slice(64 * line // size - 2, 64 * line // size + 3) for line in range(1, size)]
+        return sum(row[pixels].min() == 255 for pixels in near)
+
+    assert vanished(Style(wall_pixels=2), "bilinear") == lost
+    assert vanished(Style(wall_pixels=2), "area") == vanished(DEFAULT_STYLE, "bilinear") == 0
 
 
 @pytest.mark.parametrize("image_size", [1, 2, 64, 299, 599, 600, 601, 1000])

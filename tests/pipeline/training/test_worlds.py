@@ -84,7 +84,7 @@ def test_optimal_actions_are_those_of_all_shortest_routes(datasets, config):
     "arguments",
     [
         {"image_size": 64},
-        {"image_size": 64, "resize": "bilinear"},
+        {"image_size": 64, "resize": "original"},
         {"image_size": 600},
         {"observation": "vector"},
     ],
@@ -126,8 +126,8 @@ def test_a_step_limit_is_forty_times_the_cells(datasets):
         ({"config": "9x9"}, "config=9x9: .* holds 3x4, "),
         ({"split": "eval"}, "split=eval: the dataset has train, "),
         ({"source": "nowhere at all"}, "neither a folder nor an id"),
-        ({"resize": "nearest"}, "resize=nearest: choose one of area, bilinear"),
-        ({"resize": "bilinear", "image_size": 601}, "image_size=601: resize=bilinear goes up to"),
+        ({"resize": "nearest"}, "resize=nearest: choose one of area, original"),
+        ({"resize": "original", "image_size": 601}, "image_size=601: resize=original goes up to"),
         ({"observation": "smell"}, "observation=smell: choose one of"),
     ],
 )
