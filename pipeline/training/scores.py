@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.training.bootstrap import interval
-from pipeline.training.following import OUTCOMES, Episodes
+from pipeline.training.following import OUTCOMES, Episodes, follow, greedy_actions
 from pipeline.training.worlds import Worlds
+
+if TYPE_CHECKING:
+    from pipeline.training.policy import Policy
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,18 +82,13 @@ class Scores:
         }
 
 
-def score(worlds: Worlds, actions: NDArray[np.int64], episodes: Episodes) -> Scores:
-    """Return the scores of a policy.
-
-    Args:
-        worlds: The split.
-        actions: What it does in each state, shape (S,).
-        episodes: Those that follow.
-    """
+def evaluate(policy: Policy, worlds: Worlds) -> Scores:
+    """Return the scores of a policy on a split, acting greedily."""
+    actions = greedy_actions(policy, worlds)
     right = np.take_along_axis(worlds.optimal, actions[:, None], axis=1)[:, 0]
     solvable, shown = worlds.optimal.any(axis=1), worlds.on_demonstration
     return Scores(
-        episodes=episodes,
+        episodes=follow(worlds, actions),
         labyrinth_ids=worlds.labyrinth_ids,
         distance=worlds.distance,
         accuracy_on_demonstrations=_share(right[solvable & shown]),
@@ -99,7 +97,9 @@ def score(worlds: Worlds, actions: NDArray[np.int64], episodes: Episodes) -> Sco
 
 
 def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
-    """Return the episodes of which `Scores.to_json` told."""
+    """Return the episodes of which `Scores.to_json` told; raises for anything else."""
+    if len(figures["outcomes"]) != len(figures["moves"]):
+        raise ValueError("there are not as many outcomes as moves")
     names = {name[0]: name for name in OUTCOMES}
     outcomes = np.array([names[letter] for letter in figures["outcomes"]])
     return Episodes(outcomes, np.array(figures["moves"], np.int64), cells)
