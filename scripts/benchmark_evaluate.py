@@ -4,18 +4,17 @@
     python scripts/benchmark_evaluate.py [--data FOLDER] [--rounds N] [--labyrinths N] [--quick]
 
 The policy is the CNN of the baselines with fresh weights; what it has learnt does not change what
-it costs. Three figures, each of the same machine in the same run:
+a look at a state costs. What is printed:
 
 - five splits: loading their labyrinths, drawing all states at 64 x 64, one pass of the policy over
   them, the look-ups, the intervals; what `stages=[evaluate]` does, but for the baselines.
-- look-ups: the same for some labyrinths of train.
-- stepping: the same labyrinths in `LabyrinthEnv`, one after the other, the policy being asked in
-  each step, which sees the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
-  Here an episode that comes back to a state is not stopped: it is stepped until it is cut.
+- stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, the policy being asked
+  in each step, which sees the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
+- their ratio for a labyrinth of train: both ways have to agree on every move and return.
 
-Each round times both ways on the same labyrinths; they must agree on every return and every move.
-The policy fails in most labyrinths, which then take 1,000 steps. `--solving` asks for a policy
-that is always right, whose episodes are as short as can be: the least that look-ups can win.
+The policy fails nearly everywhere, and a failed episode is stepped until it is cut, after 1,000
+steps. With `--solving` it is always right, and episodes are as short as can be: the least that
+there is to win.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ import os
 import platform
 import sys
 import time
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -38,11 +38,10 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.renderer import area_average
 from pipeline.loader import load_episodes
 from pipeline.manifest import DatasetError
-from pipeline.training.evaluations import SPLITS
+from pipeline.training.evaluate import evaluate_splits
 from pipeline.training.following import Episodes, follow, greedy_actions
 from pipeline.training.networks import Network, NetworkSpec
 from pipeline.training.policy import NetworkPolicy, Policy
-from pipeline.training.scores import evaluate
 from pipeline.training.worlds import Worlds, load_worlds
 
 CONFIG = "5x5"
@@ -67,8 +66,8 @@ class Solving:
 def evaluate_all(policy: Policy, data: Path) -> float:
     """Return the seconds that the five splits take, from their files to their figures."""
     start = time.perf_counter()
-    for split in SPLITS:
-        evaluate(policy, load_worlds(data, CONFIG, split)).to_json()
+    for _, _, scores in evaluate_splits(policy, partial(load_worlds, data, CONFIG)):
+        scores.to_json()
     return time.perf_counter() - start
 
 
@@ -120,7 +119,8 @@ def main() -> None:
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
         start = time.perf_counter()
-        looked_up = follow(train, greedy_actions(policy, train))
+        worlds = load_worlds(arguments.data, CONFIG, "train")
+        looked_up = follow(worlds, greedy_actions(policy, worlds))
         per_labyrinth = (time.perf_counter() - start) / len(infos)
         start = time.perf_counter()
         stepped = step_through(policy, [infos[place] for place in chosen])

@@ -6,22 +6,25 @@ Nothing is chosen here, and nothing learnt: one greedy episode for every labyrin
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from typing import Any
 
 from rich.table import Table
 
 from pipeline.config import Run
 from pipeline.manifest import DatasetError, Manifest, write_text
+from pipeline.prefetch import prefetched
 from pipeline.source import locate
 from pipeline.terminal import console, tracked
 from pipeline.training.baselines import BASELINES, compare
 from pipeline.training.bootstrap import interval
 from pipeline.training.evaluations import EVALUATION, FORMAT, SPLITS
-from pipeline.training.policy import load_policy
+from pipeline.training.policy import Policy, load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.scores import Scores, evaluate
 from pipeline.training.train import choose_device, spec_of, worlds_of
+from pipeline.training.worlds import Worlds
 
 
 def run(run: Run) -> None:
@@ -47,25 +50,28 @@ def run(run: Run) -> None:
             f"{folder} was trained on another dataset than {options.source}: their fingerprints "
             f"are {record['run']['fingerprint']:.8} and {fingerprint:.8}"
         )
-    load = worlds_of(run)
-    train = load("train")
     scores: dict[str, Scores] = {}
     baselines: dict[str, Any] = {}
-
-    def splits() -> Iterator[tuple[int, str]]:
-        for split in SPLITS:
-            worlds = train if split == "train" else load(split)
-            scores[split] = evaluate(policy, worlds)
-            baselines[split] = compare(train, worlds)
-            yield 1, split
-
-    for _ in tracked(splits(), "evaluate", total=len(SPLITS)):
-        pass
+    splits = ((1, each) for each in evaluate_splits(policy, worlds_of(run)))
+    for split, worlds, found in tracked(splits, "evaluate", total=len(SPLITS)):
+        if split == "train":
+            train = worlds
+        scores[split] = found
+        baselines[split] = compare(train, worlds)
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
     console.print(summary(options.name, content))
     console.print(baseline_summary(content))
+
+
+def evaluate_splits(
+    policy: Policy, load: Callable[[str], Worlds]
+) -> Iterator[tuple[str, Worlds, Scores]]:
+    """Yield the five splits, train first, with what a policy achieves; the next loads meanwhile."""
+    with closing(prefetched(((split, load(split)) for split in SPLITS), ahead=1)) as loaded:
+        for split, worlds in loaded:
+            yield split, worlds, evaluate(policy, worlds)
 
 
 def describe(
