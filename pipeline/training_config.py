@@ -30,22 +30,22 @@ class Protocol:
     """How pictures are shrunk, and when training ends."""
 
     resize: str
-    """`area`, which keeps every wall, or `bilinear`, without antialiasing."""
+    """As `pipeline.pictures.RESIZES` has it: `area` keeps every wall, `original` does not."""
     patience: int | None
     """Evaluations without a better validation SR after which training stops; None: never."""
 
 
 PROTOCOLS = {
     "default": Protocol(resize="area", patience=None),
-    "paper": Protocol(resize="bilinear", patience=5),
+    "paper": Protocol(resize="original", patience=5),
 }
 """Both keep the policy with the best SR on validation.
 
-`default` spends the whole budget and shrinks pictures without losing walls. `paper` follows the
-authors' public training script: four pixels of 600 are mixed for one of 64, so that thin walls
-vanish; every ten epochs the validation labyrinths are tried, and after five times without a better
-success rate training ends. That script trains BC; for the other methods, and for the published
-numbers, the sources are silent, and the same rule is used.
+`default` spends the whole budget, and shrinks pictures without losing walls. `paper` has the
+authors' thin walls and their resize without antialiasing, so that most walls vanish; and it stops
+as their public training script does: tried on the validation labyrinths every ten epochs
+(`method.evaluate_every=10`), training ends after five times without a better success rate. That
+script trains BC; where the sources are silent, for the other methods, the same rule is used.
 """
 
 

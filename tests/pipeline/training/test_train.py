@@ -16,7 +16,6 @@ from pipeline.config import ConfigError, Run, RunConfig, resolve
 from pipeline.manifest import DatasetError
 from pipeline.training import bc, loop, train
 from pipeline.training.record import CHECKPOINT, CURVES, POLICY, RECORD
-from pipeline.training.worlds import load_worlds
 
 
 @pytest.fixture
@@ -198,12 +197,3 @@ def test_a_device_that_is_not_there_is_refused(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(ConfigError, match="device=cuda: there is none here"):
         train.run(run_of(device="cuda"))
-
-
-def test_pictures_of_the_two_protocols_differ_in_their_walls(small_dataset: Run) -> None:
-    area, bilinear = (
-        load_worlds(small_dataset.data_dir, "3x3", "train", resize=resize).observations
-        for resize in ("area", "bilinear")
-    )
-    assert area.shape == bilinear.shape
-    assert (area != bilinear).any()
