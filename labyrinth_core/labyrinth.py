@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from labyrinth_core.grid import (
     MAX_SIDE,
     MIN_SIDE,
+    Action,
     horizontal_edges,
     neighbours,
     row_and_column,
@@ -19,6 +20,12 @@ from labyrinth_core.grid import (
 
 UNREACHABLE = -1
 """Distance of a state from which the goal cannot be reached."""
+
+Moves = tuple[int, int, int, int]
+"""Where each action leads from a cell: up, right, down, left."""
+
+_TABULATED_CELLS = 1_024
+"""Up to so many cells all moves there can be are kept, about 2 KB a cell."""
 
 
 class LabyrinthError(ValueError):
@@ -89,23 +96,18 @@ class Structure:
         return self.height * self.width
 
     @cached_property
-    def moves(self) -> list[tuple[int, int, int, int]]:
-        """Where each action leads from each cell: up, right, down, left; a wall leads back."""
+    def moves(self) -> list[Moves]:
+        """Where each action leads from each cell; a wall leads back."""
         width, size = self.width, self.cells
+        # Four bits a cell, those of its open sides: binary digits, read as if hexadecimal.
+        up, right = int(f"{self.up:b}", 16), int(f"{self.right:b}", 16)
+        sides = up | right << 1 | up << 4 * width + 2 | right << 4 + 3
         # As text, cell 0 first: reading single bits of a long integer costs its whole length.
-        up = f"{self.up:0{size}b}"[::-1]
-        right = f"{self.right:0{size}b}"[::-1]
-        below = "0" * width + up
-        left = "0" + right
-        return [
-            (
-                cell + width if up[cell] == "1" else cell,
-                cell + 1 if right[cell] == "1" else cell,
-                cell - width if below[cell] == "1" else cell,
-                cell - 1 if left[cell] == "1" else cell,
-            )
-            for cell in range(size)
-        ]
+        digits = f"{sides:0{size}x}"[::-1]
+        if size <= _TABULATED_CELLS:
+            known = _all_moves(self.height, width)
+            return [moves[digit] for moves, digit in zip(known, digits, strict=True)]
+        return [_moves_from(cell, int(digit, 16), width) for cell, digit in enumerate(digits)]
 
     def passages(self) -> Iterator[tuple[int, int]]:
         """Yield each passage once, as `(cell, neighbour above or at the right)`."""
@@ -137,7 +139,7 @@ class Structure:
 
         def transpose(bits: int) -> int:
             text = f"{bits:0{self.cells}b}"
-            return int("".join(text[column :: self.width] for column in range(self.width)), 2)
+            return int("".join([text[column :: self.width] for column in range(self.width)]), 2)
 
         return Structure(self.width, self.height, transpose(self.right), transpose(self.up))
 
@@ -171,11 +173,30 @@ class Structure:
         if self.height != self.width:
             return self
         image = self.transposed()
-        return min(self, image, key=lambda structure: (structure.up, structure.right))
+        return image if (image.up, image.right) < (self.up, self.right) else self
+
+
+def _moves_from(cell: int, sides: int, width: int) -> Moves:
+    """Return the moves from a cell; bit `action` of `sides` says whether that side is open."""
+    return (
+        cell + width if sides & 1 << Action.UP else cell,
+        cell + 1 if sides & 1 << Action.RIGHT else cell,
+        cell - width if sides & 1 << Action.DOWN else cell,
+        cell - 1 if sides & 1 << Action.LEFT else cell,
+    )
+
+
+@lru_cache(maxsize=16)
+def _all_moves(height: int, width: int) -> list[dict[str, Moves]]:
+    """Return for each cell its moves by the hexadecimal digit of its open sides."""
+    return [
+        {f"{sides:x}": _moves_from(cell, sides, width) for sides in range(16)}
+        for cell in range(height * width)
+    ]
 
 
 def breadth_first(
-    successors: list[tuple[int, ...]] | list[tuple[int, int, int, int]],
+    successors: list[tuple[int, ...]] | list[Moves],
     sources: Iterable[int],
     blocked: Collection[int] = (),
 ) -> list[int]:
@@ -187,22 +208,17 @@ def breadth_first(
         blocked: Nodes that are never entered.
     """
     distance = [UNREACHABLE] * len(successors)
-    frontier = list(sources)
-    for node in frontier:
+    queue = list(sources)
+    for node in queue:
         distance[node] = 0
-    if blocked:
-        for node in blocked:
-            distance[node] = 0  # As if seen already; taken back at the end.
-    steps = 0
-    while frontier:
-        steps += 1
-        reached = []
-        for node in frontier:
-            for successor in successors[node]:
-                if distance[successor] < 0:
-                    distance[successor] = steps
-                    reached.append(successor)
-        frontier = reached
+    for node in blocked:
+        distance[node] = 0  # As if seen already; taken back at the end.
+    for node in queue:  # It grows meanwhile.
+        steps = distance[node] + 1
+        for successor in successors[node]:
+            if distance[successor] < 0:
+                distance[successor] = steps
+                queue.append(successor)
     for node in blocked:
         distance[node] = UNREACHABLE
     return distance
@@ -233,27 +249,36 @@ class Labyrinth:
     ice: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
-        tiles = {"start": self.start, "goal": self.goal}
-        if (self.key is None) != (self.task is not Task.KEY_AND_DOOR) or (self.door is None) != (
-            self.task is not Task.KEY_AND_DOOR
-        ):
+        tiles = [("start", self.start), ("goal", self.goal)]
+        locked = self.task is Task.KEY_AND_DOOR
+        if (self.key is None) == locked or (self.door is None) == locked:
             raise LabyrinthError(f"a key and a door belong to {Task.KEY_AND_DOOR}, both or none")
         if bool(self.ice) != (self.task is Task.ICY_FLOOR):
             raise LabyrinthError(f"ice belongs to {Task.ICY_FLOOR}, which needs some")
         if self.key is not None and self.door is not None:
-            tiles |= {"key": self.key, "door": self.door}
+            tiles += [("key", self.key), ("door", self.door)]
+        tiles += [("ice", cell) for cell in self.ice]
+        cells = self.structure.cells
         taken: dict[int, str] = {}
-        for name, cell in [*tiles.items(), *(("ice", cell) for cell in self.ice)]:
-            if not 0 <= cell < self.structure.cells:
+        for name, cell in tiles:
+            if not 0 <= cell < cells:
                 raise LabyrinthError(f"the {name} is outside the grid: cell {cell}")
             if cell in taken:
                 raise LabyrinthError(f"the {taken[cell]} and the {name} share a cell", cell)
             taken[cell] = name
         self._check_solvable()
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
+
+    @cached_property
+    def cell_distances(self) -> Sequence[int]:
+        """The least number of moves from each cell to the goal, off the ice, the door open."""
+        return self.structure.distances(self.goal, self.ice)
+
     def _check_solvable(self) -> None:
         structure, door = self.structure, self.door
-        if structure.distances(self.start, self.ice)[self.goal] == UNREACHABLE:
+        if self.cell_distances[self.start] == UNREACHABLE:
             without = " without ice" if self.ice else ""
             raise LabyrinthError(f"no route{without} leads from start to goal", self.goal)
         if self.key is not None and door is not None:
