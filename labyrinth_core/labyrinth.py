@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property, lru_cache
+from itertools import product
 
 from labyrinth_core.grid import (
     MAX_SIDE,
     MIN_SIDE,
-    Action,
     horizontal_edges,
     neighbours,
     row_and_column,
@@ -24,8 +24,8 @@ UNREACHABLE = -1
 Moves = tuple[int, int, int, int]
 """Where each action leads from a cell: up, right, down, left."""
 
-_TABULATED_CELLS = 1_024
-"""Up to so many cells all moves there can be are kept, about 2 KB a cell."""
+_REMEMBERED_CELLS = 1_024
+"""Grids of up to so many cells share their moves; all sixteen of a cell take 2 KB."""
 
 
 class LabyrinthError(ValueError):
@@ -100,14 +100,18 @@ class Structure:
         """Where each action leads from each cell; a wall leads back."""
         width, size = self.width, self.cells
         # Four bits a cell, those of its open sides: binary digits, read as if hexadecimal.
-        up, right = int(f"{self.up:b}", 16), int(f"{self.right:b}", 16)
-        sides = up | right << 1 | up << 4 * width + 2 | right << 4 + 3
+        above, beside = int(f"{self.up:b}", 16), int(f"{self.right:b}", 16)
+        sides = above << 3 | beside << 2 | above << 4 * width + 1 | beside << 4
         # As text, cell 0 first: reading single bits of a long integer costs its whole length.
         digits = f"{sides:0{size}x}"[::-1]
-        if size <= _TABULATED_CELLS:
-            known = _all_moves(self.height, width)
+        if size <= _REMEMBERED_CELLS:
+            known = _all_moves(size, width)
             return [moves[digit] for moves, digit in zip(known, digits, strict=True)]
-        return [_moves_from(cell, int(digit, 16), width) for cell, digit in enumerate(digits)]
+        steps = map(_all_moves(1, width)[0].__getitem__, digits)  # From cell 0: the differences.
+        return [
+            (c + up, c + right, c + down, c + left)
+            for c, (up, right, down, left) in enumerate(steps)
+        ]
 
     def passages(self) -> Iterator[tuple[int, int]]:
         """Yield each passage once, as `(cell, neighbour above or at the right)`."""
@@ -176,22 +180,21 @@ class Structure:
         return image if (image.up, image.right) < (self.up, self.right) else self
 
 
-def _moves_from(cell: int, sides: int, width: int) -> Moves:
-    """Return the moves from a cell; bit `action` of `sides` says whether that side is open."""
-    return (
-        cell + width if sides & 1 << Action.UP else cell,
-        cell + 1 if sides & 1 << Action.RIGHT else cell,
-        cell - width if sides & 1 << Action.DOWN else cell,
-        cell - 1 if sides & 1 << Action.LEFT else cell,
-    )
-
-
 @lru_cache(maxsize=16)
-def _all_moves(height: int, width: int) -> list[dict[str, Moves]]:
-    """Return for each cell its moves by the hexadecimal digit of its open sides."""
+def _all_moves(cells: int, width: int) -> list[dict[str, Moves]]:
+    """Return for each cell the moves from it by the hexadecimal digit of its open sides.
+
+    The bits of that digit, the highest first, are those of up, right, down and left.
+    """
     return [
-        {f"{sides:x}": _moves_from(cell, sides, width) for sides in range(16)}
-        for cell in range(height * width)
+        dict(
+            zip(
+                "0123456789abcdef",
+                product((c, c + width), (c, c + 1), (c, c - width), (c, c - 1)),
+                strict=True,
+            )
+        )
+        for c in range(cells)
     ]
 
 

@@ -68,7 +68,7 @@ def test_a_move_goes_in_its_direction_or_nowhere(structure):
 @given(structures())
 def test_moves_of_a_grid_too_large_for_a_table_are_the_same(structure):
     again = replace(structure)
-    with patch("labyrinth_core.labyrinth._TABULATED_CELLS", 0):
+    with patch("labyrinth_core.labyrinth._REMEMBERED_CELLS", 0):
         assert again.moves == structure.moves
 
 
