@@ -101,7 +101,7 @@ def contestants(size: int) -> dict[str, dict[str, Contestant]]:
 
     rng = np.random.default_rng(0)
     check_routes(size, rng)
-    count = max(2, THEIR_WORK // size**4)
+    count = max(4, THEIR_WORK // size**4)
     run = partial(ours, size, OUR_SHARE * count, rng)
     return {
         "gen_wilson": {
