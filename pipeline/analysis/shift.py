@@ -141,6 +141,8 @@ def permutation_test(
     statistic: Statistic,
     rng: np.random.Generator,
     permutations: int = PERMUTATIONS,
+    *,
+    paired: bool = False,
 ) -> Tested:
     """Return the distances of two samples with the share of permutations that reach each.
 
@@ -153,6 +155,8 @@ def permutation_test(
         statistic: From the added counts of two samples to their distances.
         rng: Where the permutations come from.
         permutations: How many.
+        paired: Whether a unit of one belongs to the unit of the other in the same place, and is
+            exchanged with that one only.
     """
     units = np.concatenate([a, b]).astype(np.float64)
     total = units.sum(axis=0)
@@ -162,8 +166,12 @@ def permutation_test(
     block = max(1, _BLOCK_BYTES // units.itemsize // len(units))
     for first in range(0, permutations, block):
         chosen = np.zeros((min(block, permutations - first), len(units)))
-        for row in chosen:
-            row[rng.permutation(len(units))[: len(a)]] = 1
+        if paired:
+            chosen[:, : len(a)] = rng.integers(2, size=(len(chosen), len(a)))
+            chosen[:, len(a) :] = 1 - chosen[:, : len(a)]
+        else:
+            for row in chosen:
+                row[rng.permutation(len(units))[: len(a)]] = 1
         sums = chosen @ units
         drawn = statistic(sums, total - sums).reshape(len(chosen), -1)
         reached += (drawn >= observed - _ROUNDING).sum(axis=0)
