@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -110,14 +109,13 @@ def _leakage_table(certificate: Certificate) -> Table:
     for heading in ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest"):
         table.add_column(heading, justify="right")
     for pair in certificate.pairs:
-        apart = [walls for _, walls in pair.nearest.values()]
-        counts = [certificate.labyrinths[pair.second]]
-        counts += [len(pair.equal), len(pair.mirrored), len(pair.symmetric)]
+        of = certificate.labyrinths[pair.second]
+        counts = [of, len(pair.equal), len(pair.mirrored), len(pair.symmetric)]
         counts += [*(pair.within(walls) for walls in NEAR), len(pair.same_route)]
         table.add_row(
             f"{pair.first}\n{pair.second}",
             *(f"{count:,}" for count in counts),
-            f"{min(apart)}, {median(apart):g}" if apart else "",
+            pair.spread(of),
         )
     return table
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import inf
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -59,9 +61,20 @@ class Pair:
         """Return how many structures of the second split are so near to one of the first."""
         return sum(apart <= walls for _, apart in self.nearest.values())
 
-    def to_json(self) -> dict[str, Any]:
-        """Return it in plain types."""
-        return vars(self) | {"within": {str(walls): self.within(walls) for walls in NEAR}}
+    def spread(self, of: int) -> str:
+        """Return how many walls the nearest one is away, least and median.
+
+        Args:
+            of: Labyrinths of the second split; those that are missing are far away.
+        """
+        walls = [apart for _, apart in self.nearest.values()]
+        values = (min(walls, default=inf), median([*walls, *[inf] * (of - len(walls))]))
+        return ", ".join("far" if value == inf else f"{value:g}" for value in values)
+
+    def to_json(self, of: int) -> dict[str, Any]:
+        """Return it in plain types, with the counts; `of` as for `spread`."""
+        within = {str(walls): self.within(walls) for walls in NEAR}
+        return vars(self) | {"within": within, "spread": self.spread(of)}
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,8 @@ class Certificate:
 
     def to_json(self) -> dict[str, Any]:
         """Return it in plain types."""
-        return vars(self) | {"pairs": [pair.to_json() for pair in self.pairs]}
+        pairs = [pair.to_json(self.labyrinths[pair.second]) for pair in self.pairs]
+        return vars(self) | {"pairs": pairs}
 
 
 def certify(splits: Mapping[str, Iterable[Labyrinth]]) -> Certificate:
@@ -155,13 +169,13 @@ def _size(labyrinth: Labyrinth) -> tuple[int, int]:
 def _compared(first: str, base: _Known, second: str, other: _Known) -> Pair:
     def found(name: str) -> dict[str, str]:
         """Return who in `other` has a key that somebody in `base` has, and who that is."""
-        owner: dict[Hashable, str] = {}
-        for number, keys in zip(base.ids, base.keys[name], strict=True):
+        owner: dict[Hashable, int] = {}
+        for place, keys in enumerate(base.keys[name]):
             for key in keys:
-                owner.setdefault(key, number)
+                owner.setdefault(key, place)
         pairs = zip(other.ids, other.keys[name], strict=True)
-        shared = ((number, [key for key in keys if key in owner]) for number, keys in pairs)
-        return {number: owner[keys[0]] for number, keys in shared if keys}
+        shared = ((number, [owner[key] for key in keys if key in owner]) for number, keys in pairs)
+        return {number: base.ids[min(places)] for number, places in shared if places}
 
     equal = found("equal")
     mirrored = equal | found("mirrored")
