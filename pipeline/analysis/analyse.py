@@ -64,7 +64,7 @@ def run(run: Run) -> None:
 def _analyse(folder: Path, workers: int) -> tuple[Certificate, list[Shift]]:
     """Return the certificate and the shifts of a dataset, which are left in its folder."""
     manifest = Manifest.read(folder)
-    contents = _read(folder, manifest, workers)
+    contents = read_contents(folder, manifest, workers)
     certificate = certify({split: held.labyrinths for split, held in contents.items()})
     pairs = [("train", split) for split in SPLITS if split != "train"]
     shifts = compare(contents, [*pairs, ("validation", "test")], manifest.config.seed)
@@ -81,7 +81,8 @@ def _analyse(folder: Path, workers: int) -> tuple[Certificate, list[Shift]]:
     return certificate, shifts
 
 
-def _read(folder: Path, manifest: Manifest, workers: int) -> dict[str, Content]:
+def read_contents(folder: Path, manifest: Manifest, workers: int = 1) -> dict[str, Content]:
+    """Return what each split of a dataset holds; raises DatasetError if a shard is damaged."""
     jobs = [ReadJob(folder, shard) for split in SPLITS for shard in manifest.of(split)]
     done = zip(jobs, ordered_map(read, jobs, workers), strict=True)
     parts: dict[str, list[Content]] = {}
