@@ -60,32 +60,10 @@ def _relative_entropy(p: Floats, q: Floats) -> Floats:
     return entropy
 
 
-def wasserstein(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return the Wasserstein distance (of order 1) of two samples in each dimension.
-
-    On a line that is the area between the two distribution functions.
-
-    Args:
-        a: Shape (n, dimensions), in any unit, which is that of the distance too.
-        b: Shape (m, dimensions).
-
-    Returns:
-        Shape (dimensions,).
-    """
-    pairs = zip(np.asarray(a, np.float64).T, np.asarray(b, np.float64).T, strict=True)
-    return np.array([_wasserstein(np.sort(of_a), np.sort(of_b)) for of_a, of_b in pairs])
-
-
-def _wasserstein(a: Floats, b: Floats) -> float:
-    """Return the distance of two sorted samples of numbers."""
-    values = np.sort(np.concatenate([a, b]), kind="stable")
-    below_a = np.searchsorted(a, values[:-1], side="right") / len(a)
-    below_b = np.searchsorted(b, values[:-1], side="right") / len(b)
-    return float(np.abs(below_a - below_b) @ np.diff(values))
-
-
 def wasserstein_of_counts(below_a: ArrayLike, below_b: ArrayLike, gaps: ArrayLike) -> Floats:
     """Return the Wasserstein distance of two samples of values on a grid, from counts that add up.
+
+    It is that of order 1: on a line, the area between the two distribution functions.
 
     Args:
         below_a: How many values are at or below each point of the grid but the last, then how
