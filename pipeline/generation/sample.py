@@ -113,9 +113,8 @@ def _fill(
         if split not in splits or len(found[split]) == config.labyrinths:
             continue
         seen.add(structure.structure_id)
-        if near and any(near[other].is_near(structure) for other in near if other != split):
-            continue
-        if holds_task(config, split, structure):
+        too_near = near and any(near[other].is_near(structure) for other in near if other != split)
+        if not too_near and holds_task(config, split, structure):
             in_vain = 0
             # A new one, without what the first computed and remembers: there may be millions.
             found[split].append(
