@@ -24,6 +24,7 @@ bench:
     python scripts/benchmark_env.py --quick
     python scripts/benchmark_core.py --quick
     python scripts/benchmark_evaluate.py --quick
+    python scripts/benchmark_leakage.py --quick
 
 # Draw the pictures of the documentation again
 docs:

@@ -26,6 +26,8 @@ from pipeline.config import DatasetConfig
 from pipeline.schema import SPLITS, Row
 
 MANIFEST = "manifest.json"
+ANALYSIS = "analysis.json"
+"""What the stage `analyse` leaves beside it."""
 FORMAT = 1
 
 

@@ -65,6 +65,7 @@ def command(config: DatasetConfig) -> str:
         "buckets.train": train,
         "buckets.validation": validation,
         "buckets.test": test,
+        "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
     return " ".join(["python run.py", *(f"{name}={value}" for name, value in options.items())])
