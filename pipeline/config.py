@@ -24,6 +24,7 @@ STAGES = {
     "build": "pipeline.generation.build",
     "validate": "pipeline.generation.validate",
     "card": "pipeline.release.card",
+    "report": "pipeline.analysis.report",
     "publish": "pipeline.release.publish",
 }
 """Stage -> the module whose `run` performs it."""
