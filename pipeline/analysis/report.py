@@ -11,16 +11,16 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import lru_cache
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core import __version__
-from labyrinth_core.grid import Action
-from labyrinth_core.renderer import DEFAULT_STYLE, Colour
+from labyrinth_core.renderer import DEFAULT_STYLE
 from pipeline import front_matter
 from pipeline.analysis.packing import PackedSplit, pack
+from pipeline.analysis.report_figures import ACTION_COLOURS, FIGURES, draw_figures
 from pipeline.config import Run
 from pipeline.manifest import DatasetError, Manifest, write_text
 from pipeline.schema import SPLITS
@@ -48,14 +48,6 @@ SCRIPTS = (
     "main",
 )
 """The page's program, in an order in which each uses those before it."""
-
-ACTION_COLOURS: dict[Action, Colour] = {
-    Action.UP: DEFAULT_STYLE.agent,
-    Action.RIGHT: DEFAULT_STYLE.goal,
-    Action.DOWN: DEFAULT_STYLE.start,
-    Action.LEFT: DEFAULT_STYLE.key,
-}
-"""As in the pictures of a card."""
 
 
 def run(run: Run) -> None:
@@ -97,13 +89,12 @@ def write_report(data_dir: Path, *, workers: int = 1) -> Path:
             datasets.append(describe(manifest, splits, limit))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)
-    write_text(folder / PAGE, page(datasets))
+    has_figures = draw_figures(datasets, folder)
+    write_text(folder / PAGE, page(datasets, figures=FIGURES if has_figures else None))
     return folder / PAGE
 
 
-def describe(
-    manifest: Manifest, splits: Mapping[str, PackedSplit], limit: int
-) -> dict[str, Any]:
+def describe(manifest: Manifest, splits: Mapping[str, PackedSplit], limit: int) -> dict[str, Any]:
     """Return what the page is told of a dataset.
 
     Args:
@@ -122,12 +113,17 @@ def describe(
     }
 
 
-def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]] = ()) -> str:
+def page(
+    datasets: Sequence[Mapping[str, Any]],
+    results: Sequence[Mapping[str, Any]] = (),
+    figures: str | None = None,
+) -> str:
     """Return the page.
 
     Args:
         datasets: As from `describe`.
         results: As from `results.gathered`.
+        figures: Folder, from where the page is, in which its figures are as files.
     """
     data = {
         "version": __version__,
@@ -135,6 +131,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
         "actionColours": list(ACTION_COLOURS.values()),
         "datasets": datasets,
         "results": results,
+        "figures": figures,
     }
     style, script = _source("style.css"), "\n".join(_source(f"{name}.js") for name in SCRIPTS)
     policy = (
@@ -149,9 +146,9 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     return html.replace("{{data}}", plain)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _source(name: str) -> str:
-    return files("pipeline.analysis").joinpath("page", name).read_text(encoding="utf-8")
+    return files("pipeline.analysis").joinpath(f"page/{name}").read_text(encoding="utf-8")
 
 
 def _hash(text: str) -> str:

@@ -114,7 +114,7 @@ function veil(pencil, labyrinth, grid, colours, seen) {
 
 function paintRoute(pencil, places, grid) {
   pencil.strokeStyle = ROUTE_COLOUR;
-  pencil.lineWidth = Math.max(1, grid.pitch / 10);
+  pencil.lineWidth = Math.max(1, grid.pitch / 14);
   pencil.lineJoin = "round";
   pencil.lineCap = "round";
   pencil.beginPath();
@@ -136,7 +136,7 @@ function paintArrow(pencil, grid, cell, action, here) {
   const [across, along] = [[0, -1], [1, 0], [0, 1], [-1, 0]][action];
   const tip = [x + across * long, y + along * long];
   const foot = [x + across * (long - 1.6 * wide), y + along * (long - 1.6 * wide)];
-  pencil.fillStyle = here ? "#000" : isDark() ? "rgb(255 255 255 / 62%)" : "rgb(0 0 0 / 52%)";
+  pencil.fillStyle = here ? "#000" : isDark() ? "#b4bcc4" : "#5f656b";
   pencil.strokeStyle = pencil.fillStyle;
   pencil.lineWidth = Math.max(1, wide * 0.5);
   pencil.beginPath();

@@ -44,6 +44,12 @@ function ticks([low, high]) {
   return Array.from({ length: Math.floor((high - first) / apart) + 1 }, (_, at) => first + at * apart);
 }
 
+/** Return a share rounded up so that it and its half look well on an axis. */
+function roundedUp(share) {
+  const step = share > 0.2 ? 0.2 : share > 0.04 ? 0.04 : 0.02;
+  return Math.ceil(share / step - 1e-9) * step;
+}
+
 const mean = (counts) => {
   const total = counts.reduce((sum, [, count]) => sum + count, 0);
   return counts.reduce((sum, [value, count]) => sum + value * count, 0) / total;
@@ -53,9 +59,9 @@ const mean = (counts) => {
 function distribution(dataset, key, title, text, unit) {
   const all = dataset.splits.flatMap((split) => split[key].map(([value]) => value));
   const range = [Math.min(...all), Math.max(...all)];
-  const most = Math.max(
+  const most = roundedUp(Math.max(
     ...dataset.splits.flatMap((split) => split[key].map(([, count]) => count / split.labyrinths)),
-  );
+  ));
   const panels = dataset.splits.map((split) => {
     const average = `mean ${mean(split[key]).toFixed(2)}`;
     const label = `${title} in ${split.name}: ${average} ${unit}`;
@@ -69,7 +75,8 @@ function distribution(dataset, key, title, text, unit) {
     ),
   ]);
   const names = dataset.splits.map(({ name }) => name);
-  return figure(title, text, panels, table(`${title}: labyrinths`, [unit, ...names], rows));
+  const numbers = table(`${title}: labyrinths`, [unit, ...names], rows);
+  return figure(`${dataset.name}-${key}`, title, text, panels, numbers);
 }
 
 function panel(name, note, picture) {
@@ -77,11 +84,16 @@ function panel(name, note, picture) {
   return element("figure", {}, caption, picture);
 }
 
-function figure(title, text, panels, numbers) {
+/** Return a figure; its files, where there are any, are called `file`. */
+function figure(file, title, text, panels, numbers) {
+  const links = ["svg", "png"].map((kind) =>
+    element("a", { href: `${DATA.figures}/${file}.${kind}` }, kind.toUpperCase()),
+  );
+  const as = DATA.figures ? [" As a file: ", links[0], ", ", links[1], "."] : [];
   return element(
     "section", { class: "figure" },
     element("h2", {}, title),
-    element("p", { class: "muted" }, text),
+    element("p", { class: "muted" }, text, ...as),
     element("div", { class: "panels" }, ...panels),
     element("details", {}, element("summary", {}, "The numbers"), numbers),
   );
@@ -115,7 +127,7 @@ function actionFigure(dataset) {
   });
   const rows = dataset.splits.map(({ name, actions }) => [name, ...actions.map(grouped)]);
   return figure(
-    "Actions", "Share of each action among all that the episodes take.",
+    `${dataset.name}-actions`, "Actions", "Share of each action among all that the episodes take.",
     panels, table("Actions: how often each is taken", ["split", ...ACTIONS], rows),
   );
 }
@@ -141,7 +153,7 @@ function visitFigure(dataset) {
   const names = dataset.splits.map(({ name }) => name);
   const caption = height * width > 400 ? "Visited cells: the first 400" : "Visited cells: states";
   return figure(
-    "Visited cells",
+    `${dataset.name}-visits`, "Visited cells",
     "Share of an episode's states with the agent in each cell, on one scale for all splits; row 0 is at the bottom.",
     panels, table(caption, ["row, column", ...names], rows),
   );

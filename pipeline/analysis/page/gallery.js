@@ -1,9 +1,9 @@
 // The gallery: filters, and a list of which only what is in sight exists.
 
 const THUMBNAIL = 96;
-const TILE_WIDTH = 124;
-const TILE_HEIGHT = 148;
-const gallery = { matches: [], active: 0, tiles: new Map(), columns: 1 };
+const TILE_WIDTH = 116; // At least; what is left over is spread.
+const TILE_HEIGHT = 164;
+const gallery = { matches: [], active: 0, tiles: new Map(), columns: 1, width: TILE_WIDTH };
 
 function readFilters() {
   const form = byId("filters").elements;
@@ -43,14 +43,15 @@ function redrawGallery() {
 function showTiles() {
   const list = byId("list");
   if (!list.clientWidth) return;
-  const columns = Math.max(1, Math.floor((list.clientWidth - 8) / TILE_WIDTH));
-  if (columns !== gallery.columns) {
-    gallery.columns = columns;
+  const columns = Math.max(1, Math.floor(list.clientWidth / TILE_WIDTH));
+  const width = Math.floor(list.clientWidth / columns);
+  if (columns !== gallery.columns || width !== gallery.width) {
+    Object.assign(gallery, { columns, width });
     for (const tile of gallery.tiles.values()) tile.remove();
     gallery.tiles.clear();
   }
   const rows = Math.ceil(gallery.matches.length / columns);
-  byId("spacer").style.height = `${rows * TILE_HEIGHT + 8}px`;
+  byId("spacer").style.height = `${rows * TILE_HEIGHT}px`;
   const firstRow = Math.floor(list.scrollTop / TILE_HEIGHT) - 1;
   const lastRow = Math.floor((list.scrollTop + list.clientHeight) / TILE_HEIGHT) + 1;
   const first = Math.max(0, firstRow * columns);
@@ -85,12 +86,13 @@ function addTile(place) {
     },
     canvas,
     element("span", { class: "name" }, name),
-    element("span", {}, `${block.split.name} · ${plural(moves, "move")}`),
+    element("span", {}, block.split.name),
+    element("span", {}, `${plural(moves, "move")}, ${plural(loops, "loop")}`),
   );
-  tile.style.width = `${TILE_WIDTH - 4}px`;
-  tile.style.height = `${TILE_HEIGHT - 4}px`;
-  tile.style.left = `${4 + (place % gallery.columns) * TILE_WIDTH}px`;
-  tile.style.top = `${4 + Math.floor(place / gallery.columns) * TILE_HEIGHT}px`;
+  tile.style.width = `${gallery.width}px`;
+  tile.style.height = `${TILE_HEIGHT}px`;
+  tile.style.left = `${(place % gallery.columns) * gallery.width}px`;
+  tile.style.top = `${Math.floor(place / gallery.columns) * TILE_HEIGHT}px`;
   paint(canvas, labyrinth, THUMBNAIL);
   byId("list").append(tile);
   return tile;
@@ -116,7 +118,7 @@ function activate(place) {
   gallery.active = Math.max(0, Math.min(gallery.matches.length - 1, place));
   const top = Math.floor(gallery.active / gallery.columns) * TILE_HEIGHT;
   if (top < list.scrollTop) list.scrollTop = top;
-  const below = top + TILE_HEIGHT + 8 - list.clientHeight;
+  const below = top + TILE_HEIGHT - list.clientHeight;
   if (below > list.scrollTop) list.scrollTop = below;
   showTiles();
 }

@@ -18,7 +18,7 @@ function showPart(part) {
     tab.tabIndex = each === part ? 0 : -1;
     byId(each).hidden = each !== part;
   }
-  history.replaceState(null, "", `#${part}`);
+  history.replaceState(null, "", `#/${part}`);
   DRAW[part]();
 }
 
@@ -65,7 +65,7 @@ function setUp() {
   setUpGallery();
   setUpPlayer();
   setUpEditor();
-  const asked = location.hash.slice(1);
+  const asked = location.hash.slice(2);
   showPart(PARTS.includes(asked) ? asked : "gallery");
   performance.mark("usable");
 }
