@@ -85,6 +85,7 @@ class RunConfig:
     data_dir: str = ""
     overwrite: bool = False
     workers: int = 1
+    run_dir: str = "runs"
     task: TaskConfig = field(default_factory=TaskConfig)
     publish: PublishConfig = field(default_factory=PublishConfig)
 
@@ -103,6 +104,7 @@ OPTIONS = {
     "data_dir": "folder of the dataset; each size and task is a folder in it",
     "overwrite": "replace a finished dataset that was made with other options",
     "workers": "processes",
+    "run_dir": "folder of the runs; each size and task is a folder in it",
     "stages": "what to do, in order: " + ", ".join(STAGES),
     "publish.repo_id": "dataset on the Hub, such as user/labyrinth",
     "publish.version": "tag of the release, such as 1.0.0",
@@ -181,6 +183,8 @@ class Run:
     data_dir: Path
     overwrite: bool
     workers: int
+    run_dir: Path
+    """Folder of the training runs."""
     publish: PublishOptions | None = None
     """None unless the stage `publish` is asked for."""
 
@@ -253,13 +257,15 @@ def resolve(config: RunConfig) -> Run:
         1 <= config.workers <= MAX_WORKERS,
         f"workers={config.workers}: give a number from 1 to {MAX_WORKERS:,}",
     )
-    _check(config.data_dir.strip() != "", "data_dir is empty: give a folder")
+    for name in ("data_dir", "run_dir"):
+        _check(getattr(config, name).strip() != "", f"{name} is empty: give a folder")
     return Run(
         stages=tuple(config.stages),
         dataset=_resolve_dataset(config),
         data_dir=Path(config.data_dir).expanduser(),
         overwrite=config.overwrite,
         workers=config.workers,
+        run_dir=Path(config.run_dir).expanduser(),
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
     )
 

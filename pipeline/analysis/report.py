@@ -19,6 +19,7 @@ from typing import Any
 from labyrinth_core import __version__
 from labyrinth_core.renderer import DEFAULT_STYLE
 from pipeline import front_matter
+from pipeline.analysis.findings import read_analysis, read_runs
 from pipeline.analysis.packing import PackedSplit, pack
 from pipeline.analysis.report_figures import ACTION_COLOURS, FIGURES, draw_figures
 from pipeline.config import Run
@@ -57,22 +58,23 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or one is damaged.
         OSError: The folder cannot be written.
     """
-    page = write_report(run.data_dir, workers=run.workers)
+    page = write_report(run.data_dir, run.run_dir, workers=run.workers)
     megabytes = page.stat().st_size / 1e6
     console.print(
         f"{page} ({megabytes:.1f} MB) opens in any browser.", highlight=False, soft_wrap=True
     )
 
 
-def write_report(data_dir: Path, *, workers: int = 1) -> Path:
+def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
     """Write the report on all finished datasets of a folder, and return its page.
 
     Args:
         data_dir: The folder.
+        run_dir: Folder of the runs trained on them; there need not be one.
         workers: Processes that read shards.
 
     Raises:
-        DatasetError: There is no dataset, or one is damaged.
+        DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
         OSError: The folder cannot be written.
     """
     manifests = front_matter.finished(data_dir)
@@ -86,21 +88,28 @@ def write_report(data_dir: Path, *, workers: int = 1) -> Path:
         for manifest in manifests:
             folder = data_dir / manifest.config.name
             splits = pack(folder, manifest, limit, workers, lambda rows: bars.advance(bar, rows))
-            datasets.append(describe(manifest, splits, limit))
+            datasets.append(describe(manifest, splits, limit, read_analysis(folder, manifest)))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)
-    has_figures = draw_figures(datasets, folder)
-    write_text(folder / PAGE, page(datasets, figures=FIGURES if has_figures else None))
+    runs = read_runs(run_dir, manifests)
+    has_figures = draw_figures(datasets, runs, folder)
+    write_text(folder / PAGE, page(datasets, runs, FIGURES if has_figures else None))
     return folder / PAGE
 
 
-def describe(manifest: Manifest, splits: Mapping[str, PackedSplit], limit: int) -> dict[str, Any]:
+def describe(
+    manifest: Manifest,
+    splits: Mapping[str, PackedSplit],
+    limit: int,
+    analysis: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
     """Return what the page is told of a dataset.
 
     Args:
         manifest: Of the dataset.
         splits: What is in it.
         limit: About how many bytes of labyrinths and episodes of each split to tell.
+        analysis: As from `findings.read_analysis`.
     """
     config = manifest.config
     return {
@@ -110,6 +119,7 @@ def describe(manifest: Manifest, splits: Mapping[str, PackedSplit], limit: int) 
         "task": str(config.task),
         "seed": config.seed,
         "splits": [{"name": name} | split.to_json(limit) for name, split in splits.items()],
+        "analysis": analysis,
     }
 
 
@@ -122,7 +132,7 @@ def page(
 
     Args:
         datasets: As from `describe`.
-        results: As from `results.gathered`.
+        results: As from `findings.read_runs`.
         figures: Folder, from where the page is, in which its figures are as files.
     """
     data = {

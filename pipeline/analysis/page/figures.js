@@ -99,6 +99,31 @@ function figure(file, title, text, panels, numbers) {
   );
 }
 
+/** Return a picture of shares as bars, one below the other, some with an interval. */
+function barPicture(bars, most, label) {
+  const left = 12 + 6 * Math.max(...bars.map(({ name }) => name.length));
+  const scale = (280 - 44) / most;
+  const told = bars.map(({ name, share }) => `${name} ${percent(share)}`).join(", ");
+  const picture = element("svg", {
+    viewBox: `0 0 ${left + 280} ${24 * bars.length + 6}`, role: "img",
+    "aria-label": `${label}: ${told}`,
+  });
+  bars.forEach(({ name, share, interval, colour }, number) => {
+    const y = 4 + 24 * number;
+    const [low, high] = interval ?? [share, share];
+    picture.append(
+      element("text", { x: left - 6, y: y + 13, "text-anchor": "end" }, name),
+      element("rect", { x: left, y, height: 18, width: share * scale, fill: rgb(colour) }),
+      element("text", { x: left + 6 + high * scale, y: y + 13 }, percent(share)),
+    );
+    if (high > low) {
+      const [x1, x2] = [left + low * scale, left + high * scale];
+      picture.append(element("line", { class: "interval", x1, x2, y1: y + 9, y2: y + 9 }));
+    }
+  });
+  return picture;
+}
+
 function actionFigure(dataset) {
   const shares = dataset.splits.map(({ actions }) => {
     const total = actions.reduce((sum, count) => sum + count, 0);
@@ -106,24 +131,10 @@ function actionFigure(dataset) {
   });
   const most = Math.max(...shares.flat());
   const panels = dataset.splits.map(({ name }, place) => {
-    const rows = ACTIONS.map((action, number) => {
-      const share = shares[place][number];
-      const y = 4 + 24 * number;
-      return element(
-        "g", {},
-        element("text", { x: 38, y: y + 13, "text-anchor": "end" }, action),
-        element("rect", {
-          x: 44, y, height: 18, width: (share / most) * 185,
-          fill: rgb(DATA.actionColours[number]),
-        }),
-        element("text", { x: 50 + (share / most) * 185, y: y + 13 }, percent(share)),
-      );
-    });
-    const label = `Actions in ${name}: ` +
-      ACTIONS.map((action, number) => `${action} ${percent(shares[place][number])}`).join(", ");
-    const picture = element("svg", { viewBox: "0 0 280 102", role: "img", "aria-label": label });
-    picture.append(...rows);
-    return panel(name, "", picture);
+    const bars = ACTIONS.map((action, number) => ({
+      name: action, share: shares[place][number], colour: DATA.actionColours[number],
+    }));
+    return panel(name, "", barPicture(bars, most, `Actions in ${name}`));
   });
   const rows = dataset.splits.map(({ name, actions }) => [name, ...actions.map(grouped)]);
   return figure(

@@ -19,7 +19,7 @@ function openPlayer(place) {
     "Shortest route": plural(block.column("moves")[index], "move"),
     Loops: grouped(block.column("loops")[index]),
   };
-  const failed = [...failures()].filter(([, ids]) => ids.has(`${block.split.name} ${id}`));
+  const failed = [...failures()].filter(([, ids]) => ids.has(block.key(index)));
   if (failed.length) facts["Failed with"] = failed.map(([name]) => name).join(", ");
   byId("facts").replaceChildren(
     ...Object.entries(facts).flatMap(([name, value]) => [

@@ -38,6 +38,11 @@ class Block {
     return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
   }
 
+  /** Return what a labyrinth is known by in the results. */
+  key(index) {
+    return `${this.dataset.name} ${this.split.name} ${this.hex("id", index)}`;
+  }
+
   labyrinth(index) {
     const { height, width, task } = this.dataset;
     const has = (name) => name in this.split.columns;
@@ -128,7 +133,7 @@ function select(filters) {
         moves[index] >= filters.minMoves && moves[index] <= filters.maxMoves &&
         loops[index] >= filters.minLoops && loops[index] <= filters.maxLoops &&
         (!ids || ids.some((bytes) => idBegins(bytes, index, digits))) &&
-        (!filters.failed || filters.failed.has(`${split.name} ${block.hex("id", index)}`));
+        (!filters.failed || filters.failed.has(block.key(index)));
       if (inside) found.push(block.first + index);
     }
   }
