@@ -93,6 +93,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
     folder.mkdir(exist_ok=True)
     runs = read_runs(run_dir, manifests)
     has_figures = draw_figures(datasets, runs, folder)
+    if not has_figures:
+        console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
     write_text(folder / PAGE, page(datasets, runs, FIGURES if has_figures else None))
     return folder / PAGE
 

@@ -1,5 +1,6 @@
 // Figures of a dataset, a panel a split, each with its numbers in a table.
 
+const BARS = 200; // How wide bars beside names can be.
 const PANEL = { width: 280, height: 130, left: 38, bottom: 22, top: 8 };
 
 /** Return a histogram as an SVG picture. `counts` are pairs of a value and how many have it. */
@@ -102,10 +103,10 @@ function figure(file, title, text, panels, numbers) {
 /** Return a picture of shares as bars, one below the other, some with an interval. */
 function barPicture(bars, most, label) {
   const left = 12 + 6 * Math.max(...bars.map(({ name }) => name.length));
-  const scale = (280 - 44) / most;
+  const scale = (BARS - 44) / most; // Room for a number behind the longest.
   const told = bars.map(({ name, share }) => `${name} ${percent(share)}`).join(", ");
   const picture = element("svg", {
-    viewBox: `0 0 ${left + 280} ${24 * bars.length + 6}`, role: "img",
+    viewBox: `0 0 ${left + BARS} ${24 * bars.length + 6}`, role: "img",
     "aria-label": `${label}: ${told}`,
   });
   bars.forEach(({ name, share, interval, colour }, number) => {
