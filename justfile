@@ -23,6 +23,7 @@ bench:
     python scripts/benchmark_load.py --quick
     python scripts/benchmark_env.py --quick
     python scripts/benchmark_core.py --quick
+    python scripts/benchmark_report.py --quick
 
 # Draw the pictures of the documentation again
 docs:

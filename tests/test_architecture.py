@@ -42,6 +42,7 @@ HOMES = {
         "pipeline.training",
         "pipeline.analysis.experts",
     ),
+    "matplotlib": ("pipeline.analysis.report_figures",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.__main__", "labyrinth_core.window"),
 }
 """Where alone a library is imported: in these modules and those within them."""
