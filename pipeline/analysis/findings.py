@@ -106,7 +106,6 @@ def _run(
     return {
         "name": name,
         "config": run["config"],
-        "method": run["method"],
         "baselines": content["baselines"],
         "splits": {
             split: {figure: scores[figure] for figure in FIGURES}

@@ -56,6 +56,7 @@ function showState(at) {
   const left = distance[state];
   const standing =
     left === 0 ? "on the goal"
+    : labyrinth.ice.includes(state) ? "on ice"
     : left < 0 ? "no way to the goal"
     : `optimal: ${best.join(" or ")}; ${plural(left, "move")} to the goal`;
   const taken = player.at < actions.length ? `; taken: ${ACTIONS[actions[player.at]]}` : "; the end";
