@@ -223,8 +223,8 @@ function takeText(read) {
     edit(labyrinth, { keepText: true });
   } catch (error) {
     if (!(error instanceof LabyrinthSyntaxError)) throw error;
-    mistake.textContent =
-      `Line ${error.line}, column ${error.column}: ${error.what}\n${error.shown}`;
+    const place = `Line ${error.line}, column ${error.column}`;
+    mistake.replaceChildren(element("span", {}, `${place}: ${error.what}\n`), error.shown);
     mistake.hidden = false;
   }
 }

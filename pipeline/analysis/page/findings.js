@@ -158,7 +158,7 @@ function resultsOf(config) {
   const runs = DATA.results.filter((run) => run.config === config);
   const splits = Object.keys(runs[0].splits);
   const cell = ({ sr, aer, aer_std: deviation }) =>
-    `${percent(sr)}  ${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
+    `${percent(sr)}, ${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
   const baselines = Object.keys(Object.values(runs[0].baselines)[0] ?? {}).map((name) => [
     name.replaceAll("_", " "),
     ...splits.map((split) => cell(runs[0].baselines[split][name])),
@@ -190,16 +190,16 @@ function runDetails(run) {
     grouped(scores.labyrinths),
     share(scores.sr),
     scores.sr_interval.map((bound) => percent(bound, 0)).join(" to "),
+    failedButton(run, split, scores),
+    [Object.entries(scores.failures).map(([kind, count]) => `${count} ${kind}`).join(", "), "text"],
     `${scores.aer.toFixed(3)} ± ${scores.aer_std.toFixed(2)}`,
     share(scores.path_efficiency),
     share(scores.accuracy_on_demonstrations),
     share(scores.accuracy_elsewhere),
-    [Object.entries(scores.failures).map(([kind, count]) => `${count} ${kind}`).join(", "), "text"],
-    failedButton(run, split, scores),
   ]);
   const headings = [
-    "split", "labyrinths", "SR", "95%", "AER", "path efficiency", "optimal where demonstrated",
-    "optimal elsewhere", ["failures", "text"], "labyrinths failed on",
+    "split", "labyrinths", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
+    "optimal where demonstrated", "optimal elsewhere",
   ];
   return element(
     "details", { open: DATA.results.length === 1 },
