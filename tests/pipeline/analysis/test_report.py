@@ -101,12 +101,13 @@ def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_datas
 
 
 def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
     first = write_report(data_dir, tmp_path / "runs").parent
     before = content_of(first)
     shutil.rmtree(first)
     write_report(data_dir, tmp_path / "runs", workers=2)
     assert content_of(first) == before
-    kinds = ("moves", "actions", "visits", "loops", "junctions")
+    kinds = ("moves", "actions", "visits", "loops", "junctions", "results")
     files = {f"3x3-{kind}.{ending}" for kind in kinds for ending in ("svg", "png")}
     assert {path.name for path in before} == {PAGE, *files}
 

@@ -27,6 +27,11 @@ from pipeline.loader import load_episodes
 from pipeline.schema import SPLITS
 
 DATA = Path(__file__).parents[2] / "data"
+WAIT = 60_000
+"""Milliseconds until it is said that something does not happen; nothing takes so long."""
+
+expect.set_options(timeout=WAIT)
+
 PARTS = ("gallery", "figures", "certificate", "results", "editor")
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 
@@ -68,7 +73,7 @@ def open_report(browser: Browser, reported: Path) -> Iterator[Callable[..., Page
         context = browser.new_context(**options)
         contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(10_000)
+        page.set_default_timeout(WAIT)
         page.on("console", lambda message: complaints.append(message.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: asked.append(request.url))
