@@ -162,7 +162,8 @@ def _results(runs: Sequence[Mapping[str, Any]]) -> Figure:
     splits = list(runs[0]["splits"])
     tall = 1.1 + 0.28 * len(runs)
     figure = Figure(figsize=(2 + 1.5 * len(splits), tall), layout="constrained")
-    for panel, split in zip(figure.subplots(1, len(splits), sharey=True), splits, strict=True):
+    panels = figure.subplots(1, len(splits), sharey=True, squeeze=False)[0]
+    for panel, split in zip(panels, splits, strict=True):
         scores = [run["splits"][split] for run in runs]
         rates = [100 * each["sr"] for each in scores]
         bounds = [[100 * bound for bound in each["sr_interval"]] for each in scores]
