@@ -25,6 +25,7 @@ bench:
     python scripts/benchmark_core.py --quick
     python scripts/benchmark_evaluate.py --quick
     python scripts/benchmark_leakage.py --quick
+    python scripts/benchmark_report.py --quick
 
 # Draw the pictures of the documentation again
 docs:

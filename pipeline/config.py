@@ -31,6 +31,7 @@ STAGES = {
     "validate": "pipeline.generation.validate",
     "analyse": "pipeline.analysis.analyse",
     "card": "pipeline.release.card",
+    "report": "pipeline.analysis.report",
     "publish": "pipeline.release.publish",
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
@@ -233,6 +234,8 @@ class Run:
     overwrite: bool
     workers: int
     leakage: LeakageOptions
+    run_dir: Path
+    """Folder of the training runs."""
     publish: PublishOptions | None = None
     """None unless the stage `publish` is asked for."""
     training: TrainingOptions | None = None
@@ -312,7 +315,8 @@ def resolve(config: RunConfig) -> Run:
         1 <= config.workers <= MAX_WORKERS,
         f"workers={config.workers}: give a number from 1 to {MAX_WORKERS:,}",
     )
-    _check(config.data_dir.strip() != "", "data_dir is empty: give a folder")
+    for name in ("data_dir", "run_dir"):
+        _check(getattr(config, name).strip() != "", f"{name} is empty: give a folder")
     return Run(
         stages=tuple(config.stages),
         dataset=_resolve_dataset(config),
@@ -320,6 +324,7 @@ def resolve(config: RunConfig) -> Run:
         overwrite=config.overwrite,
         workers=config.workers,
         leakage=LeakageOptions(config.leakage.source, config.leakage.config),
+        run_dir=Path(config.run_dir).expanduser(),
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
         training=_resolve_training(config) if TRAINING_STAGES & set(config.stages) else None,
     )

@@ -95,6 +95,7 @@ IMPOSSIBLE = [
     ("seed", 2**64, "below 2**64"),
     ("workers", 0, "from 1 to"),
     ("workers", MAX_WORKERS + 1, "from 1 to"),
+    ("run_dir", " ", "give a folder"),
 ]
 
 
@@ -106,7 +107,7 @@ IMPOSSIBLE_TO_TRAIN = [
     ("protocol", "mine", "[default, paper]"),
     ("device", "tpu", "[auto, cpu, cuda]"),
     ("threads", 0, "from 1 to"),
-    ("run_dir", " ", "give a folder"),
+    ("results_dir", " ", "give a folder"),
 ]
 
 
