@@ -20,6 +20,7 @@ check:
 # Run the benchmarks, quickly; without --quick each takes minutes
 bench:
     python scripts/benchmark_build.py --quick
+    python scripts/benchmark_parquet.py --quick
     python scripts/benchmark_load.py --quick
     python scripts/benchmark_env.py --quick
     python scripts/benchmark_core.py --quick

@@ -16,7 +16,7 @@ UNRELEASED = "0.0.0-unreleased"
 """Version of a dataset that has none yet, in the form that Croissant asks for."""
 
 DATE = "2026-11-21"
-"""The day this form of the dataset is from (`manifest.FORMAT` 1): the date of publication that
+"""The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
 Croissant asks for, where no other is given. A clock would make the same data differ."""
 
 PAPER_TITLE = "Quantifying Generalisation in Imitation Learning"

@@ -95,7 +95,6 @@ IMPOSSIBLE = [
     ("seed", 2**64, "below 2**64"),
     ("workers", 0, "from 1 to"),
     ("workers", MAX_WORKERS + 1, "from 1 to"),
-    ("run_dir", " ", "give a folder"),
 ]
 
 
@@ -149,6 +148,7 @@ def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allow
         ({"splits": SplitsConfig(13), "size": "3"}, ["splits.min_walls=13", "1 to 12"]),
         ({"data_dir": ""}, ["data_dir is empty"]),
         ({"data_dir": "  "}, ["data_dir is empty"]),
+        ({"run_dir": " "}, ["run_dir is empty"]),
         ({"task": TaskConfig("chess")}, ["task=chess", "key_and_door"]),
         ({"buckets": BucketsConfig(50, 33, 33)}, ["buckets=[50, 33, 33]", "add up to 100"]),
         ({"buckets": BucketsConfig(100, 0, 0)}, ["buckets=[100, 0, 0]", "1 or more"]),
