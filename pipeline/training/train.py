@@ -29,6 +29,7 @@ from pipeline.training.policy import Policy, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
     POLICY,
+    Board,
     draw_curves,
     read_record,
     write_record,
@@ -172,6 +173,7 @@ def _train(
     folder: Path,
     identity: dict[str, Any],
 ) -> Progress:
+    board = Board(folder) if options.tensorboard else None
     with progress() as bars:
         bar = bars.add_task(options.method, total=learner.settings.epochs)
 
@@ -180,6 +182,8 @@ def _train(
             best = "" if done.best is None else f", SR {done.best['validation_sr']:.0%}"
             told = f"{options.method} loss {figures['loss']:.3f}{best}"
             bars.update(bar, completed=done.epoch, description=told)
+            if board is not None:
+                board.write(done.history)
 
         return fit(
             learner,

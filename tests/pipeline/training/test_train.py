@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +14,11 @@ from typing import Any
 import pytest
 import torch
 
+import pipeline.training
 from pipeline.config import ConfigError, Run, RunConfig, resolve
 from pipeline.manifest import DatasetError
 from pipeline.training import bc, loop, train
-from pipeline.training.record import CHECKPOINT, CURVES, POLICY, RECORD
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
 
 @pytest.fixture
@@ -161,6 +164,25 @@ def test_vectors_are_learnt_from_too(run_of: Callable[..., Run]) -> None:
     train.run(run)
     losses = [row["loss"] for row in json.loads((folder_of(run) / RECORD).read_text())["history"]]
     assert losses[-1] < losses[0]
+
+
+def test_the_curves_are_written_for_tensorboard_on_request(run_of: Callable[..., Run]) -> None:
+    run = run_of(tensorboard=True)
+    train.run(run)
+    events = list((folder_of(run) / BOARD).iterdir())
+    assert len(events) == 1
+    assert b"validation_sr" in events[0].read_bytes()
+
+
+def test_a_missing_library_is_answered_with_the_extra_that_has_it(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    with pytest.raises(ConfigError, match=r"pip install -e '.\[tensorboard\]'"):
+        train.run(run_of(tensorboard=True))
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(ConfigError, match=r"torch: pip install -e '.\[train\]'"):
+        importlib.reload(pipeline.training)
 
 
 def test_no_dataset_is_answered_with_the_command_that_makes_it(
