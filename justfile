@@ -22,6 +22,8 @@ bench:
     python scripts/benchmark_build.py --quick
     python scripts/benchmark_load.py --quick
     python scripts/benchmark_env.py --quick
+    python scripts/benchmark_core.py --quick
+    python scripts/benchmark_evaluate.py --quick
 
 # Draw the pictures of the documentation again
 docs:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.labyrinth import Labyrinth, Moves
 
 GOAL_REWARD = 1.0
 ICE_REWARD = -100.0
@@ -82,7 +82,7 @@ def state_at(labyrinth: Labyrinth, index: int) -> State:
     return State(agent, phase >= 1, phase == 2)
 
 
-def transition_table(labyrinth: Labyrinth) -> list[tuple[int, int, int, int]]:
+def transition_table(labyrinth: Labyrinth) -> list[Moves]:
     """Return the numbers of the states that the four actions lead to from each state.
 
     Rows of states that the agent cannot be in mean nothing: on the door before it opened, on

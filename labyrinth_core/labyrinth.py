@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import product
 
 from labyrinth_core.grid import (
     MAX_SIDE,
@@ -19,6 +20,12 @@ from labyrinth_core.grid import (
 
 UNREACHABLE = -1
 """Distance of a state from which the goal cannot be reached."""
+
+Moves = tuple[int, int, int, int]
+"""Where each action leads from a cell: up, right, down, left."""
+
+_REMEMBERED_CELLS = 1_024
+"""Grids of up to so many cells share their moves; all sixteen of a cell take 2 KB."""
 
 
 class LabyrinthError(ValueError):
@@ -89,22 +96,21 @@ class Structure:
         return self.height * self.width
 
     @cached_property
-    def moves(self) -> list[tuple[int, int, int, int]]:
-        """Where each action leads from each cell: up, right, down, left; a wall leads back."""
+    def moves(self) -> list[Moves]:
+        """Where each action leads from each cell; a wall leads back."""
         width, size = self.width, self.cells
+        # Four bits a cell, those of its open sides: binary digits, read as if hexadecimal.
+        above, beside = int(f"{self.up:b}", 16), int(f"{self.right:b}", 16)
+        sides = above << 3 | beside << 2 | above << 4 * width + 1 | beside << 4
         # As text, cell 0 first: reading single bits of a long integer costs its whole length.
-        up = f"{self.up:0{size}b}"[::-1]
-        right = f"{self.right:0{size}b}"[::-1]
-        below = "0" * width + up
-        left = "0" + right
+        digits = f"{sides:0{size}x}"[::-1]
+        if size <= _REMEMBERED_CELLS:
+            known = _all_moves(size, width)
+            return [moves[digit] for moves, digit in zip(known, digits, strict=True)]
+        steps = map(_all_moves(1, width)[0].__getitem__, digits)  # From cell 0: the differences.
         return [
-            (
-                cell + width if up[cell] == "1" else cell,
-                cell + 1 if right[cell] == "1" else cell,
-                cell - width if below[cell] == "1" else cell,
-                cell - 1 if left[cell] == "1" else cell,
-            )
-            for cell in range(size)
+            (c + up, c + right, c + down, c + left)
+            for c, (up, right, down, left) in enumerate(steps)
         ]
 
     def passages(self) -> Iterator[tuple[int, int]]:
@@ -137,7 +143,7 @@ class Structure:
 
         def transpose(bits: int) -> int:
             text = f"{bits:0{self.cells}b}"
-            return int("".join(text[column :: self.width] for column in range(self.width)), 2)
+            return int("".join([text[column :: self.width] for column in range(self.width)]), 2)
 
         return Structure(self.width, self.height, transpose(self.right), transpose(self.up))
 
@@ -171,11 +177,29 @@ class Structure:
         if self.height != self.width:
             return self
         image = self.transposed()
-        return min(self, image, key=lambda structure: (structure.up, structure.right))
+        return image if (image.up, image.right) < (self.up, self.right) else self
+
+
+@lru_cache(maxsize=16)
+def _all_moves(cells: int, width: int) -> list[dict[str, Moves]]:
+    """Return for each cell the moves from it by the hexadecimal digit of its open sides.
+
+    The bits of that digit, the highest first, are those of up, right, down and left.
+    """
+    return [
+        dict(
+            zip(
+                "0123456789abcdef",
+                product((c, c + width), (c, c + 1), (c, c - width), (c, c - 1)),
+                strict=True,
+            )
+        )
+        for c in range(cells)
+    ]
 
 
 def breadth_first(
-    successors: list[tuple[int, ...]] | list[tuple[int, int, int, int]],
+    successors: list[tuple[int, ...]] | list[Moves],
     sources: Iterable[int],
     blocked: Collection[int] = (),
 ) -> list[int]:
@@ -187,22 +211,17 @@ def breadth_first(
         blocked: Nodes that are never entered.
     """
     distance = [UNREACHABLE] * len(successors)
-    frontier = list(sources)
-    for node in frontier:
+    queue = list(sources)
+    for node in queue:
         distance[node] = 0
-    if blocked:
-        for node in blocked:
-            distance[node] = 0  # As if seen already; taken back at the end.
-    steps = 0
-    while frontier:
-        steps += 1
-        reached = []
-        for node in frontier:
-            for successor in successors[node]:
-                if distance[successor] < 0:
-                    distance[successor] = steps
-                    reached.append(successor)
-        frontier = reached
+    for node in blocked:
+        distance[node] = 0  # As if seen already; taken back at the end.
+    for node in queue:  # It grows meanwhile.
+        steps = distance[node] + 1
+        for successor in successors[node]:
+            if distance[successor] < 0:
+                distance[successor] = steps
+                queue.append(successor)
     for node in blocked:
         distance[node] = UNREACHABLE
     return distance
@@ -233,27 +252,36 @@ class Labyrinth:
     ice: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
-        tiles = {"start": self.start, "goal": self.goal}
-        if (self.key is None) != (self.task is not Task.KEY_AND_DOOR) or (self.door is None) != (
-            self.task is not Task.KEY_AND_DOOR
-        ):
+        tiles = [("start", self.start), ("goal", self.goal)]
+        locked = self.task is Task.KEY_AND_DOOR
+        if (self.key is None) == locked or (self.door is None) == locked:
             raise LabyrinthError(f"a key and a door belong to {Task.KEY_AND_DOOR}, both or none")
         if bool(self.ice) != (self.task is Task.ICY_FLOOR):
             raise LabyrinthError(f"ice belongs to {Task.ICY_FLOOR}, which needs some")
         if self.key is not None and self.door is not None:
-            tiles |= {"key": self.key, "door": self.door}
+            tiles += [("key", self.key), ("door", self.door)]
+        tiles += [("ice", cell) for cell in self.ice]
+        cells = self.structure.cells
         taken: dict[int, str] = {}
-        for name, cell in [*tiles.items(), *(("ice", cell) for cell in self.ice)]:
-            if not 0 <= cell < self.structure.cells:
+        for name, cell in tiles:
+            if not 0 <= cell < cells:
                 raise LabyrinthError(f"the {name} is outside the grid: cell {cell}")
             if cell in taken:
                 raise LabyrinthError(f"the {taken[cell]} and the {name} share a cell", cell)
             taken[cell] = name
         self._check_solvable()
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
+
+    @cached_property
+    def cell_distances(self) -> Sequence[int]:
+        """The least number of moves from each cell to the goal, off the ice, the door open."""
+        return self.structure.distances(self.goal, self.ice)
+
     def _check_solvable(self) -> None:
         structure, door = self.structure, self.door
-        if structure.distances(self.start, self.ice)[self.goal] == UNREACHABLE:
+        if self.cell_distances[self.start] == UNREACHABLE:
             without = " without ice" if self.ice else ""
             raise LabyrinthError(f"no route{without} leads from start to goal", self.goal)
         if self.key is not None and door is not None:

@@ -25,6 +25,12 @@ SETTINGS = {
 }
 """The task that each setting switches on, in the order in which they are written."""
 
+_SETTINGS_OF = {
+    task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
+    for task in Task
+}
+"""The settings of each task as text."""
+
 _HEADING = "labyrinth"
 _OPEN_IN_TEXT = str.maketrans("| -", "010")
 _VERTICAL = bytes.maketrans(b"01", b"| ")
@@ -312,7 +318,7 @@ def load(path: Path, *, seed: int = 0) -> Labyrinth:
 
 def dump(labyrinth: Labyrinth) -> str:
     """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
-    structure, task = labyrinth.structure, labyrinth.task
+    structure = labyrinth.structure
     height, width, cells = structure.height, structure.width, structure.cells
     # Cell 0 first, as the bits of an integer have it last.
     above = f"{structure.up:0{cells}b}"[::-1].encode().translate(_HORIZONTAL)
@@ -337,8 +343,7 @@ def dump(labyrinth: Labyrinth) -> str:
         lines.append(bytes(row_line))
     lines.append(outer_wall)
     drawing = b"\n".join(lines).decode()
-    settings = "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
-    return f"{settings}\n{_HEADING}:\n{drawing}\nend\n"
+    return f"{_SETTINGS_OF[labyrinth.task]}\n{_HEADING}:\n{drawing}\nend\n"
 
 
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 
-from labyrinth_core.grid import horizontal_edges, neighbours, vertical_edges
+from labyrinth_core.grid import Action, horizontal_edges, neighbours, vertical_edges
 from labyrinth_core.labyrinth import Structure
 
 Edge = tuple[int, int]
@@ -20,18 +21,20 @@ _TWELFTHS = bytes(byte % 12 for byte in range(256))
 _UNFAIR = bytes(range(252, 256))
 """Bytes left out so that the rest, modulo 12, is uniform."""
 
+_NOT_UP, _NOT_RIGHT, _NOT_DOWN, _NOT_LEFT = (0b1111 ^ 1 << action for action in Action)
+
 
 class Draws:
     """A generator's randomness in the forms that drawing a tree needs."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.twelfths = self._twelfths()
+        self.twelfths = chain.from_iterable(self._blocks())
         """Uniform whole numbers from 0 to 11: modulo 2, 3 or 4, fair choices of a neighbour."""
 
-    def _twelfths(self) -> Iterator[int]:
+    def _blocks(self) -> Iterator[bytes]:
         while True:
-            yield from self.rng.bytes(4096).translate(_TWELFTHS, _UNFAIR)
+            yield self.rng.bytes(4096).translate(_TWELFTHS, _UNFAIR)
 
 
 def sample_structure(
@@ -76,15 +79,14 @@ def sample_structures(
     draw_tree = ALGORITHMS[algorithm]
     draws = Draws(rng)
     cells = height * width
-    all_up, all_right = vertical_edges(height, width), horizontal_edges(height, width)
+    edges = vertical_edges(height, width) | horizontal_edges(height, width) << cells
+    all_cells = (1 << cells) - 1
     while True:
-        up, right = _passages(height, width, draw_tree(height, width, draws))
+        open_edges = _edge_set(height, width, draw_tree(height, width, draws))
         if open_walls:
             coins = np.packbits(rng.random(2 * cells) < open_walls, bitorder="little")
-            opened = int.from_bytes(coins.tobytes(), "little")
-            up |= opened & all_up
-            right |= opened >> cells & all_right
-        yield Structure(height, width, up, right)
+            open_edges |= int.from_bytes(coins.tobytes(), "little") & edges
+        yield Structure(height, width, open_edges & all_cells, open_edges >> cells)
 
 
 def default_open_walls(height: int, width: int) -> float:
@@ -95,16 +97,15 @@ def default_open_walls(height: int, width: int) -> float:
     return {9: 0.12, 16: 0.09}.get(height * width if height == width else 0, 0.08)
 
 
-def _passages(height: int, width: int, tree: list[Edge]) -> tuple[int, int]:
-    """Return the bit sets of a `Structure` for a list of passages."""
-    up, right = bytearray(b"0") * (height * width), bytearray(b"0") * (height * width)
+def _edge_set(height: int, width: int, tree: list[Edge]) -> int:
+    """Return the bit sets `up` and `right` of a `Structure` for a list of passages, as one."""
+    cells = height * width
+    digits = bytearray(b"0") * (2 * cells)
+    # The last digit is that of the passage up from cell 0; each belongs to its smaller cell.
+    place = {width: -1, -width: width - 1, 1: -1 - cells, -1: -cells}
     for a, b in tree:
-        low = a if a < b else b
-        if a - b in (1, -1):
-            right[-1 - low] = 49  # "1"; the last character is cell 0.
-        else:
-            up[-1 - low] = 49
-    return int(up, 2), int(right, 2)
+        digits[place[b - a] - a] = 49  # "1"
+    return int(digits, 2)
 
 
 @lru_cache(maxsize=16)
@@ -117,6 +118,21 @@ def _grid_neighbours(height: int, width: int) -> list[list[int]]:
 def _twelve_neighbours(height: int, width: int) -> list[list[int]]:
     """Return the neighbours of each cell, repeated to make twelve, so that a draw picks one."""
     return [beside * (12 // len(beside)) for beside in _grid_neighbours(height, width)]
+
+
+@lru_cache(maxsize=16)
+def _sides(height: int, width: int) -> bytes:
+    """Return for each cell on which sides there is another, a bit for each action there."""
+    grid = (neighbours(cell, height, width) for cell in range(height * width))
+    return bytes(sum(1 << action for action in beside) for beside in grid)
+
+
+@lru_cache(maxsize=16)
+def _twelve_steps(width: int) -> list[list[int]]:
+    """Return for each set of sides the steps in index to those cells, repeated to make twelve."""
+    steps = {Action.UP: width, Action.RIGHT: 1, Action.DOWN: -width, Action.LEFT: -1}
+    open_sides = [[steps[a] for a in Action if sides >> a & 1] for sides in range(16)]
+    return [to * (12 // len(to)) if to else to for to in open_sides]
 
 
 def _wilson(height: int, width: int, draws: Draws) -> list[Edge]:
@@ -145,22 +161,25 @@ def _wilson(height: int, width: int, draws: Draws) -> list[Edge]:
 
 def _depth_first(height: int, width: int, draws: Draws) -> list[Edge]:
     """Randomised depth-first search: long corridors, few branches."""
-    beside = _grid_neighbours(height, width)
-    seen = bytearray(height * width)
-    stack = [int(draws.rng.integers(height * width))]
-    seen[stack[0]] = 1
-    tree = []
-    while stack:
-        cell = stack[-1]
-        fresh = [neighbour for neighbour in beside[cell] if not seen[neighbour]]
-        if not fresh:
+    # Sides with a cell not seen; more at the end for the neighbours that border cells lack.
+    fresh = bytearray(_sides(height, width)) + bytes(width)
+    steps, twelfths = _twelve_steps(width), draws.twelfths
+    cell = int(draws.rng.integers(height * width))
+    stack, tree = [cell], list[Edge]()
+    while True:
+        fresh[cell + width] &= _NOT_DOWN
+        fresh[cell + 1] &= _NOT_LEFT
+        fresh[cell - width] &= _NOT_UP
+        fresh[cell - 1] &= _NOT_RIGHT
+        while not fresh[cell]:
             stack.pop()
-            continue
-        chosen = fresh[next(draws.twelfths) % len(fresh)]
-        seen[chosen] = 1
-        tree.append((cell, chosen))
-        stack.append(chosen)
-    return tree
+            if not stack:
+                return tree
+            cell = stack[-1]
+        step = steps[fresh[cell]][next(twelfths)]
+        tree.append((cell, cell + step))
+        cell += step
+        stack.append(cell)
 
 
 def _kruskal(height: int, width: int, draws: Draws) -> list[Edge]:

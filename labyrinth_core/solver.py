@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.dynamics import initial, state_count, state_index, transition_table
-from labyrinth_core.labyrinth import UNREACHABLE, Labyrinth, breadth_first
+from labyrinth_core.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_first
 
-Table = Sequence[tuple[int, int, int, int]]
+Table = Sequence[Moves]
 
 
-def distances(labyrinth: Labyrinth, table: Table | None = None) -> list[int]:
+def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]:
     """Return the least number of moves from each state to the goal, `UNREACHABLE` if none do.
 
     Args:
         labyrinth: What to solve.
         table: Its transition table, when the caller has it.
     """
+    if labyrinth.door is None:
+        return labyrinth.cell_distances
     cells, count = labyrinth.structure.cells, state_count(labyrinth)
     goals = range(labyrinth.goal, count, cells)
-    if labyrinth.door is None:  # Every move can be undone: the way back is the way there.
-        return breadth_first(labyrinth.structure.moves, goals, labyrinth.ice)
     # States on the door before it opened cannot be: nothing leads there, nothing may come from it.
     impossible = (labyrinth.door, labyrinth.door + cells)
     predecessors: list[tuple[int, ...]] = [()] * count
@@ -65,13 +65,15 @@ def shortest_route(labyrinth: Labyrinth, rng: np.random.Generator) -> list[int]:
     routes: dict[int, int] = {}
     actions = []
     while distance[state]:
-        choices = _choices(table, distance, state)
-        action = choices[0]
-        if len(choices) > 1:
+        nearer = distance[state] - 1
+        up, right, down, left = table[state]
+        after = (distance[up], distance[right], distance[down], distance[left])
+        action = after.index(nearer)
+        if after.count(nearer) > 1:
             routes = routes or _count_shortest_routes(table, distance, state)
             # A choice weighs as much as the number of routes behind it.
             ticket = _uniform_below(routes[state], rng)
-            for action in choices:
+            for action in _choices(table, distance, state):
                 ticket -= routes[table[state][action]]
                 if ticket < 0:
                     break
@@ -82,20 +84,16 @@ def shortest_route(labyrinth: Labyrinth, rng: np.random.Generator) -> list[int]:
 
 def _count_shortest_routes(table: Table, distance: Sequence[int], start: int) -> dict[int, int]:
     """Return how many shortest routes lead on from each state that one from `start` visits."""
-    layers = [{start}]
-    while distance[next(iter(layers[-1]))]:
-        layers.append(
-            {
-                table[state][action]
-                for state in layers[-1]
-                for action in _choices(table, distance, state)
-            }
-        )
-    routes = dict.fromkeys(layers.pop(), 1)
-    for layer in reversed(layers):
-        for state in layer:
-            choices = _choices(table, distance, state)
-            routes[state] = sum(routes[table[state][action]] for action in choices)
+    ahead: dict[int, list[int]] = {}
+    queue = [start]
+    for state in queue:  # It grows meanwhile, by distance from the start.
+        if state not in ahead:
+            nearer = distance[state] - 1
+            ahead[state] = [after for after in table[state] if distance[after] == nearer >= 0]
+            queue += ahead[state]
+    routes: dict[int, int] = {}
+    for state in reversed(ahead):
+        routes[state] = sum(map(routes.__getitem__, ahead[state])) or 1
     return routes
 
 

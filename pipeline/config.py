@@ -32,8 +32,12 @@ STAGES = {
     "card": "pipeline.release.card",
     "publish": "pipeline.release.publish",
     "train": "pipeline.training.train",
+    "evaluate": "pipeline.training.evaluate",
+    "results": "pipeline.training.results",
 }
 """Stage -> the module whose `run` performs it."""
+
+TRAINING_STAGES = {"train", "evaluate", "results"}
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 
@@ -203,7 +207,8 @@ _HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in 
 Train a policy on it.
 
     python run.py size=5
-    python run.py size=5 stages=[train] method=bc encoder=cnn seed=0
+    python run.py size=5 stages=[train,evaluate] method=bc encoder=cnn seed=0
+    python run.py stages=[results]
     python run.py size=4x6 task=key_and_door labyrinths=1000 workers=2
     python run.py -m size=3,4,5
 
@@ -272,7 +277,7 @@ def resolve(config: RunConfig) -> Run:
         overwrite=config.overwrite,
         workers=config.workers,
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
-        training=_resolve_training(config) if "train" in config.stages else None,
+        training=_resolve_training(config) if TRAINING_STAGES & set(config.stages) else None,
     )
 
 

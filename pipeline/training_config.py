@@ -64,6 +64,7 @@ class TrainingConfig:
     dataset: str | None = None
     revision: str | None = None
     run_dir: str = "runs"
+    results_dir: str = "results"
     device: str = "auto"
     threads: int | None = None
     tensorboard: bool = False
@@ -78,6 +79,7 @@ TRAINING_OPTIONS = {
     "dataset": "id on the Hub, such as user/labyrinth, or another folder than data_dir",
     "revision": "branch, tag or commit of the dataset on the Hub",
     "run_dir": "folder of the runs; each size and task is a folder in it",
+    "results_dir": "folder of the tables, and of the evaluations that they are made of",
     "device": "where networks are computed: " + ", ".join(DEVICES),
     "threads": "of the processor, for networks (all cores)",
     "tensorboard": "write the learning curves for TensorBoard, too",
@@ -100,6 +102,7 @@ class TrainingOptions:
     """Folder or id on the Hub."""
     revision: str | None
     run_dir: Path
+    results_dir: Path
     device: str
     threads: int | None
     tensorboard: bool
@@ -147,8 +150,9 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
         )
     if config.threads is not None and not 1 <= config.threads <= MAX_THREADS:
         raise ValueError(f"threads={config.threads}: give a number from 1 to {MAX_THREADS:,}")
-    if not config.run_dir.strip():
-        raise ValueError("run_dir is empty: give a folder")
+    for folder in ("run_dir", "results_dir"):
+        if not getattr(config, folder).strip():
+            raise ValueError(f"{folder} is empty: give a folder")
     return TrainingOptions(
         method=name,
         settings=MappingProxyType(settings),
@@ -159,6 +163,7 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
         source=data_dir if config.dataset is None else config.dataset,
         revision=config.revision,
         run_dir=Path(config.run_dir).expanduser(),
+        results_dir=Path(config.results_dir).expanduser(),
         device=config.device,
         threads=config.threads,
         tensorboard=config.tensorboard,

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from labyrinth_core.grid import Action
 from labyrinth_core.renderer import DEFAULT_STYLE, Colour
+from pipeline.markdown import count
 from pipeline.release.canvas import (
     INK,
     LINE,
@@ -22,7 +23,6 @@ from pipeline.release.canvas import (
     tallness,
     text_width,
 )
-from pipeline.release.markdown import count
 from pipeline.release.statistics import DatasetStatistics, SplitStatistics
 from pipeline.release.tally import EXAMPLES
 from pipeline.schema import SAMPLED_SPLITS

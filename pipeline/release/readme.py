@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from labyrinth_core.grid import Action
 from labyrinth_core.labyrinth import Task
 from labyrinth_core.language import dump
+from pipeline.markdown import count, table
 from pipeline.release.citation import paper_bibtex, software_bibtex
 from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits
-from pipeline.release.markdown import count, table
 from pipeline.release.provenance import (
     ARXIV,
     PAPER_TITLE,

@@ -1,16 +1,148 @@
-"""Evaluation: one greedy episode for every labyrinth of a split."""
+"""The stage `evaluate`: the policy of a run on all five splits, written into the run's folder.
+
+Nothing is chosen here, and nothing learnt: one greedy episode for every labyrinth.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from typing import Any
 
-from pipeline.training.following import follow, greedy_actions
+from rich.table import Table
+
+from pipeline.config import Run
+from pipeline.manifest import DatasetError, Manifest, write_text
+from pipeline.prefetch import prefetched
+from pipeline.source import locate
+from pipeline.terminal import console, tracked
+from pipeline.training.baselines import BASELINES, compare
+from pipeline.training.bootstrap import interval
+from pipeline.training.evaluations import EVALUATION, FORMAT, SPLITS
+from pipeline.training.policy import Policy, load_policy
+from pipeline.training.record import POLICY, current_versions, read_record
+from pipeline.training.scores import Scores, evaluate
+from pipeline.training.train import choose_device, spec_of, worlds_of
 from pipeline.training.worlds import Worlds
 
-if TYPE_CHECKING:
-    from pipeline.training.policy import Policy
+
+def run(run: Run) -> None:
+    """Evaluate the policy of a run.
+
+    Raises:
+        ConfigError: There is no such device.
+        DatasetError: There is no finished run, or it is of another dataset than the one that is
+            there; or the dataset lacks a split.
+    """
+    options = run.training
+    assert options is not None  # `resolve` made them, for this stage.
+    folder = options.folder(run.dataset.name)
+    record = read_record(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
+    device = choose_device(options)
+    policy = load_policy(folder / POLICY, spec_of(run), device)
+    located = locate(options.source, run.dataset.name, "train", options.revision)
+    fingerprint = Manifest.read(located).fingerprint
+    if fingerprint != record["run"]["fingerprint"]:
+        raise DatasetError(
+            f"{folder} was trained on another dataset than {options.source}: their fingerprints "
+            f"are {record['run']['fingerprint']:.8} and {fingerprint:.8}"
+        )
+    scores: dict[str, Scores] = {}
+    baselines: dict[str, Any] = {}
+    splits = ((1, each) for each in evaluate_splits(policy, worlds_of(run)))
+    for split, worlds, found in tracked(splits, "evaluate", total=len(SPLITS)):
+        if split == "train":
+            train = worlds
+        scores[split] = found
+        baselines[split] = compare(train, worlds)
+    computed = {"device": device.type, "versions": current_versions()}
+    content = describe(record, scores, baselines, computed)
+    write_text(folder / EVALUATION, as_text(content))
+    console.print(summary(options.name, content))
+    console.print(baseline_summary(content))
 
 
-def success_rate(policy: Policy, worlds: Worlds) -> float:
-    """Return the share of labyrinths that a greedy episode of a policy solves."""
-    return float(follow(worlds, greedy_actions(policy, worlds)).solved.mean())
+def evaluate_splits(
+    policy: Policy, load: Callable[[str], Worlds]
+) -> Iterator[tuple[str, Worlds, Scores]]:
+    """Yield the five splits, train first, with what a policy achieves; the next loads meanwhile."""
+    with closing(prefetched(((split, load(split)) for split in SPLITS), ahead=1)) as loaded:
+        for split, worlds in loaded:
+            yield split, worlds, evaluate(policy, worlds)
+
+
+def describe(
+    record: Mapping[str, Any],
+    scores: Mapping[str, Scores],
+    baselines: Mapping[str, Any],
+    computed: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return all that is kept of an evaluation, in plain types.
+
+    Args:
+        record: `run.json` of the run.
+        scores: By split.
+        baselines: By split and name.
+        computed: Where it was evaluated.
+    """
+    solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
+    return {
+        "format": FORMAT,
+        "run": record["run"],
+        "training": {name: record[name] for name in ("epochs", "seconds", "selected", "computed")},
+        "evaluated": dict(computed),
+        "train_test_gap": {
+            "sr": scores["train"].sr - scores["test"].sr,
+            "sr_interval": list(interval(*solved)),
+            "aer": scores["train"].aer - scores["test"].aer,
+        },
+        "splits": {split: scores[split].to_json() for split in scores},
+        "baselines": dict(baselines),
+    }
+
+
+def as_text(content: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each entry of the first two levels, so that it can be read."""
+    lines = []
+    for key, value in content.items():
+        text = json.dumps(value)
+        if isinstance(value, dict):
+            inner = (f"  {json.dumps(name)}: {json.dumps(each)}" for name, each in value.items())
+            text = "{\n" + ",\n".join(inner) + "\n }"
+        lines.append(f" {json.dumps(key)}: {text}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def summary(name: str, content: Mapping[str, Any]) -> Table:
+    """Return the table of an evaluation."""
+    table = Table(title=f"{name}, one greedy episode a labyrinth")
+    table.add_column("split")
+    for heading in ("SR", "95%", "AER", "optimal*", "failures"):
+        table.add_column(heading, justify="right")
+    for split, figures in content["splits"].items():
+        low, high = figures["sr_interval"]
+        shares = [figures[f"accuracy_{where}"] for where in ("on_demonstrations", "elsewhere")]
+        table.add_row(
+            split,
+            f"{figures['sr']:.1%}",
+            f"{100 * low:.0f}-{100 * high:.0f}",
+            f"{figures['aer']:.2f} ± {figures['aer_std']:.2f}",
+            " / ".join("-" if share is None else f"{share:.0%}" for share in shares),
+            ", ".join(f"{count} {name}" for name, count in figures["failures"].items()) or "none",
+        )
+    table.caption = "*of the actions, on the demonstrations' states / in all others"
+    return table
+
+
+def baseline_summary(content: Mapping[str, Any]) -> Table:
+    """Return the table of what needs no learning."""
+    table = Table(title="SR without learning")
+    table.add_column("split")
+    for name in BASELINES:
+        table.add_column(name.replace("_", " "), justify="right")
+    for split, figures in content["baselines"].items():
+        table.add_row(split, *(f"{figures[name]['sr']:.1%}" for name in BASELINES))
+    return table

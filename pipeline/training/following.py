@@ -88,3 +88,8 @@ def follow(worlds: Worlds, actions: NDArray[np.int64]) -> Episodes:
         [worlds.goal[state], ended, after[state] == state], ["solved", "ice", "wall"], "loop"
     )
     return Episodes(outcomes, np.where(ended, moves, worlds.step_limit), worlds.cells)
+
+
+def success_rate(policy: Policy, worlds: Worlds) -> float:
+    """Return the share of labyrinths that a greedy episode of a policy solves."""
+    return float(follow(worlds, greedy_actions(policy, worlds)).solved.mean())

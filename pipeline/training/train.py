@@ -21,7 +21,7 @@ from pipeline.manifest import MANIFEST, DatasetError, Manifest
 from pipeline.source import locate
 from pipeline.terminal import console, progress
 from pipeline.training.checkpoint import Progress, differences
-from pipeline.training.evaluate import success_rate
+from pipeline.training.following import success_rate
 from pipeline.training.loop import Judge, fit
 from pipeline.training.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks import NetworkSpec
@@ -111,36 +111,50 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
+def worlds_of(run: Run) -> Callable[[str], Worlds]:
+    """Return what loads a split as the policy of a run sees it."""
+    options = run.training
+    assert options is not None
+    return partial(
+        load_worlds,
+        options.source,
+        run.dataset.name,
+        observation=options.observation,
+        image_size=IMAGE_SIZE,
+        resize=PROTOCOLS[options.protocol].resize,
+        revision=options.revision,
+    )
+
+
+def spec_of(run: Run) -> NetworkSpec:
+    """Return the shape of the network of a run's policy."""
+    options = run.training
+    assert options is not None
+    return NetworkSpec(
+        encoder=options.encoder,
+        pool_stride=options.pool_stride,
+        height=run.dataset.height,
+        width=run.dataset.width,
+        task=str(run.dataset.task),
+    )
+
+
 def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Judge]:
     """Return a fresh learner, and what tries its policy on train and validation."""
     options = run.training
     assert options is not None
-    config, source = run.dataset.name, options.source
-    load: Callable[[str], Worlds] = partial(
-        load_worlds,
-        source,
-        config,
-        observation=options.observation,
-        image_size=IMAGE_SIZE,
-        resize=PROTOCOLS[options.protocol].resize,
-        revision=options.revision,
-    )
+    load = worlds_of(run)
     train, validation = load("train"), load("validation")
+    source, config = options.source, run.dataset.name
     steps = partial(load_steps, source, config, worlds=train, revision=options.revision)
     problem = Problem(
         worlds=train,
         observations=torch.tensor(train.observations, device=device),
         demonstrations=steps("train"),
         exploration=partial(steps, "random"),
-        spec=NetworkSpec(
-            encoder=options.encoder,
-            pool_stride=options.pool_stride,
-            height=run.dataset.height,
-            width=run.dataset.width,
-            task=str(run.dataset.task),
-        ),
+        spec=spec_of(run),
         rng=np.random.default_rng(options.seed),
     )
 

@@ -3,6 +3,7 @@
 import pickle
 from collections import Counter
 from dataclasses import FrozenInstanceError, replace
+from unittest.mock import patch
 
 import pytest
 from brute_force import (
@@ -62,6 +63,13 @@ def test_a_move_goes_in_its_direction_or_nowhere(structure):
         for target, step in zip(targets, (structure.width, 1, -structure.width, -1), strict=True):
             assert target in (cell, cell + step)
             assert 0 <= target < structure.cells
+
+
+@given(structures())
+def test_moves_of_a_grid_too_large_for_a_table_are_the_same(structure):
+    again = replace(structure)
+    with patch("labyrinth_core.labyrinth._REMEMBERED_CELLS", 0):
+        assert again.moves == structure.moves
 
 
 @given(structures(), randoms)
@@ -197,12 +205,15 @@ def test_a_labyrinth_comes_back_from_a_pickle(labyrinth):
     assert again.structure.moves == labyrinth.structure.moves
 
 
-@given(structures())
-def test_a_pickle_leaves_out_what_can_be_computed(structure):
-    fresh = pickle.dumps(structure)
-    assert structure.moves
-    assert structure.structure_id
-    assert pickle.dumps(structure) == fresh
+@given(labyrinths())
+def test_a_pickle_leaves_out_what_can_be_computed(labyrinth):
+    holding, leaving = pickle.dumps(labyrinth), pickle.dumps(labyrinth.structure)
+    assert labyrinth.cell_distances
+    assert labyrinth.structure.moves
+    assert labyrinth.structure.structure_id
+    assert b"distances" not in holding
+    assert pickle.dumps(labyrinth) == holding
+    assert pickle.dumps(labyrinth.structure) == leaving
 
 
 def test_structures_and_labyrinths_do_not_change():

@@ -1,0 +1,146 @@
+"""How fast a policy is evaluated, beside stepping the environment one labyrinth at a time.
+
+    python run.py size=5
+    python scripts/benchmark_evaluate.py [--data FOLDER] [--rounds N] [--labyrinths N] [--quick]
+
+The policy is the CNN of the baselines with fresh weights; what it has learnt does not change what
+a look at a state costs. What is printed:
+
+- five splits: loading their labyrinths, drawing all states at 64 x 64, one pass of the policy over
+  them, the look-ups, the intervals; what `stages=[evaluate]` does, but for the baselines.
+- stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, the policy being asked
+  in each step, which sees the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
+- their ratio for a labyrinth of train: both ways have to agree on every move and return.
+
+The policy fails nearly everywhere, and a failed episode is stepped until it is cut, after 1,000
+steps. With `--solving` it is always right, and episodes are as short as can be: the least that
+there is to win.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import time
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.renderer import area_average
+from pipeline.loader import load_episodes
+from pipeline.manifest import DatasetError
+from pipeline.training.evaluate import evaluate_splits
+from pipeline.training.following import Episodes, follow, greedy_actions
+from pipeline.training.networks import Network, NetworkSpec
+from pipeline.training.policy import NetworkPolicy, Policy
+from pipeline.training.worlds import Worlds, load_worlds
+
+CONFIG = "5x5"
+
+
+class Solving:
+    """A policy as costly as another one, and always right."""
+
+    def __init__(self, policy: Policy, worlds: Worlds) -> None:
+        best = np.eye(4, dtype=np.float32)[worlds.optimal.argmax(axis=1)]
+        self._policy = policy
+        self._scores = {
+            each.tobytes(): row for each, row in zip(worlds.observations, best, strict=True)
+        }
+
+    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the scores of the actions, shape (B, 4)."""
+        self._policy.logits(observations)
+        return np.stack([self._scores[each.tobytes()] for each in observations])
+
+
+def evaluate_all(policy: Policy, data: Path) -> float:
+    """Return the seconds that the five splits take, from their files to their figures."""
+    start = time.perf_counter()
+    for _, _, scores in evaluate_splits(policy, partial(load_worlds, data, CONFIG)):
+        scores.to_json()
+    return time.perf_counter() - start
+
+
+def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]]:
+    """Return moves and return of an episode in each labyrinth, stepped one after the other."""
+    found = []
+    for text in labyrinths:
+        env = LabyrinthEnv(labyrinth=text, observation="state", render_mode="rgb_array")
+        env.reset(seed=0)
+        moves, total, over = 0, 0.0, False
+        while not over:
+            frame = env.render()
+            assert isinstance(frame, np.ndarray)
+            action = int(policy.logits(area_average(frame, 64)[None]).argmax())
+            _, reward, terminated, truncated, _ = env.step(action)
+            moves, total, over = moves + 1, total + reward, terminated or truncated
+        found.append((moves, total))
+    return found
+
+
+def main() -> None:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=Path("data/labyrinth"), help="dataset")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds, each timing everything once")
+    parser.add_argument("--labyrinths", type=int, default=10, help="labyrinths a round to step in")
+    parser.add_argument("--solving", action="store_true", help="a policy that is always right")
+    parser.add_argument("--quick", action="store_true", help="one round with two labyrinths")
+    arguments = parser.parse_args()
+    rounds, count = (1, 2) if arguments.quick else (arguments.rounds, arguments.labyrinths)
+    if rounds < 1 or count < 1:
+        parser.error("--rounds and --labyrinths: give whole numbers from 1 on")
+    try:
+        train = load_worlds(arguments.data, CONFIG, "train")
+        episodes = list(load_episodes(arguments.data, CONFIG, split="train", draw=True))
+    except DatasetError as error:
+        sys.exit(f"error: {error}")
+    infos = list(dict.fromkeys(episode.info for episode in episodes))
+    torch.manual_seed(0)
+    network: Policy = NetworkPolicy(Network(NetworkSpec("cnn", 1, 5, 5, "navigation")))
+    policy = Solving(network, train) if arguments.solving else network
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "torch"))
+    print(
+        f"{os.cpu_count()} cores, {torch.get_num_threads()} threads, "
+        f"Python {platform.python_version()}, {packages}; {rounds} rounds"
+    )
+    whole, ratios, steps = [], [], []
+    for number in range(rounds):
+        whole.append(evaluate_all(network, arguments.data))
+        chosen = [(number * count + place) % len(infos) for place in range(count)]
+        start = time.perf_counter()
+        worlds = load_worlds(arguments.data, CONFIG, "train")
+        looked_up = follow(worlds, greedy_actions(policy, worlds))
+        per_labyrinth = (time.perf_counter() - start) / len(infos)
+        start = time.perf_counter()
+        stepped = step_through(policy, [infos[place] for place in chosen])
+        seconds = time.perf_counter() - start
+        ratios.append(seconds / count / per_labyrinth)
+        steps.append(sum(moves for moves, _ in stepped) / seconds)
+        check(looked_up, chosen, stepped)
+    print(f"five splits, from files to figures: {median(whole):.2f} s (best {min(whole):.2f} s)")
+    print(f"stepping: {median(steps):,.0f} steps a second")
+    extent = f"{min(ratios):,.0f} - {max(ratios):,.0f}"
+    print(f"a labyrinth by look-ups: {median(ratios):,.0f} times as fast (range {extent})")
+
+
+def check(looked_up: Episodes, places: list[int], stepped: list[tuple[int, float]]) -> None:
+    """End with a line if the two ways disagree."""
+    returns = looked_up.returns
+    for place, (moves, total) in zip(places, stepped, strict=True):
+        if looked_up.moves[place] != moves or abs(returns[place] - total) > 1e-9:
+            sys.exit(f"labyrinth {place}: {looked_up.moves[place]} moves by look-ups, not {moves}")
+
+
+if __name__ == "__main__":
+    main()

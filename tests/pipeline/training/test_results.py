@@ -1,0 +1,214 @@
+"""Results over seeds, beside the figures of the paper, which are not all possible."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from pipeline.manifest import DatasetError
+from pipeline.training import results
+from pipeline.training.baselines import compare
+from pipeline.training.evaluate import as_text, describe
+from pipeline.training.evaluations import SPLITS, read, read_all, summarise
+from pipeline.training.paper import METHODS, paper_figures
+from pipeline.training.scores import evaluate
+from pipeline.training.tables import MARK
+from pipeline.training.worlds import load_worlds
+
+PAPER = paper_figures()
+
+
+def test_the_paper_has_six_methods_on_five_splits_at_three_sizes():
+    sizes = ("3x3", "4x4", "5x5")
+    assert set(PAPER) == {
+        (size, split, method) for size in sizes for split in SPLITS for method in METHODS
+    }
+    assert all(figure.table == figure.size for figure in PAPER.values())
+    # Read off the tables again, at the corners.
+    assert (PAPER["3x3", "train", "bc"].aer, PAPER["3x3", "train", "bc"].sr) == (-1.36, 0.5312)
+    last = PAPER["5x5", "s0", "iupe"]
+    assert (last.aer, last.aer_std, last.sr) == (0, 0.8, 0.8)
+    assert PAPER["4x4", "s0_and_g", "sqil"].sr == 0.21
+
+
+def test_what_iupe_returns_on_train_at_5x5_cannot_be_but_would_with_the_other_sign():
+    figure = PAPER["5x5", "train", "iupe"]
+    assert figure.aer == 0.27
+    assert not figure.is_possible
+    implied = (-figure.aer - (1 - figure.sr) * -4) / figure.sr
+    assert implied == pytest.approx(figure.greatest_return, abs=0.005)
+
+
+def test_most_rows_at_5x5_imply_that_a_solved_labyrinth_returns_one():
+    implied = [
+        figure.implied_return
+        for (size, split, _), figure in PAPER.items()
+        if size == "5x5" and split in ("validation", "test", "s0") and figure.sr
+    ]
+    assert sum(abs(each - 1) < 0.001 for each in implied) > len(implied) / 2
+    # More than the shortest way pays, which the success rates on s0 are high enough to tell.
+    assert PAPER["5x5", "s0", "bc"].greatest_return == pytest.approx(0.984)
+    assert not any(PAPER["5x5", "s0", method].is_possible for method in ("bc", "dagger", "iupe"))
+
+
+def test_most_of_table_4_fits_32_labyrinths_and_not_100():
+    table = [figure for figure in PAPER.values() if figure.table == 4]
+    impossible = [figure for figure in table if not figure.is_possible]
+    assert len(impossible) > len(table) / 2
+
+    def fits(figure):
+        sr = round(figure.sr * 32) / 32
+        return figure.aer <= sr * figure.greatest_return + (1 - sr) * -4 + 0.005
+
+    assert sum(map(fits, impossible)) > len(impossible) / 2
+
+
+def test_a_figure_of_nothing_solved_implies_no_return():
+    figure = PAPER["5x5", "s0_and_g", "bc"]
+    assert figure.implied_return is None
+    assert figure.is_possible
+
+
+class Chance:
+    """A policy that is optimal but for a share of states."""
+
+    def __init__(self, worlds, seed):
+        rng = np.random.default_rng(seed)
+        best = np.eye(4)[worlds.optimal.argmax(axis=1)]
+        scores = np.where(rng.random(len(best))[:, None] < 0.2, rng.random((len(best), 4)), best)
+        self.scores = {
+            each.tobytes(): row for each, row in zip(worlds.observations, scores, strict=True)
+        }
+
+    def logits(self, observations):
+        return np.stack([self.scores[each.tobytes()] for each in observations])
+
+
+@pytest.fixture(scope="module")
+def evaluated(small_dataset, tmp_path_factory):
+    """Evaluations of two methods with two seeds, as the stage `evaluate` leaves them."""
+    run_dir = tmp_path_factory.mktemp("runs")
+    worlds = {
+        split: load_worlds(small_dataset.data_dir, "3x3", split, image_size=16) for split in SPLITS
+    }
+    baselines = {split: compare(worlds["train"], worlds[split]) for split in SPLITS}
+    for method, seed in (("bc", 0), ("bc", 1), ("mine", 0)):
+        scores = {split: evaluate(Chance(worlds[split], seed), worlds[split]) for split in SPLITS}
+        record = {
+            "run": {
+                "method": method,
+                "encoder": "cnn",
+                "pool_stride": 1,
+                "protocol": "default",
+                "seed": seed,
+                "config": "3x3",
+                "fingerprint": "0" * 64,
+            },
+            "epochs": 7,
+            "seconds": 90.0,
+            "selected": {"epoch": 5},
+            "computed": {"device": "cpu"},
+        }
+        folder = run_dir / "3x3" / f"{method}-cnn-seed{seed}"
+        folder.mkdir(parents=True)
+        text = as_text(describe(record, scores, baselines, {"device": "cpu"}))
+        (folder / "evaluation.json").write_text(text, encoding="utf-8")
+    return run_dir
+
+
+@pytest.fixture
+def run_of(make_run, tmp_path):
+    def make(run_dir):
+        folders = {"run_dir": str(run_dir), "results_dir": str(tmp_path / "results")}
+        return make_run(tmp_path / "data", stages=["results"], **folders)
+
+    return make
+
+
+def test_the_file_of_an_evaluation_is_json_with_a_line_for_each_split(evaluated):
+    text = (evaluated / "3x3" / "bc-cnn-seed0" / "evaluation.json").read_text(encoding="utf-8")
+    assert as_text(json.loads(text)) == text
+    assert all(sum(f'"{split}": ' in line for line in text.splitlines()) == 2 for split in SPLITS)
+    assert len(text) < 10_000
+
+
+def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
+    runs = [read(path) for path in sorted(evaluated.glob("*/bc-*/evaluation.json"))]
+    told = {figures.split: figures for figures in summarise(runs)}
+    for split in SPLITS:
+        each = [run.content["splits"][split] for run in runs]
+        assert told[split].seeds == 2
+        assert told[split].sr == pytest.approx(np.mean([figures["sr"] for figures in each]))
+        assert told[split].aer == pytest.approx(np.mean([figures["aer"] for figures in each]))
+        assert sum(told[split].failures.values()) == pytest.approx(1 - told[split].sr)
+        low, high = told[split].sr_interval
+        assert low <= told[split].sr <= high
+
+
+def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, run_of, capsys):
+    run = run_of(evaluated)
+    results.run(run)
+    assert "mine" in capsys.readouterr().out
+    folder = run.training.results_dir
+    kept = sorted(path.name for path in (folder / "runs" / "3x3").iterdir())
+    assert kept == ["bc-cnn-seed0.json", "bc-cnn-seed1.json", "mine-cnn-seed0.json"]
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    assert "| train | SR | paper | 53.1 | 65.6 | 59.4 " + MARK in text
+    assert "| split |  |  | BC | DAgger | GAIL | BCO | SQIL | IUPE | mine |" in text
+    figures = {(each.method, each.split): each for each in summarise(read_all(folder))}
+    ours = figures["bc", "test"]
+    low, high = ours.sr_interval
+    assert f"| test | SR | here | {100 * ours.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]" in text
+    with (folder / "results.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(io.StringIO(file.read())))
+    assert sum(row["source"] == "paper" for row in rows) == len(PAPER)
+    found = [
+        row
+        for row in rows
+        if (row["method"], row["split"], row["source"]) == ("bc", "test", "here")
+    ]
+    assert float(found[0]["sr"]) == pytest.approx(ours.sr)
+    tex = (folder / "results.tex").read_text(encoding="utf-8")
+    assert tex.count(r"\begin{tabular}") == tex.count(r"\end{tabular}") == 1
+    assert "_" not in tex.replace(r"\_", "")
+    for line in tex.splitlines():
+        if line.endswith(r"\\"):
+            assert line.count("&") == 9
+
+
+def test_the_tables_are_made_of_the_kept_runs_alone_and_stay_the_same(evaluated, run_of, tmp_path):
+    run = run_of(evaluated)
+    results.run(run)
+    folder = run.training.results_dir
+    names = ("README.md", "results.csv", "results.tex")
+    before = [(folder / name).read_bytes() for name in names]
+    results.run(run_of(tmp_path / "nothing there"))
+    assert [(folder / name).read_bytes() for name in names] == before
+
+
+def test_without_evaluations_or_with_bad_ones_there_is_one_clear_line(evaluated, run_of, tmp_path):
+    with pytest.raises(DatasetError, match=r"holds no evaluation, .* stages=\[train,evaluate\]"):
+        results.run(run_of(tmp_path / "nothing there"))
+    runs = shutil.copytree(evaluated, tmp_path / "runs")
+    path = runs / "3x3" / "mine-cnn-seed0" / "evaluation.json"
+    text = path.read_text(encoding="utf-8")
+    for damaged in (
+        text[:100],
+        "[]",
+        text.replace('"format": 1', '"format": 2'),
+        text.replace('"outcomes": "', '"outcomes": "?'),
+        text.replace('"outcomes": "', '"outcomes": "s'),
+        text.replace('"config": "3x3"', '"config": "three"'),
+    ):
+        path.write_text(damaged, encoding="utf-8")
+        with pytest.raises(DatasetError, match=r"mine-cnn-seed0\.json cannot be read: ") as error:
+            results.run(run_of(runs))
+        assert "\n" not in str(error.value)
+    path.write_text(text.replace("0" * 64, "1" * 64), encoding="utf-8")
+    with pytest.raises(DatasetError, match="are of different datasets"):
+        results.run(run_of(runs))
