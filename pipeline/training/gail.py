@@ -44,6 +44,7 @@ VALUE_WEIGHT = 0.5
 class Settings(BaseSettings):
     """An epoch is some steps in every labyrinth, a pass of D, and a few of the policy."""
 
+    epochs: int = setting(150, 1)
     batch_size: int = setting(256, 2)
     """States in a gradient step of the policy, and pairs in one of the discriminator."""
     steps: int = setting(64, 1)

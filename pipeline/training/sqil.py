@@ -40,6 +40,7 @@ from pipeline.training.policy import settle
 class Settings(BaseSettings):
     """An epoch is some steps in every labyrinth and some gradient steps."""
 
+    epochs: int = setting(150, 1)
     batch_size: int = setting(128, 2)
     """Half of it demonstrations, half of it the learner's own steps."""
     updates: int = setting(30, 1)

@@ -16,7 +16,7 @@ from torch import nn
 
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.evaluate import success_rate
+from pipeline.training.following import success_rate
 from pipeline.training.method import Learner, Problem, find
 from pipeline.training.policy import NetworkPolicy
 

@@ -16,7 +16,7 @@ import torch
 
 import pipeline.training
 from pipeline.config import ConfigError, Run, RunConfig, resolve
-from pipeline.manifest import DatasetError
+from pipeline.manifest import DatasetError, Manifest
 from pipeline.training import bc, loop, train
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
@@ -190,6 +190,20 @@ def test_no_dataset_is_answered_with_the_command_that_makes_it(
 ) -> None:
     with pytest.raises(DatasetError, match=r"python run.py size=3x3 task=navigation data_dir=\S+"):
         train.run(run_of(data_dir=str(tmp_path / "nothing")))
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("name", ["bco", "iupe"])
+def test_no_random_policy_to_learn_from_is_answered_in_one_line(
+    run_of: Callable[..., Run], small_dataset: Run, tmp_path: Path, name: str
+) -> None:
+    copy = tmp_path / "labyrinth"
+    shutil.copytree(small_dataset.data_dir, copy)
+    manifest = Manifest.read(copy / "3x3")
+    shards = tuple(shard for shard in manifest.shards if shard.split != "random")
+    replace(manifest, shards=shards).write(copy / "3x3")
+    with pytest.raises(DatasetError, match=f"^method={name} learns from the split random of"):
+        train.run(run_of(data_dir=str(copy), method={"name": name}))
     assert not (tmp_path / "runs").exists()
 
 
