@@ -31,21 +31,24 @@ class Protocol:
 
     resize: str
     """As `pipeline.pictures.RESIZES` has it: `area` keeps every wall, `original` does not."""
-    patience: int | None
+    evaluate_every: int | None = None
+    """Epochs after which the policy is tried; None: as the method has it."""
+    patience: int | None = None
     """Evaluations without a better validation SR after which training stops; None: never."""
 
 
 PROTOCOLS = {
-    "default": Protocol(resize="area", patience=None),
-    "paper": Protocol(resize="original", patience=5),
+    "default": Protocol(resize="area"),
+    "paper": Protocol(resize="original", evaluate_every=10, patience=5),
 }
 """Both keep the policy with the best SR on validation.
 
 `default` spends the whole budget, and shrinks pictures without losing walls. `paper` has the
 authors' thin walls and their resize without antialiasing, so that most walls vanish; and it stops
-as their public training script does: tried on the validation labyrinths every ten epochs
-(`method.evaluate_every=10`), training ends after five times without a better success rate. That
-script trains BC; where the sources are silent, for the other methods, the same rule is used.
+as their public training script does: the policy is tried on the validation labyrinths every ten
+epochs, and training ends after five times without a better success rate, or else after the
+method's epochs (a thousand there). That script trains BC; where the sources are silent, for the
+other methods, the same rule is used.
 """
 
 

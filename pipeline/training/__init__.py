@@ -1,1 +1,9 @@
 """From demonstrations to a policy: networks, methods, training, evaluation."""
+
+from importlib.util import find_spec
+
+from pipeline.config import ConfigError
+
+_missing = [name for name in ("matplotlib", "safetensors", "torch") if find_spec(name) is None]
+if _missing:
+    raise ConfigError(f"training needs {', '.join(_missing)}: pip install -e '.[train]'")

@@ -13,7 +13,8 @@ def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, 
     """Write tensors and texts into one file, through a temporary one."""
     temporary = path.with_name(f".{path.name}.tmp")
     try:
-        owned = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
+        # Copies, since networks may share weights, and the format has no word for that.
+        owned = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
         temporary.write_bytes(save(owned, metadata))
         temporary.replace(path)
     finally:

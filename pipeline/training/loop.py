@@ -42,12 +42,13 @@ def fit(
     """
     progress = checkpoint.load(path, learner, identity) if path.exists() else Progress()
     settings = learner.settings
+    every = protocol.evaluate_every or settings.evaluate_every
     saved = time.perf_counter()
     began = saved - progress.seconds
     while progress.epoch < settings.epochs and not _is_over(progress, protocol):
         figures = learner.epoch()
         progress.epoch += 1
-        if progress.epoch % settings.evaluate_every == 0 or progress.epoch == settings.epochs:
+        if progress.epoch % every == 0 or progress.epoch == settings.epochs:
             figures |= judge(NetworkPolicy(learner.policy))
         now = time.perf_counter()
         progress.seconds = now - began

@@ -20,6 +20,8 @@ from labyrinth_core.vector import tile_count
 ACTIONS = len(Action)
 SLOPE = 0.01
 DROPOUT = 0.3
+MOMENTUM = 0.1
+"""Of the running statistics of normalisation."""
 WIDTH = 512
 """Inputs of every classifier's second layer (Table 1)."""
 CNN_FEATURES = 1024
@@ -54,10 +56,10 @@ class Cnn(nn.Sequential):
             nn.Conv2d(channels, 32, 8, stride=4),
             nn.LeakyReLU(SLOPE),
             nn.Conv2d(32, 64, 4, stride=2),
-            nn.BatchNorm2d(64),
+            nn.BatchNorm2d(64, momentum=MOMENTUM),
             nn.LeakyReLU(SLOPE),
             nn.Conv2d(64, 64, 3),
-            nn.BatchNorm2d(64),
+            nn.BatchNorm2d(64, momentum=MOMENTUM),
             nn.LeakyReLU(SLOPE),
             nn.Flatten(),
         )
@@ -70,15 +72,16 @@ class Block(nn.Module):
         super().__init__()
         self.straight = nn.Sequential(
             nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1, bias=False),
-            nn.BatchNorm2d(outputs),
+            nn.BatchNorm2d(outputs, momentum=MOMENTUM),
             nn.ReLU(),
             nn.Conv2d(outputs, outputs, 3, padding=1, bias=False),
-            nn.BatchNorm2d(outputs),
+            nn.BatchNorm2d(outputs, momentum=MOMENTUM),
         )
         self.past: nn.Module = nn.Identity()
         if stride != 1 or inputs != outputs:
             self.past = nn.Sequential(
-                nn.Conv2d(inputs, outputs, 1, stride=stride, bias=False), nn.BatchNorm2d(outputs)
+                nn.Conv2d(inputs, outputs, 1, stride=stride, bias=False),
+                nn.BatchNorm2d(outputs, momentum=MOMENTUM),
             )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -100,7 +103,7 @@ class ResNet18(nn.Sequential):
         stages = [(64, 64, 1), (64, 128, 2), (128, 256, 2), (256, 512, 2)]
         super().__init__(
             nn.Conv2d(channels, 64, 7, stride=2, padding=3, bias=False),
-            nn.BatchNorm2d(64),
+            nn.BatchNorm2d(64, momentum=MOMENTUM),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=pool_stride, padding=1),
             *(
@@ -182,8 +185,13 @@ class Network(nn.Module):
 
     def forward(self, observations: Tensor) -> Tensor:
         """Return the outputs, shape (batch, outputs)."""
-        scores: Tensor = self.classifier(self.encoder(as_input(observations)))
-        return scores
+        outputs: Tensor = self.classifier[-1](self.hidden(observations))
+        return outputs
+
+    def hidden(self, observations: Tensor) -> Tensor:
+        """Return what the last layer is given, shape (batch, WIDTH)."""
+        features: Tensor = self.classifier[:-1](self.encoder(as_input(observations)))
+        return features
 
 
 class Discriminator(nn.Module):
@@ -209,9 +217,9 @@ class Discriminator(nn.Module):
             nn.Linear(256, 1),
         )
 
-    def forward(self, observations: Tensor, actions: Tensor) -> Tensor:
-        """Return the logit that (observation, action) is a demonstration's, shape (batch,)."""
-        features = self.encoder(as_input(observations))
-        one_hot = functional.one_hot(actions, ACTIONS).to(features)
-        logits: Tensor = self.classifier(torch.cat([features, one_hot], 1))
-        return logits.squeeze(1)
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return the logits that (observation, action) is a demonstration's, shape (batch, 4)."""
+        features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
+        actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
+        logits: Tensor = self.classifier(torch.cat([features, actions], 1))
+        return logits.view(-1, ACTIONS)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from pipeline.manifest import DatasetError
 from pipeline.training.files import save_tensors
-from pipeline.training.networks import Network, NetworkSpec
+from pipeline.training.networks import MOMENTUM, Network, NetworkSpec
 
 BATCH = 256
 """Observations that a policy looks at together, at most."""
@@ -48,6 +48,29 @@ def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
             return torch.cat([network(batch) for batch in observations.split(BATCH)])
     finally:
         network.train(training)
+
+
+def settle(network: nn.Module, observations: Tensor) -> None:
+    """Give a network's normalisation the statistics of observations, and leave it in that mode.
+
+    For methods that learn with the network as it acts: a fresh network's running statistics are
+    those of nothing.
+
+    Args:
+        network: Takes a batch of observations; is in evaluation mode afterwards.
+        observations: Any number of them, on the network's device.
+    """
+    normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
+    for layer in normalising:
+        layer.reset_running_stats()
+        layer.momentum = None  # The mean over all batches, each counting alike.
+    network.train()
+    with torch.no_grad():
+        for batch in observations.split(BATCH):
+            network(batch)
+    for layer in normalising:
+        layer.momentum = MOMENTUM
+    network.eval()
 
 
 class NetworkPolicy:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import shutil
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +19,7 @@ RECORD = "run.json"
 POLICY = "policy.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
+BOARD = "tensorboard"
 FORMAT = 1
 
 
@@ -71,16 +73,37 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]) -> None:
-    """Draw losses and success rates by epoch into `curves.png`.
+class Board:
+    """The figures of a run for TensorBoard, in `tensorboard/` of its folder, epoch by epoch.
 
     Raises:
-        ConfigError: Matplotlib is not installed.
+        ConfigError: TensorBoard is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ConfigError("curves need matplotlib: pip install -e '.[train]'") from error
+
+    def __init__(self, folder: Path) -> None:
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError as error:
+            needed = "pip install -e '.[tensorboard]'"
+            raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
+        shutil.rmtree(folder / BOARD, ignore_errors=True)
+        self._writer: Any = SummaryWriter(str(folder / BOARD))
+        self._written = 0
+
+    def write(self, history: Sequence[Mapping[str, float]]) -> None:
+        """Write the epochs that were not written yet, also those before an interruption."""
+        for row in history[self._written :]:
+            for name, value in row.items():
+                if name != "epoch":
+                    self._writer.add_scalar(name, value, row["epoch"])
+        self._written = len(history)
+        self._writer.flush()
+
+
+def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]) -> None:
+    """Draw losses and success rates by epoch into `curves.png`."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(9, 3.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     names = sorted({name for row in history for name in row} - {"epoch", "seconds"})

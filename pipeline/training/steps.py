@@ -23,10 +23,6 @@ class Steps(NamedTuple):
     next_states: NDArray[np.int64]
     """Number of the state that the action led to, shape (N,)."""
 
-    def __len__(self) -> int:
-        """Return the number of steps, N."""
-        return len(self.states)
-
 
 def steps_from(worlds: Worlds, first: int, actions: NDArray[np.int64]) -> Steps:
     """Return the steps of an episode that begins in a state."""

@@ -29,11 +29,12 @@ from pipeline.training.policy import Policy, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
     POLICY,
+    Board,
     draw_curves,
     read_record,
     write_record,
 )
-from pipeline.training.steps import load_steps
+from pipeline.training.steps import Steps, load_steps
 from pipeline.training.worlds import Worlds, load_worlds
 from pipeline.training_config import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 
@@ -57,11 +58,11 @@ def run(run: Run) -> None:
     if _is_finished(folder, identity):
         console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
         return
-    folder.mkdir(parents=True, exist_ok=True)
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
+        folder.mkdir(parents=True, exist_ok=True)
         done = _train(learner, judge, options, folder, identity)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
     draw_curves(folder, options.name, done.history)
@@ -148,11 +149,19 @@ def prepare(
     train, validation = load("train"), load("validation")
     source, config = options.source, run.dataset.name
     steps = partial(load_steps, source, config, worlds=train, revision=options.revision)
+
+    def exploration() -> Steps:
+        try:
+            return steps("random")
+        except DatasetError as error:
+            reason = f"method={options.method} learns from the split random of {source}"
+            raise DatasetError(f"{reason}: {error}") from error
+
     problem = Problem(
         worlds=train,
         observations=torch.tensor(train.observations, device=device),
         demonstrations=steps("train"),
-        exploration=partial(steps, "random"),
+        exploration=exploration,
         spec=spec_of(run),
         rng=np.random.default_rng(options.seed),
     )
@@ -186,6 +195,7 @@ def _train(
     folder: Path,
     identity: dict[str, Any],
 ) -> Progress:
+    board = Board(folder) if options.tensorboard else None
     with progress() as bars:
         bar = bars.add_task(options.method, total=learner.settings.epochs)
 
@@ -194,6 +204,8 @@ def _train(
             best = "" if done.best is None else f", SR {done.best['validation_sr']:.0%}"
             told = f"{options.method} loss {figures['loss']:.3f}{best}"
             bars.update(bar, completed=done.epoch, description=told)
+            if board is not None:
+                board.write(done.history)
 
         return fit(
             learner,

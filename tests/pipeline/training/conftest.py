@@ -32,21 +32,24 @@ def datasets(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def problem_of(small_dataset: Run) -> Callable[..., Problem]:
-    """A function that returns what methods learn from: 3x3, eight labyrinths."""
-    worlds = load_worlds(small_dataset.data_dir, "3x3", "train")
-    steps = {
-        split: load_steps(small_dataset.data_dir, "3x3", split, worlds)
-        for split in ("train", "random")
+    """A function that returns what methods learn from: eight labyrinths of 3x3."""
+    folder = small_dataset.data_dir
+    worlds = {
+        encoder: load_worlds(folder, "3x3", "train", observation=sees)
+        for encoder, sees in (("mlp", "vector"), ("cnn", "image"))
     }
+    demonstrations, exploration = (
+        load_steps(folder, "3x3", split, worlds["mlp"]) for split in ("train", "random")
+    )
 
-    def make(seed: int = 0, **changed: Any) -> Problem:
+    def make(seed: int = 0, encoder: str = "mlp", **changed: Any) -> Problem:
         torch.manual_seed(seed)
         problem = Problem(
-            worlds=worlds,
-            observations=torch.tensor(worlds.observations),
-            demonstrations=steps["train"],
-            exploration=lambda: steps["random"],
-            spec=NetworkSpec("cnn", 1, 3, 3, "navigation"),
+            worlds=worlds[encoder],
+            observations=torch.tensor(worlds[encoder].observations),
+            demonstrations=demonstrations,
+            exploration=lambda: exploration,
+            spec=NetworkSpec(encoder, 1, 3, 3, "navigation"),
             rng=np.random.default_rng(seed),
         )
         return replace(problem, **changed)

@@ -34,14 +34,14 @@ def test_a_checkpoint_holds_weights_moments_randomness_and_history(
     problem_of: Problems, tmp_path: Path
 ) -> None:
     path = tmp_path / "checkpoint"
-    first = learner(problem_of(0))
+    first = learner(problem_of(0, "cnn"))
     first.epoch()
     weights = {name: tensor.clone() for name, tensor in first.policy.state_dict().items()}
     told = Progress(3, 1.5, [{"epoch": 3, "loss": 0.25}], {"epoch": 3}, 2, weights)
     checkpoint.save(path, first, told, {"run": 1})
     uninterrupted = [first.epoch() for _ in range(2)]
 
-    second = learner(problem_of(99))
+    second = learner(problem_of(99, "cnn"))
     assert not same(first, second)
     progress = checkpoint.load(path, second, {"run": 1})
     assert (progress.epoch, progress.history, progress.stale) == (3, told.history, 2)
@@ -54,7 +54,7 @@ def test_there_is_no_code_in_a_checkpoint(problem_of: Problems, tmp_path: Path) 
     path = tmp_path / "checkpoint"
     checkpoint.save(path, learner(problem_of()), Progress(), {})
     with safe_open(path, framework="pt") as file:
-        assert "policy/encoder.0.weight" in file.keys()  # noqa: SIM118
+        assert "policy/classifier.0.weight" in file.keys()  # noqa: SIM118
     assert b"pickle" not in path.read_bytes()[:20_000]
     assert [each.name for each in tmp_path.iterdir()] == ["checkpoint"]
 

@@ -92,14 +92,12 @@ def test_the_discriminator_has_the_1028_inputs_of_table_2() -> None:
     assert not [layer for layer in discriminator.modules() if isinstance(layer, nn.BatchNorm2d)]
     convolutions = parameters(Cnn()) - 2 * 2 * 64
     assert parameters(discriminator) == convolutions + 1028 * 256 + 256 + 256 * 257 + 257
-    logits = discriminator(pictures(3), torch.tensor([0, 3, 1]))
-    assert logits.shape == (3,)
+    assert discriminator(pictures(3)).shape == (3, 4)
 
 
-def test_the_discriminator_sees_the_action() -> None:
-    discriminator = Discriminator(spec("cnn"))
-    same = pictures(1).expand(4, -1, -1, -1)
-    assert len(set(discriminator(same, torch.arange(4)).tolist())) == 4
+def test_the_discriminator_sees_state_and_action() -> None:
+    logits = Discriminator(spec("cnn"))(pictures(2))
+    assert len(set(logits.flatten().tolist())) == 8
 
 
 def test_pictures_are_scaled_to_the_unit_interval() -> None:

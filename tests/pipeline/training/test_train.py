@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +14,11 @@ from typing import Any
 import pytest
 import torch
 
+import pipeline.training
 from pipeline.config import ConfigError, Run, RunConfig, resolve
-from pipeline.manifest import DatasetError
+from pipeline.manifest import DatasetError, Manifest
 from pipeline.training import bc, loop, train
-from pipeline.training.record import CHECKPOINT, CURVES, POLICY, RECORD
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
 
 @pytest.fixture
@@ -148,11 +151,12 @@ def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better
     # Of train and validation by turns.
     rates = iter([rate for rate in [0.1, *[0.3] * 10] for _ in range(2)])
     monkeypatch.setattr(train, "success_rate", lambda *_: next(rates))
-    run = run_of(protocol="paper", method={"epochs": 50, "evaluate_every": 1})
+    monkeypatch.setattr(bc.Method, "epoch", lambda _: {"loss": 0.5})
+    run = run_of(protocol="paper", method={"epochs": 100})
     train.run(run)
     record = json.loads((folder_of(run) / RECORD).read_text())
-    assert (folder_of(run).name, record["epochs"]) == ("bc-cnn-seed0-paper", 7)
-    assert record["selected"]["epoch"] == 7
+    assert (folder_of(run).name, record["epochs"]) == ("bc-cnn-seed0-paper", 70)
+    assert record["selected"]["epoch"] == 70
 
 
 def test_vectors_are_learnt_from_too(run_of: Callable[..., Run]) -> None:
@@ -162,11 +166,44 @@ def test_vectors_are_learnt_from_too(run_of: Callable[..., Run]) -> None:
     assert losses[-1] < losses[0]
 
 
+def test_the_curves_are_written_for_tensorboard_on_request(run_of: Callable[..., Run]) -> None:
+    run = run_of(tensorboard=True)
+    train.run(run)
+    events = list((folder_of(run) / BOARD).iterdir())
+    assert len(events) == 1
+    assert b"validation_sr" in events[0].read_bytes()
+
+
+def test_a_missing_library_is_answered_with_the_extra_that_has_it(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    with pytest.raises(ConfigError, match=r"pip install -e '.\[tensorboard\]'"):
+        train.run(run_of(tensorboard=True))
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(ConfigError, match=r"torch: pip install -e '.\[train\]'"):
+        importlib.reload(pipeline.training)
+
+
 def test_no_dataset_is_answered_with_the_command_that_makes_it(
     run_of: Callable[..., Run], tmp_path: Path
 ) -> None:
     with pytest.raises(DatasetError, match=r"python run.py size=3x3 task=navigation data_dir=\S+"):
         train.run(run_of(data_dir=str(tmp_path / "nothing")))
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("name", ["bco", "iupe"])
+def test_no_random_policy_to_learn_from_is_answered_in_one_line(
+    run_of: Callable[..., Run], small_dataset: Run, tmp_path: Path, name: str
+) -> None:
+    copy = tmp_path / "labyrinth"
+    shutil.copytree(small_dataset.data_dir, copy)
+    manifest = Manifest.read(copy / "3x3")
+    shards = tuple(shard for shard in manifest.shards if shard.split != "random")
+    replace(manifest, shards=shards).write(copy / "3x3")
+    with pytest.raises(DatasetError, match=f"^method={name} learns from the split random of"):
+        train.run(run_of(data_dir=str(copy), method={"name": name}))
     assert not (tmp_path / "runs").exists()
 
 

@@ -1,0 +1,228 @@
+"""The parts of the methods that go wrong elsewhere: targets, signs, samples, labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.training import dagger, gail, iupe, sqil
+from pipeline.training.acting import Walk, draw, softmax, walk
+from pipeline.training.method import Problem
+
+Problems = Callable[..., Problem]
+
+
+# Acting.
+
+
+def test_classes_are_drawn_with_their_probabilities() -> None:
+    wanted = np.array([0.1, 0.0, 0.6, 0.3])
+    drawn = draw(np.tile(wanted, (20_000, 1)), np.random.default_rng(0))
+    assert np.abs(np.bincount(drawn, minlength=4) / 20_000 - wanted).max() < 0.015
+    assert not (drawn == 1).any()
+
+
+def test_walkers_obey_the_labyrinths_and_begin_anew_where_an_episode_is_over(
+    problem_of: Problems,
+) -> None:
+    worlds = problem_of().worlds
+    where, taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
+    uniform = np.full((len(worlds.observations), 4), 0.25)
+    walked = walk(worlds, uniform, where, taken, 400, np.random.default_rng(0))
+    assert np.array_equal(walked.next_states, worlds.next_state[walked.states, walked.actions])
+    assert np.array_equal(walked.done, worlds.done[walked.states, walked.actions])
+    assert walked.done.any()
+    assert (walked.over & ~walked.done).sum() == 0  # 360 steps are the limit at 3x3.
+    begun = np.where(walked.over[:-1], worlds.initial, walked.next_states[:-1])
+    assert np.array_equal(walked.states[1:], begun)
+    assert not worlds.terminal[walked.states].any()
+
+
+def test_an_episode_is_cut_at_the_step_limit(problem_of: Problems) -> None:
+    worlds = problem_of().worlds
+    where, taken = worlds.initial.copy(), np.full_like(worlds.initial, worlds.step_limit - 2)
+    down = np.tile([0.0, 0.0, 1.0, 0.0], (len(worlds.observations), 1))
+    walked = walk(worlds, down, where, taken, 3, np.random.default_rng(0))
+    assert walked.over.all(axis=1).tolist() == [False, True, False]
+    assert not walked.done.any()
+    assert set(taken.tolist()) == {1}
+
+
+# DAgger.
+
+
+def test_the_expert_labels_exactly_the_states_that_the_policy_visits_with_optimal_actions(
+    problem_of: Problems,
+) -> None:
+    problem = problem_of()
+    worlds, learner = problem.worlds, dagger.Method(problem, dagger.Settings())
+    actions = learner.outputs(learner.policy).argmax(1).numpy()
+    expected = set()
+    for state in worlds.initial.tolist():
+        while state not in expected and not worlds.terminal[state]:
+            expected.add(state)
+            state = int(worlds.next_state[state, actions[state]])
+    visited = learner.visited()
+    assert set(visited.tolist()) == expected
+    demonstrated = len(learner.states)
+    learner.aggregate(visited)
+    new = learner.states[demonstrated:]
+    assert set(new.tolist()) == expected - set(problem.demonstrations.states.tolist())
+    assert worlds.optimal[new, learner.labels[demonstrated:]].all()
+    learner.aggregate(visited)
+    assert len(learner.states) == demonstrated + len(new)
+
+
+# SQIL.
+
+
+def test_the_goal_is_worth_its_reward_for_ever_and_other_states_the_soft_maximum(
+    problem_of: Problems,
+) -> None:
+    problem, settings = problem_of(), sqil.Settings(gamma=0.5, temperature=2.0)
+    worlds, learner = problem.worlds, sqil.Method(problem, settings)
+    q = torch.tensor([0.0, 1.0, 2.0, 3.0]).expand(len(worlds.observations), 4)
+    values = learner.soft_values(q)
+    soft = 2 * np.log(np.exp(np.array([0, 1, 2, 3]) / 2).sum())
+    assert np.allclose(values[~worlds.terminal], soft)
+    assert np.allclose(values[worlds.goal], (1 + 2 * np.log(4)) / (1 - 0.5))
+
+
+def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
+    problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = sqil.Settings(batch_size=10, gamma=0.5)
+    learner = sqil.Method(problem_of(), settings)
+    learner.act(learner.outputs(learner.policy))
+    learner.values = np.full(len(learner.values), 4.0)
+    targets: list[Any] = []
+    loss = sqil.functional.mse_loss
+
+    def noting(q: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+        targets.append(target)
+        return loss(q, target)
+
+    monkeypatch.setattr(sqil.functional, "mse_loss", noting)
+    learner.update()
+    assert targets[0].tolist() == [1 + 0.5 * 4.0] * 5 + [0.5 * 4.0] * 5
+
+
+def test_with_the_exact_q_the_demonstrated_actions_are_best(problem_of: Problems) -> None:
+    problem = problem_of()
+    worlds, settings = problem.worlds, sqil.Settings()
+    learner = sqil.Method(problem, settings)
+    rewards = np.zeros((len(worlds.observations), 4))
+    rewards[problem.demonstrations.states, problem.demonstrations.actions] = 1
+    q = np.zeros_like(rewards)
+    for _ in range(200):
+        q = rewards + settings.gamma * learner.soft_values(torch.tensor(q))[worlds.next_state]
+    states, actions, _ = problem.demonstrations
+    assert np.array_equal(q[states].argmax(1), actions)
+
+
+# GAIL.
+
+
+def test_no_step_is_rewarded_above_zero_and_likelier_ones_more() -> None:
+    rewards = gail.reward_of(torch.linspace(-20, 20, 41))
+    assert (rewards < 0).all()
+    assert (rewards.diff() > 0).all()
+
+
+def test_the_discriminator_learns_to_prefer_the_demonstrations(problem_of: Problems) -> None:
+    problem = problem_of()
+    worlds, learner = problem.worlds, gail.Method(problem, gail.Settings(batch_size=32))
+    uniform = np.full((len(worlds.observations), 4), 0.25)
+    where, taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
+    walked = walk(worlds, uniform, where, taken, 32, problem.rng)
+    losses = [learner.discriminate(walked) for _ in range(30)]
+    assert losses[-1] < losses[0]
+    rewards = gail.reward_of(learner.outputs(learner.discriminator)).numpy()
+    states, actions, _ = problem.demonstrations
+    assert rewards[states, actions].mean() > rewards[walked.states, walked.actions].mean()
+
+
+def test_advantages_are_the_discounted_sums_that_their_definition_says() -> None:
+    rng = np.random.default_rng(0)
+    states, after = rng.integers(0, 5, (2, 6, 3))
+    actions = rng.integers(0, 4, (6, 3))
+    over = rng.random((6, 3)) < 0.3
+    done = over & (rng.random((6, 3)) < 0.5)
+    outputs, rewards = rng.normal(size=(5, 5)), rng.normal(size=(5, 4))
+    settings = gail.Settings(gamma=0.9, trace=0.8)
+    walked = Walk(states, actions, after, over, done)
+    got = gail.sample(walked, outputs, rewards, settings).returns.reshape(6, 3)
+    for walker in range(3):
+        for first in range(6):
+            total, weight = outputs[states[first, walker], 4], 1.0
+            for step in range(first, 6):
+                state, action = states[step, walker], actions[step, walker]
+                following = 0 if done[step, walker] else outputs[after[step, walker], 4]
+                total += weight * (rewards[state, action] + 0.9 * following - outputs[state, 4])
+                weight *= 0.9 * 0.8
+                if over[step, walker]:
+                    break
+            assert np.isclose(got[first, walker], total)
+
+
+def test_a_gain_is_clipped_and_a_loss_is_not() -> None:
+    settings = gail.Settings(clip=0.2, entropy=0)
+    outputs = torch.tensor([[2.0, 0, 0, 0, 0]] * 2)
+    actions, advantages = torch.zeros(2, dtype=torch.long), torch.tensor([1.0, -1.0])
+    before = torch.log(torch.tensor([0.25, 0.25]))
+    losses = gail.policy_loss(settings, outputs, actions, advantages, torch.zeros(2), before)
+    ratio = float(softmax(outputs[:1, :4])[0, 0]) / 0.25
+    assert ratio > 1.2
+    assert losses.tolist() == pytest.approx([-1.2, ratio])
+
+
+# IUPE.
+
+
+@pytest.mark.parametrize("reached", [0.0, 0.25, 1.0])
+def test_the_models_sample_is_distributed_as_the_paper_asks_for(reached: float) -> None:
+    rng = np.random.default_rng(0)
+    before = np.zeros((8_000, 3), np.int64)
+    before[:, 1] = rng.choice(4, 8_000, p=[0.4, 0.4, 0.1, 0.1])
+    # A short episode of ups and a long one of rights count alike.
+    steps = np.array([[1, 0, 1]] * 2 + [[1, 1, 1]] * 30)
+    episodes = np.array([3] * 2 + [7] * 30)
+    composed = iupe.compose(before, steps, episodes, reached, rng)
+    assert len(composed) == len(before)
+    assert (composed[:, 0] == 1).mean() == reached
+    random_share = np.bincount(before[:, 1], minlength=4) / len(before)
+    wanted = reached * np.array([0.5, 0.5, 0, 0]) + (1 - reached) * random_share
+    assert np.abs(np.bincount(composed[:, 1], minlength=4) / 8_000 - wanted).max() < 0.02
+
+
+def test_a_policy_that_never_succeeds_teaches_the_model_nothing() -> None:
+    before = np.arange(30).reshape(10, 3)
+    none, no_episode = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+    composed = iupe.compose(before, none, no_episode, 0.0, np.random.default_rng(0))
+    assert sorted(composed.tolist()) == before.tolist()
+
+
+def test_only_whole_episodes_that_reach_the_goal_count_as_successes(problem_of: Problems) -> None:
+    problem = problem_of()
+    learner = iupe.Method(problem, iupe.Settings(episode_steps=30))
+    steps, episodes = learner.successes()
+    worlds = problem.worlds
+    assert len(steps)
+    for episode in set(episodes.tolist()):
+        states, _, after = steps[episodes == episode].T
+        assert states[0] == worlds.initial[episode]
+        assert np.array_equal(states[1:], after[:-1])
+        assert worlds.goal[after].tolist() == [False] * (len(after) - 1) + [True]
+
+
+def test_labels_are_drawn_from_the_models_probabilities(problem_of: Problems) -> None:
+    learner = iupe.Method(problem_of(), iupe.Settings())
+    learner.scores = np.tile(np.log([0.5, 0.5, 1e-9, 1e-9]), (4_000, 1))
+    labels = learner.labels()
+    assert set(labels.tolist()) == {0, 1}
+    assert abs((labels == 0).mean() - 0.5) < 0.03
+    assert not np.array_equal(labels, learner.labels())

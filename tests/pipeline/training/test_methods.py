@@ -1,0 +1,156 @@
+"""What all six methods promise, each tried on eight labyrinths of 3x3."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from torch import nn
+
+from pipeline.training import checkpoint
+from pipeline.training.checkpoint import Progress
+from pipeline.training.following import success_rate
+from pipeline.training.method import Learner, Problem, find
+from pipeline.training.policy import NetworkPolicy
+
+Problems = Callable[..., Problem]
+
+CONF = Path(__file__).parents[3] / "conf" / "method"
+TRAINING = Path(__file__).parents[3] / "pipeline" / "training"
+
+TOYS: dict[str, dict[str, Any]] = {
+    "bc": {"epochs": 15, "batch_size": 8, "learning_rate": 2e-3},
+    "dagger": {"epochs": 15, "batch_size": 8, "learning_rate": 2e-3, "epochs_a_round": 3},
+    "bco": {"epochs": 20, "batch_size": 16, "learning_rate": 2e-3, "epochs_a_round": 5},
+    "iupe": {"epochs": 20, "batch_size": 16, "learning_rate": 2e-3, "epochs_a_round": 5},
+    "sqil": {"epochs": 25},
+    "gail": {"epochs": 35, "batch_size": 32, "learning_rate": 2e-3},
+}
+"""Method -> settings with which it learns the toy in about a second, from vectors."""
+
+ALL = pytest.mark.parametrize("name", list(TOYS))
+
+
+def learner_of(name: str, problem: Problem, **settings: Any) -> Learner:
+    method, chosen = find(name, TOYS[name] | settings)
+    return method(problem, chosen)
+
+
+def weights_after(learner: Learner, epochs: int) -> dict[str, torch.Tensor]:
+    for _ in range(epochs):
+        learner.epoch()
+    return {name: each.clone() for name, each in learner.policy.state_dict().items()}
+
+
+def equal(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -> bool:
+    return all(torch.equal(each, right[name]) for name, each in left.items())
+
+
+def test_each_method_is_tried_here_and_has_a_file_of_its_settings() -> None:
+    modules = {path.stem for path in TRAINING.glob("*.py") if "class Method(" in path.read_text()}
+    assert modules == set(TOYS) == {path.stem for path in CONF.iterdir()}
+    for name in modules:
+        settings = asdict(import_module(f"pipeline.training.{name}").Settings())
+        assert yaml.safe_load((CONF / f"{name}.yaml").read_text()) == {"name": name} | settings
+
+
+@ALL
+def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Problems) -> None:
+    learner = learner_of(name, problem_of())
+    worlds = learner.problem.worlds
+    losses = [learner.epoch()["loss"] for _ in range(learner.settings.epochs)]
+    policy = NetworkPolicy(learner.policy)
+    if name != "gail":  # The loss of an adversary rises as the policy gets better.
+        assert np.mean(losses[-3:]) < np.mean(losses[:3])
+    there = worlds.on_demonstration
+    actions = policy.logits(worlds.observations).argmax(1)
+    right = worlds.optimal[np.arange(len(actions)), actions][there].mean()
+    assert right > 2 * worlds.optimal[there].mean()
+    assert success_rate(policy, worlds) > 0.5
+
+
+@ALL
+def test_the_same_seed_gives_the_same_weights(name: str, problem_of: Problems) -> None:
+    first, again, other = (
+        weights_after(
+            learner_of(name, problem_of(seed), epochs_a_round=1)
+            if "epochs_a_round" in TOYS[name]
+            else learner_of(name, problem_of(seed)),
+            2,
+        )
+        for seed in (0, 0, 1)
+    )
+    assert equal(first, again)
+    assert not equal(first, other)
+
+
+@ALL
+def test_going_on_from_a_checkpoint_changes_nothing(
+    name: str, problem_of: Problems, tmp_path: Path
+) -> None:
+    rounds = {"epochs_a_round": 2} if "epochs_a_round" in TOYS[name] else {}
+    whole = learner_of(name, problem_of(), **rounds)
+    weights_after(whole, 3)
+    checkpoint.save(tmp_path / "checkpoint", whole, Progress(), {})
+    expected = weights_after(whole, 2)
+    resumed = learner_of(name, problem_of(5), **rounds)
+    checkpoint.load(tmp_path / "checkpoint", resumed, {})
+    assert equal(expected, weights_after(resumed, 2))
+
+
+@ALL
+def test_what_acts_and_labels_neither_drops_out_nor_moves_its_statistics(
+    name: str, problem_of: Problems
+) -> None:
+    rounds = {"epochs_a_round": 1} if "epochs_a_round" in TOYS[name] else {}
+    learner = learner_of(name, problem_of(encoder="cnn"), **rounds)
+    modes = []
+
+    def note(module: nn.Module, _: Any) -> None:
+        modes.append((torch.is_grad_enabled(), module.training))
+
+    networks = [each for each in vars(learner).values() if isinstance(each, nn.Module)]
+    for layer in {layer for network in networks for layer in network.modules()}:
+        if isinstance(layer, nn.BatchNorm2d | nn.Dropout):
+            layer.register_forward_pre_hook(note)
+    for _ in range(2):
+        learner.epoch()
+    assert (True, True) in modes or name in ("sqil", "gail")
+    assert (False, False) in modes or name == "bc"
+    assert (False, True) not in modes
+
+
+@ALL
+def test_nothing_is_learnt_in_a_state_that_ends_an_episode(
+    name: str, problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learner = learner_of(name, problem_of())
+    seen: list[np.ndarray] = []
+    see = Learner.see
+
+    def noting(self: Learner, *states: np.ndarray) -> torch.Tensor:
+        seen.append(states[0])
+        return see(self, *states)
+
+    monkeypatch.setattr(Learner, "see", noting)
+    for _ in range(4):
+        learner.epoch()
+    assert not learner.problem.worlds.terminal[np.concatenate(seen)].any()
+
+
+@pytest.mark.parametrize("name", ["bco", "iupe"])
+def test_learning_from_observation_never_sees_the_actions(name: str, problem_of: Problems) -> None:
+    problem = problem_of()
+    nonsense = problem.demonstrations._replace(
+        actions=np.full_like(problem.demonstrations.actions, -9)
+    )
+    expected = weights_after(learner_of(name, problem, epochs_a_round=1), 3)
+    hidden = problem_of(demonstrations=nonsense)
+    assert equal(expected, weights_after(learner_of(name, hidden, epochs_a_round=1), 3))
