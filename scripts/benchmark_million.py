@@ -25,6 +25,8 @@ from pipeline.generation import build
 from pipeline.manifest import Manifest, Shard
 from pipeline.release.statistics import measure
 
+SHARDS_FOR_A_RATE = 12
+
 
 def processes(first: int) -> Iterator[int]:
     """Yield a process and all that it started."""
@@ -93,9 +95,8 @@ class Watch:
         rows = sum(rows for _, rows in self.made)
         seconds = time.monotonic() - self.began
         own, *others = self.look()
-        now = rate(self.made[-self.every :])
         print(
-            f"{where} {rows:11,} rows {seconds:7.0f} s {now:7,.0f} rows/s {own:5} MiB here, "
+            f"{where} {rows:11,} rows {seconds:7.0f} s {rows / max(seconds, 1e-9):7,.0f} rows/s {own:5} MiB here, "
             f"{' + '.join(map(str, others)) or 0} MiB in workers",
             flush=True,
         )
@@ -103,8 +104,6 @@ class Watch:
 
 def rate(made: list[tuple[float, int]]) -> float:
     """Return rows a second from the first to the last of some shards."""
-    if len(made) < 2:
-        return 0.0
     return sum(rows for _, rows in made[1:]) / (made[-1][0] - made[0][0])
 
 
@@ -139,12 +138,19 @@ def main() -> None:
     manifest = Manifest.read(run.folder)
     if watch.made:
         rows = sum(rows for _, rows in watch.made)
-        tenth = max(2, len(watch.made) // 10)
+        tenth = len(watch.made) // 10
+        # Shards come in order, those of random late, so that a few of them tell no rate.
+        ends = (
+            ""
+            if tenth < SHARDS_FOR_A_RATE
+            else (
+                f"the first tenth of the shards {rate(watch.made[:tenth]):,.0f}, "
+                f"the last {rate(watch.made[-tenth:]):,.0f} rows/s; "
+            )
+        )
         print(
             f"built: {rows:,} rows in {seconds:,.0f} s, {rows / seconds:,.0f} rows/s; "
-            f"the first tenth of the shards {rate(watch.made[:tenth]):,.0f}, "
-            f"the last {rate(watch.made[-tenth:]):,.0f} rows/s; "
-            f"peak memory {watch.peak} MiB here, {watch.peak_of_all} MiB in all"
+            f"{ends}peak memory {watch.peak} MiB here, {watch.peak_of_all} MiB in all"
         )
     rows, size = (sum(getattr(s, name) for s in manifest.shards) for name in ("rows", "bytes"))
     print(f"in the files: {rows:,} rows, {size:,} bytes, {size / rows:.0f} a row")
