@@ -96,8 +96,8 @@ class Watch:
         seconds = time.monotonic() - self.began
         own, *others = self.look()
         print(
-            f"{where} {rows:11,} rows {seconds:7.0f} s {rows / max(seconds, 1e-9):7,.0f} rows/s {own:5} MiB here, "
-            f"{' + '.join(map(str, others)) or 0} MiB in workers",
+            f"{where} {rows:11,} rows {seconds:7.0f} s {rows / max(seconds, 1e-9):7,.0f} rows/s "
+            f"{own:5} MiB here, {' + '.join(map(str, others)) or 0} MiB in workers",
             flush=True,
         )
 
