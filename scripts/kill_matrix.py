@@ -131,7 +131,7 @@ def main() -> None:
         try:
             for number in range(arguments.kills):
                 run = run_in(str(number))
-                shards, delay = rng.randint(0, 6 * SHARDS), rng.uniform(0, seconds / 10)
+                shards, delay = rng.randint(0, 6 * SHARDS), rng.expovariate(100 / seconds)
                 places[kill_and_finish(run, shards, delay, whole_group=number % 2 == 0)] += 1
                 if hashes(run.data_dir) != expected:
                     differing += 1
