@@ -113,6 +113,7 @@ def main() -> None:
     parser.add_argument("--data-dir", required=True)
     parser.add_argument("--labyrinths", type=int, default=1_000_000)
     parser.add_argument("--size", default="5")
+    parser.add_argument("--random-steps", type=int, default=100, help="see the option")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--every", type=int, default=6, help="shards to a line")
     arguments = parser.parse_args()
@@ -121,6 +122,7 @@ def main() -> None:
             stages=["build"],
             size=arguments.size,
             labyrinths=-(-arguments.labyrinths // 3),
+            random_steps=arguments.random_steps,
             data_dir=arguments.data_dir,
             workers=arguments.workers,
         )
