@@ -20,10 +20,13 @@ check:
 # Run the benchmarks, quickly; without --quick each takes minutes
 bench:
     python scripts/benchmark_build.py --quick
+    python scripts/benchmark_parquet.py --quick
     python scripts/benchmark_load.py --quick
     python scripts/benchmark_env.py --quick
     python scripts/benchmark_core.py --quick
     python scripts/benchmark_evaluate.py --quick
+    python scripts/benchmark_leakage.py --quick
+    python scripts/benchmark_report.py --quick
 
 # Draw the pictures of the documentation again
 docs:

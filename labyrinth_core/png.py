@@ -2,10 +2,11 @@
 
 General encoders compress every pixel of every picture, which costs milliseconds. Here a picture
 is a sequence of strips, a strip a few rows of pixels with the number of times each is repeated.
-Each strip is compressed once, ended with a full flush so that it stands alone, and remembered by
-its content; a picture is the strips joined. The Adler-32 of the whole follows from those of the
-strips. A repeated row is the filter "up" over nothing but zeros, whatever the row holds, so its
-compressed form depends only on the length.
+Each strip is compressed once, ended with a full flush so that it stands alone, and remembered; a
+picture is the strips joined. The Adler-32 of the whole follows from those of the strips, so that of
+a picture with a few strips exchanged follows from theirs. A repeated row is the filter "up" over
+nothing but zeros, whatever the row holds, so its compressed form depends only on the length: what
+a new strip costs is one row of pixels.
 
 Pictures are truecolour, 8 bits a channel (colour type 2), so that every reader sees three
 channels. Format: PNG, https://www.w3.org/TR/png-3/; deflate, RFC 1951; Adler-32, RFC 1950.
@@ -15,8 +16,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 Band = tuple[bytes, int]
 """A row of pixels, three bytes each, and how many times it is repeated."""
@@ -36,8 +38,13 @@ class KeptStrip(Strip):
     __eq__ = object.__eq__
 
 
-LEVEL = 6
-"""Of zlib. A changed level changes the bytes of every picture, though not its pixels."""
+LEVEL = 3
+"""Of zlib, for rows of pixels: most are compressed for one picture and never met again.
+
+A changed level changes the bytes of every picture, though not its pixels.
+"""
+REPEAT_LEVEL = 9
+"""Of zlib, for repeated rows: most of a picture, and the same in all pictures."""
 
 _WINDOW_BITS, _MEMORY_LEVEL = -12, 5
 _ADLER_MODULUS = 65_521
@@ -46,9 +53,18 @@ _FILTER_UP = b"\x02"
 _ZLIB_HEADER = b"\x78\x01"
 _LAST_BLOCK = b"\x03\x00"
 """An empty deflate block marked as the last."""
+_NUMBER, _SUMS = struct.Struct(">I"), struct.Struct(">HH")
 
-Piece = tuple[bytes, int, int, int]
-"""Compressed bytes that stand alone; the two sums of Adler-32 and the length uncompressed."""
+
+class Piece(NamedTuple):
+    """Compressed bytes that stand alone."""
+
+    compressed: bytes
+    a: int
+    b: int
+    """The two sums of Adler-32."""
+    length: int
+    """Bytes uncompressed."""
 
 
 def encode(strips: Sequence[Strip], width: int) -> bytes:
@@ -58,32 +74,58 @@ def encode(strips: Sequence[Strip], width: int) -> bytes:
         strips: The picture from top to bottom; every row has `3 * width` bytes.
         width: Pixels in a row.
     """
-    pieces = [_strip_piece(strip) for strip in strips]
-    compressed, a, b, length = _join(pieces)
-    data = b"".join(
-        (b"IDAT", _ZLIB_HEADER, compressed, _LAST_BLOCK, struct.pack(">I", b << 16 | a))
-    )
-    height = length // (3 * width + 1)
-    return b"".join(
-        (
-            _header(width, height),
-            struct.pack(">I", len(data) - 4),
-            data,
-            struct.pack(">I", zlib.crc32(data)),
-            _END,
-        )
-    )
+    return Mosaic(strips, width).encode({})
+
+
+class Mosaic:
+    """A picture of which some strips are exchanged for others, at the price of those alone."""
+
+    def __init__(self, strips: Sequence[Strip], width: int) -> None:
+        """Take the picture with nothing exchanged; see `encode`."""
+        self._pieces = [_strip_piece(strip) for strip in strips]
+        _, *self._sums, length = _join(self._pieces)
+        self._parts = [b"IDAT" + _ZLIB_HEADER, *[piece[0] for piece in self._pieces]]
+        self._header = _header(width, length // (3 * width + 1))
+        self._below = []
+        for piece in self._pieces:
+            length -= piece.length
+            self._below.append(length)
+
+    def encode(self, changes: Mapping[int, Strip]) -> bytes:
+        """Return the PNG file of the picture with some strips exchanged.
+
+        Args:
+            changes: Place of a strip, counted from the top -> one of the same height.
+
+        Raises:
+            ValueError: A strip is not of that height.
+        """
+        parts = self._parts.copy()
+        a, b = self._sums
+        for place, strip in changes.items():
+            piece, old = _strip_piece(strip), self._pieces[place]
+            if piece.length != old.length:
+                raise ValueError(f"strip {place}: {piece.length} bytes of rows, not {old.length}")
+            # Each byte counts once in a, and in b as often as there are bytes from it to the end.
+            a += piece.a - old.a
+            b += piece.b - old.b + (piece.a - old.a) * self._below[place]
+            parts[place + 1] = piece.compressed
+        parts.append(_LAST_BLOCK)
+        parts.append(_SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS))
+        data = b"".join(parts)
+        length, check = _NUMBER.pack(len(data) - 4), _NUMBER.pack(zlib.crc32(data))
+        return b"".join((self._header, length, data, check, _END))
 
 
 def _join(pieces: Sequence[Piece]) -> Piece:
     """Return the pieces one after the other as one."""
     a, b, length = 1, 0, 0
-    for _, next_a, next_b, next_length in pieces:
-        b += next_b + next_length * (a - 1)
-        a += next_a - 1
-        length += next_length
+    for _, a_of_piece, b_of_piece, length_of_piece in pieces:
+        b += b_of_piece + length_of_piece * (a - 1)
+        a += a_of_piece - 1
+        length += length_of_piece
     joined = b"".join([piece[0] for piece in pieces])
-    return joined, a % _ADLER_MODULUS, b % _ADLER_MODULUS, length
+    return Piece(joined, a % _ADLER_MODULUS, b % _ADLER_MODULUS, length)
 
 
 @lru_cache(maxsize=8_192)
@@ -98,25 +140,24 @@ def _strip_piece(strip: Strip) -> Piece:
 
 @lru_cache(maxsize=8_192)
 def _row_piece(row: bytes) -> Piece:
-    return _compress(_FILTER_NONE + row)
+    return _compress(_FILTER_NONE + row, LEVEL)
 
 
 @lru_cache(maxsize=2_048)
 def _repeat_piece(length: int, times: int) -> Piece:
-    return _compress((_FILTER_UP + bytes(length)) * times)
+    return _compress((_FILTER_UP + bytes(length)) * times, REPEAT_LEVEL)
 
 
-def _compress(data: bytes) -> Piece:
+def _compress(data: bytes, level: int) -> Piece:
     # Rows are short: a small window and a small memory hold all of one, and are set up sooner.
-    deflate = zlib.compressobj(LEVEL, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
+    deflate = zlib.compressobj(level, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
     compressed = deflate.compress(data) + deflate.flush(zlib.Z_FULL_FLUSH)
     adler = zlib.adler32(data)
-    return compressed, adler & 0xFFFF, adler >> 16, len(data)
+    return Piece(compressed, adler & 0xFFFF, adler >> 16, len(data))
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
-    check = zlib.crc32(kind + data)
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
+    return _NUMBER.pack(len(data)) + kind + data + _NUMBER.pack(zlib.crc32(kind + data))
 
 
 @lru_cache(maxsize=64)

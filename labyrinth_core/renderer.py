@@ -7,16 +7,15 @@ repeated; `png` lives on that. Cells are square, whatever the shape of the labyr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.dynamics import State
 from labyrinth_core.labyrinth import Labyrinth, Task
-from labyrinth_core.png import Band, KeptStrip, Strip, encode
+from labyrinth_core.png import Band, KeptStrip, Mosaic, Strip
 from labyrinth_core.visibility import visible_from
 
 PICTURE_SIZE = 600
@@ -85,28 +84,27 @@ class Painter:
         self._labyrinth = labyrinth
         self._style = style
         self._grid = _grid(structure.height, structure.width, style.wall_pixels)
-        width = structure.width
-        everything = (1 << width) - 1
-        self._rows = [
-            _Row(
-                codes=[_FLOOR] * width,
-                right=structure.right >> row * width & everything,
-                up=structure.up >> row * width & everything,
-            )
-            for row in range(structure.height)
-        ]
-        tiles = [(labyrinth.start, _START), (labyrinth.goal, _GOAL)]
-        tiles += [(cell, _ICE) for cell in labyrinth.ice]
+        everything = (1 << structure.width) - 1
+        shifts = range(0, structure.cells, structure.width)
+        # The open passages of each row of cells, as bit sets over columns.
+        self._right = [structure.right >> shift & everything for shift in shifts]
+        self._up = [structure.up >> shift & everything for shift in shifts]
+        # What the cells show that are no mere floor.
+        self._codes = {labyrinth.start: _START, labyrinth.goal: _GOAL}
+        self._codes |= dict.fromkeys(labyrinth.ice, _ICE)
         if labyrinth.key is not None and labyrinth.door is not None:
-            tiles += [(labyrinth.key, _KEY), (labyrinth.door, _DOOR)]
-        for cell, code in tiles:
-            row, column = divmod(cell, width)
-            self._rows[row].codes[column] = code
-        self._strips = self._draw([everything] * structure.height)
+            self._codes |= {labyrinth.key: _KEY, labyrinth.door: _DOOR}
+        self._strips = self._draw(self._codes, self._right, self._up)
+        # Below the lowest row of cells are a line and perhaps a margin.
+        self._lowest = len(self._strips) - 2 - (self._grid.bottom > 0)
+
+    @cached_property
+    def _mosaic(self) -> Mosaic:
+        return Mosaic(self._strips, PICTURE_SIZE)
 
     def png(self, state: State) -> bytes:
         """Return the picture of a state as a PNG file of `PICTURE_SIZE`."""
-        return encode(self.strips(state), PICTURE_SIZE)
+        return self._mosaic.encode(self.changes(state))
 
     def array(self, state: State, image_size: int = PICTURE_SIZE) -> NDArray[np.uint8]:
         """Return the picture of a state, shape (image_size, image_size, 3)."""
@@ -118,75 +116,73 @@ class Painter:
         narrowed = np.stack([_narrow(row, image_size) for row, _ in bands])
         return _shorten(narrowed, counts, image_size)
 
-    def strips(self, state: State) -> list[Strip]:
-        """Return the picture of a state as strips, from top to bottom, for `png.encode`."""
-        labyrinth = self._labyrinth
-        agent = _AGENT_WITH_KEY if state.has_key and not state.door_open else _AGENT
-        changed: dict[int, list[int]] = {}
+    def strips(self, state: State | None = None) -> list[Strip]:
+        """Return the picture as strips, from top to bottom, for `png.encode`.
 
-        def change(cell: int, code: int) -> None:
-            row, column = divmod(cell, labyrinth.structure.width)
-            codes = changed.setdefault(row, list(self._rows[row].codes))
-            codes[column] = code
-
-        if state.has_key and labyrinth.key is not None:
-            change(labyrinth.key, _FLOOR)
-        if state.door_open and labyrinth.door is not None:
-            change(labyrinth.door, _OPEN_DOOR)
-        row, column = divmod(state.agent, labyrinth.structure.width)
-        under = changed.get(row, self._rows[row].codes)[column]
-        change(state.agent, under + agent)
-        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
-            return self._draw_seen(state, changed)
+        Args:
+            state: What to show; None for the labyrinth alone, all seen and nobody there.
+        """
         strips = self._strips.copy()
-        for row, codes in changed.items():
-            strips[self._grid.place_of_row(row)] = self._tiles(row, codes)
+        if state is not None:
+            for place, strip in self.changes(state).items():
+                strips[place] = strip
         return strips
 
-    def _draw_seen(self, state: State, changed: dict[int, list[int]]) -> list[Strip]:
-        structure = self._labyrinth.structure
-        seen = visible_from(structure, state.agent)
-        always = {self._labyrinth.start, self._labyrinth.goal}
-        seen_bits = []
-        codes_of_rows = {}
-        for row in range(structure.height):
-            cells = range(row * structure.width, (row + 1) * structure.width)
-            codes = changed.get(row, self._rows[row].codes)
-            codes_of_rows[row] = [
-                code if cell in seen or cell in always else _HIDDEN
-                for cell, code in zip(cells, codes, strict=True)
-            ]
-            seen_bits.append(sum((cell in seen) << place for place, cell in enumerate(cells)))
-        return self._draw(seen_bits, codes_of_rows)
+    def changes(self, state: State) -> dict[int, Strip]:
+        """Return the strips that show a state, by their place among those of the labyrinth."""
+        labyrinth, grid, style = self._labyrinth, self._grid, self._style
+        codes: dict[int, int] = {}
+        if state.has_key and labyrinth.key is not None:
+            codes[labyrinth.key] = _FLOOR
+        if state.door_open and labyrinth.door is not None:
+            codes[labyrinth.door] = _OPEN_DOOR
+        under = codes.get(state.agent, self._codes.get(state.agent, _FLOOR))
+        agent = _AGENT_WITH_KEY if state.has_key and not state.door_open else _AGENT
+        codes[state.agent] = under + agent
+        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+            return dict(enumerate(self._draw_seen(state, self._codes | codes)))
+        strips: dict[int, Strip] = {}
+        for cell, code in codes.items():
+            row, column = divmod(cell, labyrinth.structure.width)
+            place = self._lowest - 2 * row
+            strip = strips.get(place, self._strips[place])
+            strips[place] = _with_tile(grid, style, strip, column, code)
+        return strips
 
-    def _draw(
-        self, seen: list[int], codes_of_rows: dict[int, list[int]] | None = None
-    ) -> list[Strip]:
-        """Return all strips; `seen` holds a bit set of columns for each row of cells."""
-        grid, style = self._grid, self._style
-        last = len(self._rows) - 1
+    def _draw_seen(self, state: State, codes: dict[int, int]) -> list[Strip]:
+        """Return all strips as the agent sees them; walls that it does not see are shut."""
+        labyrinth = self._labyrinth
+        seen = visible_from(labyrinth.structure, state.agent)
+        shown = seen | {labyrinth.start, labyrinth.goal}
+        hidden = dict.fromkeys(set(range(labyrinth.structure.cells)) - shown, _HIDDEN)
+        rows = [0] * labyrinth.structure.height
+        for cell in seen:
+            row, column = divmod(cell, labyrinth.structure.width)
+            rows[row] |= 1 << column
+        right = [open_ & (row | row >> 1) for open_, row in zip(self._right, rows, strict=True)]
+        up = [
+            open_ & (row | above)
+            for open_, row, above in zip(self._up, rows, [*rows[1:], 0], strict=True)
+        ]
+        return self._draw(codes | hidden, right, up)
+
+    def _draw(self, codes: dict[int, int], right: list[int], up: list[int]) -> list[Strip]:
+        """Return all strips, given what cells show, and the open passages of each row."""
+        grid, style, width = self._grid, self._style, self._labyrinth.structure.width
+        rows: dict[int, list[int]] = {}
+        for cell, code in codes.items():
+            row, column = divmod(cell, width)
+            rows.setdefault(row, [_FLOOR] * width)[column] = code
+        floor = (_FLOOR,) * width
         strips = [grid.margin_strip(grid.top, style.floor)] if grid.top else []
+        for row in range(len(right) - 1, -1, -1):
+            strips.append(_line(grid, style, up[row]))
+            shown = tuple(rows[row]) if row in rows else floor
+            strips.append(_tiles(grid, style, grid.tall(row), shown, right[row]))
         strips.append(_line(grid, style, 0))
-        for row in range(last, -1, -1):
-            codes = self._rows[row].codes if codes_of_rows is None else codes_of_rows[row]
-            strips.append(self._tiles(row, codes, seen[row]))
-            below = self._rows[row - 1].up & (seen[row] | seen[row - 1]) if row else 0
-            strips.append(_line(grid, style, below))
         if grid.bottom:
             strips.append(grid.margin_strip(grid.bottom, style.floor))
         return strips
-
-    def _tiles(self, row: int, codes: list[int], seen: int = -1) -> Strip:
-        passages = self._rows[row].right & (seen | seen >> 1)
-        return _tiles(self._grid, self._style, self._grid.tall(row), tuple(codes), passages)
-
-
-class _Row(NamedTuple):
-    """A row of cells: what they show, and their open passages as bit sets over columns."""
-
-    codes: list[int]
-    right: int
-    up: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,26 +208,28 @@ class _Grid:
         above = len(self.rows) - 2 - row
         return self.rows[above + 1] - self.rows[above] - self.thickness
 
-    def place_of_row(self, row: int) -> int:
-        """Return which strip of the picture shows a row of cells."""
-        return 2 * (len(self.rows) - 2 - row) + 1 + (self.top > 0)
+    @cached_property
+    def wide(self) -> list[int]:
+        """The pixels between the walls left and right of each column."""
+        return [right - left - self.thickness for left, right in pairwise(self.columns)]
 
     def margin_strip(self, height: int, colour: Colour) -> Strip:
         return ((bytes(colour) * PICTURE_SIZE, height),)
 
-    def pixels(self, wall: bytes, between: list[bytes], floor: bytes, passages: int) -> bytes:
-        """Return a row of pixels: margin, then walls and what is `between` them, margin."""
-        left, right = self.columns[0], PICTURE_SIZE - self.columns[-1] - self.thickness
-        parts = [floor * left, wall * self.thickness]
-        for column, tile in enumerate(between):
-            parts.append(tile)
-            parts.append((floor if passages >> column & 1 else wall) * self.thickness)
+    def choose(self, passages: int, closed: bytes, opened: bytes) -> list[bytes]:
+        """Return for each column one of two, by whether its bit is set."""
+        bits = f"{passages:0{len(self.wide)}b}"[::-1]
+        return [opened if bit == "1" else closed for bit in bits]
+
+    def pixels(self, style: Style, between: list[bytes], walls: list[bytes]) -> bytes:
+        """Return a row of pixels: margin and wall, what is `between` walls, `walls`, margin."""
+        floor, left = bytes(style.floor), self.columns[0]
+        right = PICTURE_SIZE - self.columns[-1] - self.thickness
+        parts = [floor * left + bytes(style.wall) * self.thickness]
+        parts += between + walls
+        parts[1::2], parts[2::2] = between, walls
         parts.append(floor * right)
         return b"".join(parts)
-
-    def wide(self, column: int) -> int:
-        """Return the pixels between the walls left and right of a column."""
-        return self.columns[column + 1] - self.columns[column] - self.thickness
 
 
 @lru_cache(maxsize=64)
@@ -258,31 +256,57 @@ def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
 def _line(grid: _Grid, style: Style, passages: int) -> Strip:
     """Return the strip of a horizontal wall; `passages` is the bit set of columns it is open in."""
     floor, wall = bytes(style.floor), bytes(style.wall)
-    columns = len(grid.columns) - 1
-    between = [(floor if passages >> c & 1 else wall) * grid.wide(c) for c in range(columns)]
-    return KeptStrip([(grid.pixels(wall, between, floor, 0), grid.thickness)])
+    colours = grid.choose(passages, wall, floor)
+    between = [colour * wide for colour, wide in zip(colours, grid.wide, strict=True)]
+    posts = [wall * grid.thickness] * len(between)
+    return KeptStrip([(grid.pixels(style, between, posts), grid.thickness)])
 
 
 @lru_cache(maxsize=8_192)
 def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passages: int) -> Strip:
     """Return the strip of a row of cells, without the walls above and below it."""
-    floor, wall = bytes(style.floor), bytes(style.wall)
-    squares = [_squares(style, code) for code in codes]
-    insets = {tall * twelfths // 12 for nested in squares for twelfths, _ in nested}
-    borders = sorted(insets | {tall - inset for inset in insets})
+    walls = grid.choose(passages, *(bytes(c) * grid.thickness for c in (style.wall, style.floor)))
+    cells = list(zip(codes, grid.wide, strict=True))
+    different = set(cells)
+    # What is nested is as far from the bottom as from the top, so the lower half mirrors the upper.
+    insets = sorted({tall * t // 12 for code, _ in different for t, _ in _squares(style, code)})
+    upper: list[Band] = []
+    for top, bottom in pairwise([*insets, tall - insets[-1]]):
+        looks = {cell: _tile_row(style, *cell, tall, top) for cell in different}
+        row = grid.pixels(style, [looks[cell] for cell in cells], walls)
+        upper.append((row, bottom - top))
+    return KeptStrip(upper + upper[-2::-1])
+
+
+@lru_cache(maxsize=8_192)
+def _with_tile(grid: _Grid, style: Style, strip: Strip, column: int, code: int) -> Strip:
+    """Return the strip of a row of cells with one cell showing something else."""
+    left, wide = 3 * (grid.columns[column] + grid.thickness), grid.wide[column]
+    right = left + 3 * wide
+    bottoms = list(accumulate(count for _, count in strip))
+    tall = bottoms[-1]
+    insets = {tall * twelfths // 12 for twelfths, _ in _squares(style, code)}
+    borders = sorted(insets.union([tall - inset for inset in insets], bottoms))
     bands: list[Band] = []
+    rows = iter(zip((row for row, _ in strip), bottoms, strict=True))
+    row, end = next(rows)
     for top, bottom in pairwise(borders):
-        between = [
-            _tile_row(nested, grid.wide(column), tall, top) for column, nested in enumerate(squares)
-        ]
-        bands.append((grid.pixels(wall, between, floor, passages), bottom - top))
+        if top == end:
+            row, end = next(rows)
+        tile = _tile_row(style, code, wide, tall, top)
+        changed = row if row[left:right] == tile else row[:left] + tile + row[right:]
+        if bands and bands[-1][0] == changed:
+            bands[-1] = (changed, bands[-1][1] + bottom - top)
+        else:
+            bands.append((changed, bottom - top))
     return KeptStrip(bands)
 
 
-def _tile_row(squares: list[tuple[int, Colour]], wide: int, tall: int, y: int) -> bytes:
+@lru_cache(maxsize=4_096)
+def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
     """Return the pixels of one tile at height `y`: nested squares, the outermost first."""
     pixels = b""
-    for twelfths, colour in squares:
+    for twelfths, colour in _squares(style, code):
         if tall * twelfths // 12 <= y < tall - tall * twelfths // 12:
             inset = wide * twelfths // 12
             middle = bytes(colour) * (wide - 2 * inset)
@@ -290,6 +314,7 @@ def _tile_row(squares: list[tuple[int, Colour]], wide: int, tall: int, y: int) -
     return pixels
 
 
+@lru_cache(maxsize=256)
 def _squares(style: Style, code: int) -> list[tuple[int, Colour]]:
     """Return the squares that a cell shows, as (inset in twelfths of a cell, colour)."""
     agent, tile = code & ~7, code & 7

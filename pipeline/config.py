@@ -29,7 +29,9 @@ from pipeline.training_config import (
 STAGES = {
     "build": "pipeline.generation.build",
     "validate": "pipeline.generation.validate",
+    "analyse": "pipeline.analysis.analyse",
     "card": "pipeline.release.card",
+    "report": "pipeline.analysis.report",
     "publish": "pipeline.release.publish",
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
@@ -66,6 +68,21 @@ class BucketsConfig:
 
 
 @dataclass
+class SplitsConfig:
+    """How far apart the splits are."""
+
+    min_walls: int = 1
+
+
+@dataclass
+class LeakageConfig:
+    """A dataset from elsewhere, for the stage `analyse`."""
+
+    source: str | None = None
+    config: str | None = None
+
+
+@dataclass
 class PublishConfig:
     """The schema of `publish`, for the stage of that name."""
 
@@ -91,11 +108,13 @@ class RunConfig(TrainingConfig):
     sampler: str = "wilson"
     open_walls: float | None = None
     buckets: BucketsConfig = field(default_factory=BucketsConfig)
+    splits: SplitsConfig = field(default_factory=SplitsConfig)
     seed: int = 0
     data_dir: str = ""
     overwrite: bool = False
     workers: int = 1
     task: TaskConfig = field(default_factory=TaskConfig)
+    leakage: LeakageConfig = field(default_factory=LeakageConfig)
     publish: PublishConfig = field(default_factory=PublishConfig)
 
 
@@ -109,12 +128,16 @@ OPTIONS = {
     "sampler": "spanning tree a structure starts from: " + ", ".join(ALGORITHMS),
     "open_walls": "probability of opening each wall that the tree leaves",
     "buckets": "percent of all structures that may be in each split (buckets.train=...)",
+    "splits.min_walls": "least number of walls between structures of two splits (1: not equal)",
     "seed": "same seed and options, same bytes; in training, same weights",
     "data_dir": "folder of the dataset; each size and task is a folder in it",
     "overwrite": "replace a finished dataset or run that was made with other options",
     "workers": "processes",
     "stages": "what to do, in order: " + ", ".join(STAGES),
     **TRAINING_OPTIONS,
+    "leakage.source": "dataset from elsewhere to analyse: a folder of .labyrinth files by split, "
+    "or any folder or id on the Hub with the five columns",
+    "leakage.config": "config of that dataset, if it has several",
     "publish.repo_id": "dataset on the Hub, such as user/labyrinth",
     "publish.version": "tag of the release, such as 1.0.0",
     "publish.dry_run": "say what would be added, kept and deleted, and change nothing",
@@ -142,6 +165,8 @@ class DatasetConfig:
     buckets: tuple[int, int, int]
     """Percent of all structures that may be in train, validation and test."""
     seed: int
+    min_walls: int = 1
+    """How many walls structures of two splits are apart, at least."""
 
     @property
     def name(self) -> str:
@@ -150,8 +175,13 @@ class DatasetConfig:
         return f"{self.height}x{self.width}{suffix}"
 
     def to_json(self) -> dict[str, Any]:
-        """Return it in plain types; `from_json` is the inverse."""
-        return asdict(self) | {"task": str(self.task), "buckets": list(self.buckets)}
+        """Return it in plain types; `from_json` is the inverse.
+
+        Datasets from before there was a `min_walls` have none, and those that do not use it
+        neither, so that they are the same.
+        """
+        plain = asdict(self) | {"task": str(self.task), "buckets": list(self.buckets)}
+        return {name: plain[name] for name in plain if (name, plain[name]) != ("min_walls", 1)}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> DatasetConfig:
@@ -160,14 +190,25 @@ class DatasetConfig:
         Raises:
             ValueError: A field is missing, unknown, of the wrong kind, or impossible.
         """
-        plain = dict(values)
-        like = _resolve_dataset(RunConfig()).to_json()
+        plain = {"min_walls": 1} | dict(values)
+        like = _resolve_dataset(RunConfig()).to_json() | {"min_walls": 1}
         if _kinds(plain) != _kinds(like):
             raise ValueError(f"a dataset's config has the fields {like}, not {plain}")
         size = f"{plain.pop('height')}x{plain.pop('width')}"
         buckets = BucketsConfig(*plain.pop("buckets"))
         task = TaskConfig(plain.pop("task"))
-        return _resolve_dataset(RunConfig(size=size, buckets=buckets, task=task, **plain))
+        splits = SplitsConfig(plain.pop("min_walls"))
+        return _resolve_dataset(
+            RunConfig(size=size, buckets=buckets, task=task, splits=splits, **plain)
+        )
+
+
+@dataclass(frozen=True)
+class LeakageOptions:
+    """Which dataset from elsewhere to analyse, None for that of the run."""
+
+    source: str | None
+    config: str | None
 
 
 @dataclass(frozen=True)
@@ -192,6 +233,9 @@ class Run:
     data_dir: Path
     overwrite: bool
     workers: int
+    leakage: LeakageOptions
+    run_dir: Path
+    """Folder of the training runs."""
     publish: PublishOptions | None = None
     """None unless the stage `publish` is asked for."""
     training: TrainingOptions | None = None
@@ -259,6 +303,8 @@ def resolve(config: RunConfig) -> Run:
     _check_fields(config, "", vars(RunConfig()))
     _check_fields(config.buckets, "buckets.", vars(BucketsConfig()))
     _check_fields(config.task, "task.", vars(TaskConfig()))
+    _check_fields(config.splits, "splits.", vars(SplitsConfig()))
+    _check_fields(config.leakage, "leakage.", vars(LeakageConfig()))
     _check_fields(config.publish, "publish.", vars(PublishConfig()))
     unknown = [stage for stage in config.stages if stage not in STAGES]
     _check(
@@ -269,13 +315,16 @@ def resolve(config: RunConfig) -> Run:
         1 <= config.workers <= MAX_WORKERS,
         f"workers={config.workers}: give a number from 1 to {MAX_WORKERS:,}",
     )
-    _check(config.data_dir.strip() != "", "data_dir is empty: give a folder")
+    for name in ("data_dir", "run_dir"):
+        _check(getattr(config, name).strip() != "", f"{name} is empty: give a folder")
     return Run(
         stages=tuple(config.stages),
         dataset=_resolve_dataset(config),
         data_dir=Path(config.data_dir).expanduser(),
         overwrite=config.overwrite,
         workers=config.workers,
+        leakage=LeakageOptions(config.leakage.source, config.leakage.config),
+        run_dir=Path(config.run_dir).expanduser(),
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
         training=_resolve_training(config) if TRAINING_STAGES & set(config.stages) else None,
     )
@@ -342,6 +391,12 @@ def _resolve_dataset(config: RunConfig) -> DatasetConfig:
         "that add up to 100",
     )
     _check(0 <= config.seed < 2**64, f"seed={config.seed}: give 0 or more, below 2**64")
+    passages = 2 * height * width - height - width
+    _check(
+        1 <= config.splits.min_walls <= passages,
+        f"splits.min_walls={config.splits.min_walls}: give 1 to {passages}, "
+        f"as many as walls there can be at {height}x{width}",
+    )
     return DatasetConfig(
         height=height,
         width=width,
@@ -354,6 +409,7 @@ def _resolve_dataset(config: RunConfig) -> DatasetConfig:
         open_walls=float(open_walls),
         buckets=buckets,
         seed=config.seed,
+        min_walls=config.splits.min_walls,
     )
 
 

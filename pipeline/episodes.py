@@ -24,6 +24,16 @@ def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[Load
     Raises:
         DatasetError: The rows do not make episodes.
     """
+    for episode in grouped(rows):
+        yield _episode(episode, spec)
+
+
+def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:
+    """Yield the rows of each episode, the last of which takes no action.
+
+    Raises:
+        DatasetError: The rows do not make episodes.
+    """
     pending: list[RawRow] = []
     for number, row in enumerate(rows):
         if not pending and not row.episode_starts:
@@ -34,7 +44,7 @@ def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[Load
         if row.actions == NO_ACTION:
             if len(pending) == 1:
                 raise DatasetError(f"row {number} actions: -1 in the first row of an episode")
-            yield _episode(pending, spec)
+            yield pending
             pending = []
     if pending:
         raise DatasetError("the last episode ends without its last row, actions=-1")

@@ -1,4 +1,4 @@
-"""What a finished dataset says of itself, and how its content is fingerprinted.
+"""What a finished dataset says of itself.
 
 The manifest is written last, so a folder with one is complete.
 """
@@ -8,25 +8,24 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labyrinth_core import __version__
-from labyrinth_core.png import LEVEL, Strip
+from labyrinth_core.png import LEVEL, REPEAT_LEVEL
 from pipeline.config import DatasetConfig
-from pipeline.schema import SPLITS, Row
+from pipeline.schema import SPLITS
 
 MANIFEST = "manifest.json"
-FORMAT = 1
+ANALYSIS = "analysis.json"
+"""What the stage `analyse` leaves beside it."""
+FORMAT = 2
 
 
 class DatasetError(RuntimeError):
@@ -51,7 +50,7 @@ class Shard:
     sha256: str
     """Of the file."""
     fingerprint: str
-    """Of the decoded rows, the same whichever library compressed them; see `Fingerprint`."""
+    """Of the decoded rows, the same whichever library compressed them; see `fingerprint`."""
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Shard:
@@ -147,7 +146,7 @@ def current_versions() -> dict[str, str]:
         "numpy": np.__version__,
         "pyarrow": version("pyarrow"),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
-        "png": f"own encoder, deflate level {LEVEL}",
+        "png": f"own encoder, deflate levels {LEVEL} and {REPEAT_LEVEL}",
     }
 
 
@@ -168,48 +167,3 @@ def file_sha256(path: Path) -> str:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
-
-
-class Fingerprint:
-    """A hash over the values and pixels of rows, in their order.
-
-    For each row: the picture's digest, `actions` as int64, `rewards` as float32, `episode_starts`
-    as one byte, the length of `info` as uint32 (all little-endian), and `info` in UTF-8.
-    """
-
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
-
-    def update(self, row: Row) -> None:
-        """Add a row."""
-        info = row.info.encode()
-        numbers = struct.pack("<qf?I", row.actions, row.rewards, row.episode_starts, len(info))
-        self._hash.update(row.picture_digest + numbers + info)
-
-    def hexdigest(self) -> str:
-        """Return the hash of the rows so far, in hexadecimal digits."""
-        return self._hash.hexdigest()
-
-
-def picture_digest(strips: Iterable[Strip]) -> bytes:
-    """Return sixteen bytes that depend on the pixels of a picture and on nothing else.
-
-    They begin the SHA-256 of the eight-byte BLAKE2b hashes of all its rows of pixels, one after
-    the other from the top.
-    """
-    return hashlib.sha256(b"".join([_strip_digests(strip) for strip in strips])).digest()[:16]
-
-
-@lru_cache(maxsize=8_192)
-def _strip_digests(strip: Strip) -> bytes:
-    """Return the hash of each row of a strip."""
-    return b"".join(hashlib.blake2b(row, digest_size=8).digest() * count for row, count in strip)
-
-
-def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:
-    """Return the digest of a decoded picture, shape (height, width, 3)."""
-    differs = (picture[1:] != picture[:-1]).any(axis=(1, 2))
-    first = np.flatnonzero(np.concatenate(([True], differs)))
-    counts = np.diff(first, append=len(picture)).tolist()
-    bands = zip((row.tobytes() for row in picture[first]), counts, strict=True)
-    return picture_digest([(band,) for band in bands])

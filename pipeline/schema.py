@@ -73,7 +73,7 @@ class Row(NamedTuple):
     episode_starts: bool
     info: str
     picture_digest: bytes
-    """See `manifest.picture_digest`; not a column."""
+    """See `fingerprint.picture_digest`; not a column."""
 
 
 def arrow_schema() -> pyarrow.Schema:

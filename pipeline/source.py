@@ -139,6 +139,42 @@ def _streamed(source: str, tables: Iterable[pa.Table], *, pictures: bool) -> Ite
         raise DatasetError(f"{source} cannot be read: {_one_line(error)}") from error
 
 
+def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
+    """Return what stands in `info` in each split of any dataset, as it is downloaded.
+
+    Nothing else of it is. What stands in several rows in a row comes once.
+
+    Raises:
+        DatasetError: At once if there is no such dataset, later if it cannot be read.
+    """
+    from datasets import load_dataset
+
+    try:
+        splits = load_dataset(source, config, streaming=True, columns=["info"])
+    except (OSError, ValueError) as error:
+        raise _not_from_the_hub(source, error) from error
+    return {
+        str(split): _infos(source, stream.with_format("arrow").iter(batch_size=STREAMED_ROWS))
+        for split, stream in splits.items()
+    }
+
+
+def _infos(source: str, tables: Iterable[pa.Table]) -> Iterator[str]:
+    import pyarrow as pa
+
+    before = None
+    try:
+        for table in tables:
+            for info in table["info"].to_pylist():
+                if not isinstance(info, str):
+                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+                if info != before:
+                    yield info
+                before = info
+    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
+        raise DatasetError(f"{source} cannot be read: {_one_line(error)}") from error
+
+
 def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
     """Yield the rows of a table, after its columns were checked as a whole."""
     import pyarrow.compute as pc

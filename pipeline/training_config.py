@@ -150,9 +150,8 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
         )
     if config.threads is not None and not 1 <= config.threads <= MAX_THREADS:
         raise ValueError(f"threads={config.threads}: give a number from 1 to {MAX_THREADS:,}")
-    for folder in ("run_dir", "results_dir"):
-        if not getattr(config, folder).strip():
-            raise ValueError(f"{folder} is empty: give a folder")
+    if not config.results_dir.strip():
+        raise ValueError("results_dir is empty: give a folder")
     return TrainingOptions(
         method=name,
         settings=MappingProxyType(settings),

@@ -1,11 +1,17 @@
 """Measure the build, sampling to Parquet, beside the same build with Pillow's PNG encoder.
 
-    python scripts/benchmark_build.py --sizes 5 10 --labyrinths 100 --rounds 5
+    python scripts/benchmark_build.py
     python scripts/benchmark_build.py --quick
 
-One process, one core. What is built are train, validation and test, as `python run.py` builds
-them. The two encoders take turns in every round, so that a busy machine slows both alike, and each
-turn begins with empty caches. The figures are medians over the rounds.
+First one core, cold caches: train, validation and test, as `python run.py` builds them, once with
+start and goal in the corners and once with both anywhere. Ours and Pillow's take turns on the same
+labyrinths, who goes first changing, so that a busy machine slows both alike. Times are CPU seconds
+of the process, all its threads, shared out to the stages by the clock; figures are medians over
+the rounds. The yardstick draws the picture as an array with our renderer and saves it with Pillow,
+RGB, default level; it is spared the fingerprint.
+
+Then whole builds, all six splits, each in a new process, by the clock: one worker, its peak memory,
+and two workers.
 """
 
 from __future__ import annotations
@@ -14,54 +20,87 @@ import argparse
 import io
 import os
 import platform
+import re
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib.metadata import version
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 from unittest.mock import patch
 
 import numpy as np
+from joblib.externals.loky import get_reusable_executor
 from PIL import Image
 
 from labyrinth_core import png, renderer
+from labyrinth_core.dynamics import State, initial
 from labyrinth_core.labyrinth import Labyrinth, Structure
-from labyrinth_core.png import Strip
-from pipeline import manifest
+from labyrinth_core.renderer import Painter
+from labyrinth_core.tasks import change_start_and_goal
+from pipeline import fingerprint
 from pipeline.config import DatasetConfig, RunConfig, resolve
-from pipeline.generation.render import render
+from pipeline.generation import build
+from pipeline.generation.render import Picture, Pictures, render
 from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
+from pipeline.manifest import Manifest
 from pipeline.schema import SAMPLED_SPLITS, Row
 
 STAGES = {
-    "sample": "structures and their labyrinths",
+    "sample": "structures, start and goal",
     "solve": "shortest routes",
-    "render": "drawing and encoding",
+    "render": "drawing, encoding, digest",
     "write": "Parquet and hashes",
 }
 """Stage -> what is in it."""
 
-Encoder = Callable[[Sequence[Strip], int], bytes]
+
+class Scale(NamedTuple):
+    """How much is built of a size."""
+
+    labyrinths: int
+    """In each of the three splits, beside Pillow."""
+    quick: int
+    whole: int
+    """In a whole build: two shards a split."""
+
+
+SCALES = {
+    "5": Scale(300, 10, 32_000),
+    "10": Scale(100, 5, 8_000),
+    "25": Scale(20, 1, 1_280),
+    "100": Scale(2, 1, 80),
+}
+"""Size -> how much of it."""
+PLACES = ("corners", "anywhere")
+"""Where start and goal are."""
+
 Item = TypeVar("Item")
 
 
-def encode_with_pillow(strips: Sequence[Strip], width: int) -> bytes:
-    """Return what `png.encode` does, made by Pillow from all pixels, at its default level."""
-    bands = [band for strip in strips for band in strip]
-    rows = np.frombuffer(b"".join([row for row, _ in bands]), np.uint8)
-    counts = [count for _, count in bands]
-    picture = rows.reshape(len(bands), width, 3).repeat(counts, axis=0)
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, "PNG")
-    return file.getvalue()
+class PillowPictures(dict[State, Picture]):
+    """What `render.Pictures` is, made by Pillow from all pixels, at its default level."""
+
+    def __init__(self, labyrinth: Labyrinth) -> None:
+        super().__init__()
+        self._painter = Painter(labyrinth)
+
+    def __missing__(self, state: State) -> Picture:
+        file = io.BytesIO()
+        Image.fromarray(self._painter.array(state)).save(file, "PNG")
+        return Picture(file.getvalue(), bytes(16))
 
 
-ENCODERS: dict[str, Encoder] = {"ours": png.encode, "Pillow": encode_with_pillow}
+Way = Callable[[Labyrinth], dict[State, Picture]]
+WAYS: dict[str, Way] = {"ours": Pictures, "Pillow": PillowPictures}
 
 
 @dataclass(frozen=True)
@@ -73,120 +112,224 @@ class Turn:
     """Of the files."""
     seconds: dict[str, float]
     """By stage."""
+    writing: float
+    """Seconds that `write(2)` takes for the same bytes."""
+
+    @property
+    def rate(self) -> float:
+        """Rows a second."""
+        return self.rows / sum(self.seconds.values())
 
 
-def build(config: DatasetConfig, encoder: Encoder) -> Turn:
+def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
     """Build the three splits in a temporary folder, as `pipeline.generation.build` does."""
     forget()
     seconds = dict.fromkeys(STAGES, 0.0)
-    begin = time.perf_counter()
-    rows = size = 0
     with (
-        patch("pipeline.generation.render.encode", encoder),
+        patch("pipeline.generation.render.Pictures", way),
         tempfile.TemporaryDirectory() as folder,
     ):
+        began, begin = time.process_time(), time.perf_counter()
         structures = sample(config)
         seconds["sample"] = time.perf_counter() - begin
-        for split in SAMPLED_SPLITS:
-            episodes = make_episodes(config, split, structures[split], seconds)
-            written = write(Path(folder) / f"{split}.parquet", episodes)
-            rows += written.rows
-            size += written.bytes
+        files = {split: Path(folder) / f"{split}.parquet" for split in SAMPLED_SPLITS}
+        written = [
+            write(file, make_episodes(config, split, places, structures[split], seconds))
+            for split, file in files.items()
+        ]
         # Whatever is not spent in the steps before is spent in the last one.
         seconds["write"] = time.perf_counter() - begin - sum(seconds.values())
-    return Turn(rows, size, seconds)
+        share = (time.process_time() - began) / sum(seconds.values())
+        content = b"".join(file.read_bytes() for file in files.values())
+        return Turn(
+            rows=sum(each.rows for each in written),
+            bytes=len(content),
+            seconds={stage: share * spent for stage, spent in seconds.items()},
+            writing=time_of_writing(content, Path(folder) / "again"),
+        )
 
 
 def forget() -> None:
     """Clear what earlier turns left in the caches of the modules that draw, encode and hash."""
-    for module in (png, renderer, manifest):
+    for module in (png, renderer, fingerprint):
         for value in vars(module).values():
             if hasattr(value, "cache_clear"):
                 value.cache_clear()
 
 
 def make_episodes(
-    config: DatasetConfig, split: str, structures: list[Structure], seconds: dict[str, float]
+    config: DatasetConfig,
+    split: str,
+    places: str,
+    structures: list[Structure],
+    seconds: dict[str, float],
 ) -> Iterator[list[Row]]:
     """Yield the rows of each episode as `build.make_shard` does, adding up the time by stage."""
 
     def place() -> Iterator[tuple[Labyrinth, np.random.Generator]]:
         for structure in structures:
-            rng = item_rng(config, split, structure, ACTING)
-            yield labyrinth_of(config, split, structure), rng
+            labyrinth = labyrinth_of(config, split, structure)
+            if places == "anywhere":
+                labyrinth = change_start_and_goal(labyrinth, item_rng(config, split, structure))
+            yield labyrinth, item_rng(config, split, structure, ACTING)
 
-    labyrinths = list(timed(place(), "sample", seconds))
+    labyrinths = timed(place(), "sample", seconds)
     solutions = timed(solve(config, split, labyrinths), "solve", seconds)
     for number, solution in enumerate(solutions):
         yield from timed(render(split, number, solution.episodes), "render", seconds)
 
 
 def timed(items: Iterable[Item], stage: str, seconds: dict[str, float]) -> Iterator[Item]:
-    """Yield the items, adding the time that each takes to come to the seconds of a stage."""
+    """Yield the items, adding what each takes to the seconds of a stage, but not of those in it."""
     iterator = iter(items)
     while True:
-        begin = time.perf_counter()
+        begin = time.perf_counter() - sum(seconds.values())
         try:
             item = next(iterator)
         except StopIteration:
             return
         finally:
-            seconds[stage] += time.perf_counter() - begin
+            seconds[stage] += time.perf_counter() - sum(seconds.values()) - begin
         yield item
 
 
-def measure(size: str, labyrinths: int, rounds: int) -> dict[str, list[Turn]]:
-    """Return the turns of each encoder."""
-    options = RunConfig(stages=["build"], size=size, labyrinths=labyrinths, data_dir="unused")
-    config = resolve(options).dataset
-    turns: dict[str, list[Turn]] = {name: [] for name in ENCODERS}
+def time_of_writing(content: bytes, path: Path) -> float:
+    """Return the CPU seconds of handing bytes to the system, in one call."""
+    file = os.open(path, os.O_WRONLY | os.O_CREAT)
+    begin = time.process_time()
+    os.write(file, content)
+    seconds = time.process_time() - begin
+    os.close(file)
+    return seconds
+
+
+def time_of_deflating(config: DatasetConfig) -> float:
+    """Return the CPU seconds that zlib takes, at its default level, for one tile interior.
+
+    That is the one strip of a picture that is new, if nothing else is: the row of cells with the
+    agent in it, without the lines above and below; each row of pixels after a byte for its filter.
+    """
+    structure = next(iter(sample(config)["train"]))
+    labyrinth = labyrinth_of(config, "train", structure)
+    (strip,) = Painter(labyrinth).changes(initial(labyrinth)).values()
+    interior = b"".join((b"\0" + row + (b"\2" + bytes(len(row))) * (n - 1)) for row, n in strip)
+    begin = time.process_time()
+    repeats = 20
+    for _ in range(repeats):
+        zlib.compress(interior)
+    return (time.process_time() - begin) / repeats
+
+
+def measure(config: DatasetConfig, places: str, rounds: int) -> dict[str, list[Turn]]:
+    """Return the turns of each way to make pictures."""
+    turns: dict[str, list[Turn]] = {name: [] for name in WAYS}
     for number in range(rounds):
-        # Who goes first changes, too.
-        for name in sorted(ENCODERS, reverse=number % 2 == 1):
-            turns[name].append(build(config, ENCODERS[name]))
+        for name in sorted(WAYS, reverse=number % 2 == 1):
+            turns[name].append(take_turn(config, places, WAYS[name]))
     return turns
 
 
-def rate(turns: list[Turn]) -> float:
-    """Return the median of the rows a second."""
-    return median(turn.rows / sum(turn.seconds.values()) for turn in turns)
+class Whole(NamedTuple):
+    """A whole build, measured."""
+
+    rows: int
+    bytes: int
+    seconds: float
+    """By the clock."""
+    memory: int
+    """Most that the process held at once, in bytes; without those of its workers."""
+
+
+def build_whole(size: str, labyrinths: int, workers: int) -> Whole:
+    """Build all six splits; to be called in a new process."""
+    with tempfile.TemporaryDirectory() as folder:
+        options = RunConfig(
+            stages=["build"], size=size, labyrinths=labyrinths, data_dir=folder, workers=workers
+        )
+        run = resolve(options)
+        begin = time.perf_counter()
+        with Path(os.devnull).open("w") as file, redirect_stdout(file), redirect_stderr(file):
+            build.run(run)
+        seconds = time.perf_counter() - begin
+        get_reusable_executor().shutdown()  # Else this process would wait for idle workers.
+        shards = Manifest.read(run.folder).shards
+    status = Path("/proc/self/status").read_text()
+    memory = re.search(r"VmHWM:\s+(\d+) kB", status)
+    return Whole(
+        rows=sum(shard.rows for shard in shards),
+        bytes=sum(shard.bytes for shard in shards),
+        seconds=seconds,
+        memory=1024 * int(memory[1]) if memory else 0,
+    )
+
+
+def in_a_new_process(size: str, labyrinths: int, workers: int) -> Whole:
+    """Return what `build_whole` does, measured where nothing was built before."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(build_whole, size, labyrinths, workers).result()
+
+
+def config_of(size: str, labyrinths: int) -> DatasetConfig:
+    """Return the configuration of a build."""
+    options = RunConfig(stages=["build"], size=size, labyrinths=labyrinths, data_dir="unused")
+    return resolve(options).dataset
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", nargs="+", default=["5", "10"], metavar="SIZE")
-    parser.add_argument("--labyrinths", type=int, default=100, help="in each of the three splits")
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="10 labyrinths, 2 rounds")
+    parser.add_argument("--sizes", nargs="+", default=list(SCALES), choices=SCALES, metavar="SIZE")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--no-whole", action="store_true", help="leave out the whole builds")
+    parser.add_argument("--quick", action="store_true", help="few labyrinths, one round")
     arguments = parser.parse_args()
-    labyrinths, rounds = arguments.labyrinths, arguments.rounds
-    if arguments.quick:
-        labyrinths, rounds = 10, 2
+    rounds = 1 if arguments.quick else arguments.rounds
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "pillow", "pyarrow"))
     print(f"{os.cpu_count()} cores, Python {platform.python_version()}, {libraries}")
-    print(f"3 x {labyrinths} labyrinths, medians of {rounds} rounds; one core, cold caches")
+    print(f"One core, cold caches, CPU time, medians of {rounds} rounds")
     print("; ".join(f"{stage}: {content}" for stage, content in STAGES.items()))
-    measure("3", labyrinths=2, rounds=1)  # Once for what is imported on first use.
+    measure(config_of("3", labyrinths=2), "corners", rounds=1)  # For what is imported on first use.
     for size in arguments.sizes:
-        report(size, measure(size, labyrinths, rounds))
+        labyrinths = SCALES[size].quick if arguments.quick else SCALES[size].labyrinths
+        config = config_of(size, labyrinths)
+        for places in PLACES:
+            report(config, places, measure(config, places, rounds))
+    if not (arguments.no_whole or arguments.quick):
+        print(f"\nWhole builds, by the clock\n{'size':>4}{'rows':>12}{'one worker':>12}", end="")
+        print(f"{'two':>8}{'times':>7}{'peak memory':>13}{'files':>9}")
+        for size in arguments.sizes:
+            report_whole(size, SCALES[size].whole)
 
 
-def report(size: str, turns: dict[str, list[Turn]]) -> None:
+def report(config: DatasetConfig, places: str, turns: dict[str, list[Turn]]) -> None:
     """Print the table of one size."""
-    print(f"\nsize {size}: {turns['ours'][0].rows:,} rows")
+    rows = turns["ours"][0].rows
+    print(f"\nsize {config.height}, start and goal: {places}; {rows:,} rows")
     stages = "".join(f"{stage:>9}" for stage in STAGES)
-    print(f"{'encoder':>8}{'rows/s':>9}{stages}  us a row{'bytes a row':>14}")
-    for name, of_encoder in turns.items():
+    print(f"{'':>8}{'rows/s':>9}{stages}  us a row{'bytes a row':>14}")
+    for name, of_way in turns.items():
         parts = "".join(
-            f"{1e6 * median(turn.seconds[stage] / turn.rows for turn in of_encoder):9.1f}"
+            f"{1e6 * median(turn.seconds[stage] / rows for turn in of_way):9.1f}"
             for stage in STAGES
         )
-        size_of_row = of_encoder[0].bytes / of_encoder[0].rows
-        print(f"{name:>8}{rate(of_encoder):9,.0f}{parts}{size_of_row:24,.0f}")
-    print(
-        f"ours / Pillow: {rate(turns['ours']) / rate(turns['Pillow']):.1f} times the rows a second"
-    )
+        rate = median(turn.rate for turn in of_way)
+        print(f"{name:>8}{rate:9,.0f}{parts}{of_way[0].bytes / rows:24,.0f}")
+    ratios = [ours.rate / other.rate for ours, other in zip(*turns.values(), strict=True)]
+    print(f"ours / Pillow: {median(ratios):.1f} times the rows a second", end="")
+    print(f" ({min(ratios):.1f} - {max(ratios):.1f})" if len(ratios) > 1 else "")
+    writing = 1e6 * median(turn.writing / rows for turn in turns["ours"])
+    deflating = 1e6 * time_of_deflating(config)
+    a_row = 1e6 * median(1 / turn.rate for turn in turns["ours"])
+    print(f"a row of ours: {a_row:.1f} us; write(2) of its bytes: {writing:.2f} us; ", end="")
+    print(f"deflate of one tile interior: {deflating:.1f} us")
+
+
+def report_whole(size: str, labyrinths: int) -> None:
+    """Build with one worker and with two, and print a line."""
+    one, two = (in_a_new_process(size, labyrinths, workers) for workers in (1, 2))
+    memory, files = one.memory / 2**20, one.bytes / 2**20
+    print(f"{size:>4}{one.rows:12,}{one.seconds:10.1f} s{two.seconds:6.1f} s", end="")
+    print(f"{one.seconds / two.seconds:7.2f}{memory:9,.0f} MiB{files:5,.0f} MiB", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from playwright.sync_api import sync_playwright
 
 from labyrinth_core.labyrinth import LabyrinthError, Task
 from labyrinth_core.renderer import area_average, render
@@ -13,6 +16,9 @@ from labyrinth_core.rollout import replay
 from labyrinth_core.sampling import sample_structures
 from labyrinth_core.solver import shortest_route
 from labyrinth_core.tasks import default_start_and_goal, place
+from pipeline.analysis import report
+from pipeline.config import RunConfig, TaskConfig, resolve
+from pipeline.generation import build
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 SEED = 4
@@ -43,6 +49,25 @@ def side_by_side(pictures: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(parts[1:-1], axis=1)
 
 
+def draw_report() -> None:
+    """Draw the gallery of a report with an episode open, as Chromium shows it."""
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        options = {"stages": ["report"], "labyrinths": 30, "data_dir": folder}
+        for task in (Task.NAVIGATION, Task.KEY_AND_DOOR):
+            run = resolve(RunConfig(**options, task=TaskConfig(str(task))))
+            build.run(run)
+        report.run(run)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"))
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto((Path(folder) / report.FOLDER / report.PAGE).as_uri())
+        page.select_option("select[name=task]", str(Task.KEY_AND_DOOR))
+        page.locator(".tile").nth(3).click()
+        for _ in range(4):
+            page.locator("#forth").click()
+        page.screenshot(path=FOLDER / "report.png")
+        browser.close()
+
+
 def main() -> None:
     """Write every picture."""
     FOLDER.mkdir(parents=True, exist_ok=True)
@@ -52,6 +77,7 @@ def main() -> None:
     Image.fromarray(tasks).save(FOLDER / "tasks.png", optimize=True)
     sizes = side_by_side([picture(Task.NAVIGATION, 0.4, size) for size in (3, 5, 10, 25)])
     Image.fromarray(sizes).save(FOLDER / "sizes.png", optimize=True)
+    draw_report()
 
 
 if __name__ == "__main__":

@@ -36,13 +36,13 @@ HOMES = {
     "huggingface_hub": ("pipeline.release", "pipeline.source"),
     "torch": ("pipeline.training",),
     "safetensors": ("pipeline.training",),
-    "matplotlib": ("pipeline.training.record",),
     "gymnasium": (
         "labyrinth_core.env",
         "labyrinth_core.vector_env",
         "pipeline.training",
         "pipeline.analysis.experts",
     ),
+    "matplotlib": ("pipeline.analysis.report_figures", "pipeline.training.record"),
     "pygame": ("labyrinth_core.env", "labyrinth_core.__main__", "labyrinth_core.window"),
 }
 """Where alone a library is imported: in these modules and those within them."""

@@ -101,7 +101,7 @@ def _finished(run: Run) -> Manifest | None:
             )
         return None
     manifest = Manifest.read(folder)
-    there, wanted = manifest.config.to_json(), run.dataset.to_json()
+    there, wanted = asdict(manifest.config), asdict(run.dataset)
     differing = [
         f"{key}={there[key]}, not {wanted[key]}" for key in there if there[key] != wanted[key]
     ]

@@ -22,17 +22,12 @@ from labyrinth_core.dynamics import State, initial, is_terminal, reward, transit
 from labyrinth_core.grid import Action
 from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.renderer import PICTURE_SIZE, Painter, render
+from labyrinth_core.renderer import PICTURE_SIZE, render
 from pipeline.config import DatasetConfig
-from pipeline.generation.render import picture_name
+from pipeline.fingerprint import Fingerprint, decoded_picture_digest
+from pipeline.generation.render import Picture, Pictures, picture_name
 from pipeline.generation.rules import labyrinth_problems, route_problem
-from pipeline.manifest import (
-    Fingerprint,
-    Shard,
-    decoded_picture_digest,
-    file_sha256,
-    picture_digest,
-)
+from pipeline.manifest import Shard, file_sha256
 from pipeline.schema import NO_ACTION, Row, arrow_schema
 
 
@@ -193,7 +188,7 @@ class _ShardCheck:
 
     def replay(self, labyrinth: Labyrinth, rows: list[Row], begin: int) -> None:
         """Check states, rewards and pictures by taking the actions."""
-        painter = _painter(labyrinth)
+        pictures = _pictures(labyrinth)
         state = initial(labyrinth)
         place = len(self.routes)
         if not self.ended:
@@ -207,7 +202,7 @@ class _ShardCheck:
             if row.obs_path != name:
                 message = f"its path is {row.obs_path!r:.99}, not {name}"
                 self.report.problem(number, "obs", message)
-            self.check_picture(painter, labyrinth, state, row, number)
+            self.check_picture(pictures[state], labyrinth, state, row, number)
             if row.actions == NO_ACTION:
                 if row.rewards != 0:
                     self.report.problem(number, "rewards", f"{row.rewards} after the last action")
@@ -219,7 +214,7 @@ class _ShardCheck:
                 self.report.problem(number, "actions", "the episode had ended before")
                 return
             after = transition(labyrinth, state, row.actions)
-            meant = self.meant(painter, labyrinth, state, after, rows[step + 1 :])
+            meant = self.meant(pictures, labyrinth, state, after, rows[step + 1 :])
             if meant is not None:
                 message = f"{row.actions}, but the next picture shows what {meant} leads to"
                 self.report.problem(number, "actions", message)
@@ -236,12 +231,11 @@ class _ShardCheck:
         self.routes.append([row.actions for row in rows[:-1]])
 
     def check_picture(
-        self, painter: Painter, labyrinth: Labyrinth, state: State, row: Row, number: int
+        self, expected: Picture, labyrinth: Labyrinth, state: State, row: Row, number: int
     ) -> None:
         """Check a picture, and add the row to the fingerprint."""
-        strips = painter.strips(state)
-        digest = picture_digest(strips)
-        if row.obs != _encoded(painter, state):
+        digest = expected.digest
+        if row.obs != expected.png:
             try:
                 picture = _decode(row.obs)
             except ValueError as error:
@@ -256,19 +250,23 @@ class _ShardCheck:
 
     @staticmethod
     def meant(
-        painter: Painter, labyrinth: Labyrinth, state: State, after: State, rows: list[Row]
+        pictures: Pictures,
+        labyrinth: Labyrinth,
+        state: State,
+        after: State,
+        rows: list[Row],
     ) -> int | None:
         """Return the action that leads to the next picture, if it is not the one taken."""
         row, *later = rows
-        if row.obs == _encoded(painter, after):
+        if row.obs == pictures[after].png:
             return None
         if later and 0 <= row.actions < len(Action):
             following = transition(labyrinth, after, row.actions)
-            if later[0].obs == _encoded(painter, following):
+            if later[0].obs == pictures[following].png:
                 return None  # The action was right: it is this one picture that is not.
         for action in Action:
             other = transition(labyrinth, state, action)
-            if other != after and row.obs == _encoded(painter, other):
+            if other != after and row.obs == pictures[other].png:
                 return int(action)
         return None
 
@@ -316,12 +314,9 @@ class _ShardCheck:
 
 
 @lru_cache(maxsize=1)
-def _painter(labyrinth: Labyrinth) -> Painter:
-    return Painter(labyrinth)
-
-
-def _encoded(painter: Painter, state: State) -> bytes:
-    return painter.png(state)
+def _pictures(labyrinth: Labyrinth) -> Pictures:
+    """Return the pictures of a labyrinth; consecutive episodes are of the same."""
+    return Pictures(labyrinth)
 
 
 def _decode(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
+from labyrinth_core.dynamics import State
+from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import dump
-from labyrinth_core.png import encode
+from labyrinth_core.png import Mosaic
 from labyrinth_core.renderer import PICTURE_SIZE, Painter
 from labyrinth_core.rollout import Episode
-from pipeline.manifest import picture_digest
+from pipeline.fingerprint import PictureDigest
 from pipeline.schema import NO_ACTION, Row
+
+REMEMBERED_PICTURES = 1_024
+"""Of a labyrinth whose episodes come back to the same states; some 20 MB at 100x100."""
 
 
 def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Row]]:
@@ -20,26 +26,43 @@ def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Ro
         number: Its place in the split, from 0.
         episodes: At least one, all of the same labyrinth.
     """
-    painter = Painter(episodes[0].labyrinth)
-    info = dump(episodes[0].labyrinth)
+    labyrinth = episodes[0].labyrinth
+    pictures, info = Pictures(labyrinth), dump(labyrinth)
     for place, episode in enumerate(episodes):
         actions = [*episode.actions.tolist(), NO_ACTION]
         rewards = [*episode.rewards.tolist(), 0.0]
         rows = []
         for step, state in enumerate(episode.states):
-            strips = painter.strips(state)
-            rows.append(
-                Row(
-                    obs=encode(strips, PICTURE_SIZE),
-                    obs_path=picture_name(split, number, place, step),
-                    actions=actions[step],
-                    rewards=rewards[step],
-                    episode_starts=step == 0,
-                    info=info,
-                    picture_digest=picture_digest(strips),
-                )
-            )
+            png, digest = pictures[state]
+            name = picture_name(split, number, place, step)
+            rows.append(Row(png, name, actions[step], rewards[step], step == 0, info, digest))
         yield rows
+
+
+class Picture(NamedTuple):
+    """The picture of a state."""
+
+    png: bytes
+    digest: bytes
+    """See `fingerprint.picture_digest`."""
+
+
+class Pictures(dict[State, Picture]):
+    """The picture of each state of a labyrinth, made when it is first asked for."""
+
+    def __init__(self, labyrinth: Labyrinth) -> None:
+        super().__init__()
+        self._painter = Painter(labyrinth)
+        strips = self._painter.strips()
+        self._mosaic, self._digests = Mosaic(strips, PICTURE_SIZE), PictureDigest(strips)
+
+    def __missing__(self, state: State) -> Picture:
+        changes = self._painter.changes(state)
+        picture = Picture(self._mosaic.encode(changes), self._digests.digest(changes))
+        if len(self) == REMEMBERED_PICTURES:
+            self.clear()
+        self[state] = picture
+        return picture
 
 
 def picture_name(split: str, number: int, episode: int, step: int) -> str:

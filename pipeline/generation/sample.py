@@ -6,11 +6,15 @@ one dataset, and not in two of other seeds or lengths (with the same `buckets`).
 
 One stream of structures, from the seed alone, serves all splits, each taking what falls to it; so
 a longer dataset begins with the structures of a shorter one.
+
+With `splits.min_walls` train stays as it is, and validation and test take, from the beginning of
+the stream again, what is far enough from it and from each other; then only train, and what is made
+of it, begins with the structures of a shorter dataset.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, combinations
 
 import numpy as np
@@ -25,6 +29,7 @@ from labyrinth_core.tasks import (
     place,
 )
 from pipeline.config import ConfigError, DatasetConfig
+from pipeline.near_twins import Neighbourhood
 from pipeline.schema import SAMPLED_SPLITS, SPLITS
 
 PATIENCE = 300_000
@@ -64,36 +69,75 @@ def sample(
     Raises:
         ConfigError: The sampler does not find as many.
     """
-    wanted = config.labyrinths
     found: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
+    if config.min_walls == 1:  # Those of two splits are never equal.
+        _fill(config, found, SAMPLED_SPLITS, advance)
+        return found
+    _fill(config, found, SAMPLED_SPLITS[:1], advance)
+    near = {
+        split: Neighbourhood(config.height, config.width, config.min_walls - 1, config.labyrinths)
+        for split in SAMPLED_SPLITS
+    }
+    for structure in found["train"]:
+        near["train"].add(structure)
+    _fill(config, found, SAMPLED_SPLITS[1:], advance, near)
+    return found
+
+
+def _fill(
+    config: DatasetConfig,
+    found: dict[str, list[Structure]],
+    splits: Sequence[str],
+    advance: Callable[[], None],
+    near: Mapping[str, Neighbourhood] | None = None,
+) -> None:
+    """Find the structures of some splits.
+
+    Args:
+        config: What to sample.
+        found: Where they go, by split.
+        splits: Which to fill.
+        advance: Called once for each structure found.
+        near: Split -> what is too near to it for another split; those found are added.
+    """
     seen: set[str] = set()
-    missing = wanted * len(found)
+    missing = config.labyrinths * len(splits)
     in_vain = 0
     for structure in _candidates(config):
         in_vain += 1
         if in_vain > PATIENCE:
-            counts = ", ".join(f"{len(found[split])} in {split}" for split in found)
-            raise ConfigError(
-                f"labyrinths={wanted}: of {config.name} the sampler found {counts}, and no other "
-                f"in {PATIENCE:,} draws; ask for fewer, or try another open_walls or sampler"
-            )
+            raise _not_enough(config, found)
         if structure.structure_id in seen:
             continue
         split = split_of(structure, config.buckets)
-        if len(found[split]) == wanted:
+        if split not in splits or len(found[split]) == config.labyrinths:
             continue
         seen.add(structure.structure_id)
-        if holds_task(config, split, structure):
+        too_near = near and any(near[other].is_near(structure) for other in near if other != split)
+        if not too_near and holds_task(config, split, structure):
             in_vain = 0
             # A new one, without what the first computed and remembers: there may be millions.
             found[split].append(
                 Structure(structure.height, structure.width, structure.up, structure.right)
             )
+            if near:
+                near[split].add(structure)
             advance()
             missing -= 1
             if not missing:
                 break
-    return found
+
+
+def _not_enough(config: DatasetConfig, found: dict[str, list[Structure]]) -> ConfigError:
+    counts = ", ".join(f"{len(found[split])} in {split}" for split in found)
+    apart, try_ = "", "ask for fewer, or try"
+    if config.min_walls > 1:
+        apart = f" at least splits.min_walls={config.min_walls} walls apart"
+        try_ = "ask for fewer of either, or try"
+    return ConfigError(
+        f"labyrinths={config.labyrinths}: of {config.name} the sampler found {counts}{apart}, and "
+        f"no other in {PATIENCE:,} draws; {try_} another open_walls or sampler"
+    )
 
 
 def _candidates(config: DatasetConfig) -> Iterator[Structure]:

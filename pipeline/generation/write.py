@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.manifest import Fingerprint, file_sha256
+from pipeline.fingerprint import Fingerprint
+from pipeline.manifest import file_sha256
 from pipeline.schema import Row, arrow_schema
 
 if TYPE_CHECKING:
@@ -17,12 +19,15 @@ ROW_GROUP = 256
 """Rows after which a group ends, at the next end of an episode."""
 
 WRITER_OPTIONS = {
+    # Chosen by scripts/benchmark_parquet.py; see docs/performance.md.
     "compression": "zstd",
-    "compression_level": 3,
+    "compression_level": 1,
     "use_dictionary": ["info"],
     # Statistics of pictures would be pictures.
     "write_statistics": ["actions", "rewards", "episode_starts"],
     "write_page_index": True,
+    # It would say that texts are places in a dictionary, also to readers.
+    "store_schema": False,
 }
 
 
@@ -55,7 +60,8 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
     fingerprint = Fingerprint()
     rows = count = longest = 0
     try:
-        with pq.ParquetWriter(temporary, arrow_schema(), **WRITER_OPTIONS) as writer:
+        with pq.ParquetWriter(temporary, written_schema(), **WRITER_OPTIONS) as writer:
+            writer.add_key_value_metadata(arrow_schema().metadata)
             group: list[Row] = []
             for episode in episodes:
                 for row in episode:
@@ -65,10 +71,10 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
                 rows += len(episode)
                 longest = max(longest, len(episode) - 1)
                 if len(group) >= ROW_GROUP:
-                    writer.write_table(_table(group))
+                    writer.write_table(table_of(group))
                     group = []
             if group:
-                writer.write_table(_table(group))
+                writer.write_table(table_of(group))
         written = Written(
             rows=rows,
             episodes=count,
@@ -83,20 +89,31 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
     return written
 
 
-def _table(rows: list[Row]) -> pa.Table:
+def table_of(rows: list[Row]) -> pa.Table:
+    """Return rows as a table, each text once: an episode's rows have the same, and it is long."""
+    import pyarrow as pa
+
+    schema = written_schema()
+    pngs, names, *values, infos, _ = zip(*rows, strict=True)
+    pictures = pa.StructArray.from_arrays(
+        [pa.array(pngs, pa.binary()), pa.array(names, pa.string())],
+        fields=list(schema.field("obs").type),
+    )
+    columns = [
+        pa.array(of_rows, type_) for of_rows, type_ in zip(values, schema.types[1:4], strict=True)
+    ]
+    places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
+    texts = pa.DictionaryArray.from_arrays(
+        pa.array([places[info] for info in infos], pa.int32()), pa.array(places, pa.string())
+    )
+    return pa.Table.from_arrays([pictures, *columns, texts], schema=schema)
+
+
+@lru_cache(maxsize=1)
+def written_schema() -> pa.Schema:
+    """Return the schema of the files as it is handed to Arrow: texts as places in a dictionary."""
     import pyarrow as pa
 
     schema = arrow_schema()
-    pictures = pa.StructArray.from_arrays(
-        [
-            pa.array([row.obs for row in rows], pa.binary()),
-            pa.array([row.obs_path for row in rows], pa.string()),
-        ],
-        fields=list(schema.field("obs").type),
-    )
-    others = [
-        pa.array([getattr(row, field.name) for row in rows], field.type)
-        for field in schema
-        if field.name != "obs"
-    ]
-    return pa.Table.from_arrays([pictures, *others], schema=schema)
+    texts = pa.field("info", pa.dictionary(pa.int32(), pa.string()))
+    return schema.set(schema.get_field_index("info"), texts)

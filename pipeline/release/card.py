@@ -1,6 +1,7 @@
 """The card of a folder of datasets: README.md, Croissant, pictures, citation, changelog, hashes.
 
-Everything in it is counted in the shards, and the same data give the same bytes.
+Everything in it is counted in the shards, by the stage `analyse` what takes longer, and the same
+data give the same bytes.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import yaml
 
 from pipeline import front_matter
 from pipeline.config import Run
-from pipeline.manifest import MANIFEST, DatasetError, Manifest, file_sha256, write_text
+from pipeline.manifest import ANALYSIS, MANIFEST, DatasetError, Manifest, file_sha256, write_text
 from pipeline.release import readme
 from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
@@ -197,7 +198,8 @@ def published_files(data_dir: Path, manifests: Sequence[Manifest]) -> list[Path]
     paths += (data_dir / readme.PICTURES).glob("[!.]*.png")
     for manifest in manifests:
         folder = data_dir / manifest.config.name
-        paths += [folder / MANIFEST, *(folder / shard.path for shard in manifest.shards)]
+        paths += [folder / MANIFEST, folder / ANALYSIS]
+        paths += [folder / shard.path for shard in manifest.shards]
     return [path for path in paths if path.is_file()]
 
 

@@ -1,21 +1,22 @@
-"""The certificate of uniqueness: which structures two splits share, counted and not assumed."""
+"""The certificate of uniqueness: which structures two splits share, counted and not assumed.
+
+How near they are to one another is in the file that the stage `analyse` has left, if it has.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.grid import neighbours
-from labyrinth_core.labyrinth import Structure
+from pipeline.manifest import ANALYSIS, DatasetError, Manifest
 from pipeline.schema import SAMPLED_SPLITS
-
-PROBES = 200
-"""Structures of validation and of test, at most, whose near twins in train are looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +27,6 @@ class Structures:
     """The `structure_id` of each labyrinth, in order, shape (labyrinths,)."""
     canonical_ids: NDArray[np.int64]
     """That of its canonical form, which its mirror image shares, shape (labyrinths,)."""
-    probes: tuple[Structure, ...]
-    """The first of them, `PROBES` at most."""
 
 
 class Overlap(NamedTuple):
@@ -41,12 +40,21 @@ class Overlap(NamedTuple):
     """Structures that are in both, or whose mirror image that keeps start and goal is."""
 
 
-class NearTwins(NamedTuple):
-    """How many structures of a split are one wall away from one of train, or its mirror image."""
+class Closeness(NamedTuple):
+    """How many structures of a split have what counterpart in another."""
 
-    split: str
-    probed: int
-    found: int
+    first: str
+    second: str
+    of: int
+    """Labyrinths of the second split."""
+    symmetric: int
+    """A rotation or reflection of them is in the first."""
+    within: tuple[int, ...]
+    """At most 1, 2 and 3 walls away is one in the first."""
+    same_route: int
+    """An optimal route of them is optimal in a labyrinth of the first."""
+    nearest: str
+    """Walls to the nearest in the first, least and median."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,6 @@ class Certificate:
     """Split -> labyrinths whose structure came before in the same split."""
     strangers: Mapping[str, int]
     """Split made of train's structures -> labyrinths whose structure is not one of them."""
-    near_twins: tuple[NearTwins, ...]
 
     def problems(self) -> Iterator[str]:
         """Yield what breaks the guarantee, a line for each."""
@@ -103,10 +110,6 @@ def certify(structures: Mapping[str, Structures]) -> Certificate:
             split: int((~np.isin(structures[split].ids, unique["train"])).sum())
             for split in derived
         },
-        near_twins=tuple(
-            _near_twins(split, structures[split].probes, canonical["train"])
-            for split in SAMPLED_SPLITS[1:]
-        ),
     )
 
 
@@ -114,20 +117,35 @@ def _shared(first: NDArray[np.int64], second: NDArray[np.int64]) -> int:
     return len(np.intersect1d(first, second, assume_unique=True))
 
 
-def _near_twins(split: str, probes: tuple[Structure, ...], train: NDArray[np.int64]) -> NearTwins:
-    found = 0
-    for structure in probes:
-        ids = [int(twin.canonical().structure_id, 16) for twin in _one_wall_away(structure)]
-        found += bool(np.isin(np.array(ids, np.int64), train).any())
-    return NearTwins(split, len(probes), found)
+def read_closeness(folder: Path, manifest: Manifest) -> tuple[Closeness, ...]:
+    """Return what the stage `analyse` has found out about a dataset, if it has.
 
+    Args:
+        folder: Of the dataset.
+        manifest: Of that folder; what was found out about other rows is left alone.
 
-def _one_wall_away(structure: Structure) -> Iterator[Structure]:
-    """Yield the structures with one wall more or less, connected or not."""
-    height, width = structure.height, structure.width
-    for cell in range(structure.cells):
-        for beside in neighbours(cell, height, width).values():
-            if beside == cell + 1:
-                yield Structure(height, width, structure.up, structure.right ^ 1 << cell)
-            elif beside == cell + width:
-                yield Structure(height, width, structure.up ^ 1 << cell, structure.right)
+    Raises:
+        DatasetError: The file is none that it writes.
+    """
+    path = folder / ANALYSIS
+    try:
+        content = json.loads(path.read_bytes())
+        if content["fingerprint"] != manifest.fingerprint:
+            return ()
+        leakage = content["leakage"]
+        return tuple(
+            Closeness(
+                str(pair["first"]),
+                str(pair["second"]),
+                int(leakage["labyrinths"][pair["second"]]),
+                len(pair["symmetric"]),
+                tuple(int(pair["within"][walls]) for walls in ("1", "2", "3")),
+                len(pair["same_route"]),
+                str(pair["spread"]),
+            )
+            for pair in leakage["pairs"]
+        )
+    except FileNotFoundError:
+        return ()
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise DatasetError(f"{path} cannot be read: stages=[analyse] writes it anew") from error

@@ -20,15 +20,15 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
         f"{share} in `{dataset.name}`" for share, dataset in zip(shares, datasets, strict=True)
     )
     twins = "; ".join(
-        f"`{dataset.name}` {twin.found:,} of the first {twin.probed:,}"
+        f"`{dataset.name}` {close.within[0]:,} of {close.of:,}"
         for dataset in datasets
-        for twin in dataset.certificate.near_twins
-        if twin.split == "test"
+        for close in dataset.closeness
+        if (close.first, close.second) == ("train", "test")
     )
     points = [
         *_sampler_points(datasets),
-        "Disjoint is not far apart. A structure of `test` can differ from one of `train`, or from "
-        f"the mirror image of one, in a single wall: {twins} do. Expect small sizes to flatter "
+        "Disjoint is not far apart. A structure of `test` can differ from one of `train` in a "
+        f"single wall{f': {twins} do' if twins else ''}. Expect small sizes to flatter "
         "a method that interpolates.",
         "In `train`, `validation`, `test` and `random` the start is always bottom left and the "
         f"goal top right, so most demonstrated actions are up or right ({forward}): always "

@@ -16,7 +16,7 @@ UNRELEASED = "0.0.0-unreleased"
 """Version of a dataset that has none yet, in the form that Croissant asks for."""
 
 DATE = "2026-11-21"
-"""The day this form of the dataset is from (`manifest.FORMAT` 1): the date of publication that
+"""The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
 Croissant asks for, where no other is given. A clock would make the same data differ."""
 
 PAPER_TITLE = "Quantifying Generalisation in Imitation Learning"
@@ -65,6 +65,7 @@ def command(config: DatasetConfig) -> str:
         "buckets.train": train,
         "buckets.validation": validation,
         "buckets.test": test,
+        "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
     return " ".join(["python run.py", *(f"{name}={value}" for name, value in options.items())])

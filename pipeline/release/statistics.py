@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from pipeline.executor import ordered_map
 from pipeline.manifest import DatasetError, Manifest
-from pipeline.release.certificate import Certificate, Structures, certify
+from pipeline.release.certificate import (
+    Certificate,
+    Closeness,
+    Structures,
+    certify,
+    read_closeness,
+)
 from pipeline.release.tally import Example, Tally, TallyJob, tally_shard
 from pipeline.schema import SPLITS
 
@@ -65,6 +71,8 @@ class DatasetStatistics:
     splits: tuple[SplitStatistics, ...]
     """In the order of the table of splits."""
     certificate: Certificate
+    closeness: tuple[Closeness, ...]
+    """Of the pairs of splits, empty if the stage `analyse` has not looked at these rows."""
 
     @property
     def name(self) -> str:
@@ -114,6 +122,7 @@ def measure(
         manifest=manifest,
         splits=tuple(_statistics(manifest, split, tallies[split]) for split in SPLITS),
         certificate=certify({split: _structures(tallies[split]) for split in SPLITS}),
+        closeness=read_closeness(folder, manifest),
     )
 
 
@@ -140,5 +149,4 @@ def _structures(tally: Tally) -> Structures:
     return Structures(
         ids=np.array(tally.ids, np.int64),
         canonical_ids=np.array(tally.canonical_ids, np.int64),
-        probes=tuple(tally.probes),
     )

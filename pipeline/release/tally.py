@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from labyrinth_core.dynamics import initial, state_index, transition_table
 from labyrinth_core.grid import Action
-from labyrinth_core.labyrinth import Labyrinth, Structure
+from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import parse
 from labyrinth_core.solver import optimal_actions
 from pipeline.manifest import DatasetError, Shard, file_sha256
-from pipeline.release.certificate import PROBES
 from pipeline.schema import NO_ACTION
 
 EXAMPLES = 5
@@ -70,7 +69,6 @@ class Tally:
     """The `structure_id` of each labyrinth."""
     canonical_ids: list[int] = field(default_factory=list)
     """That of its canonical form."""
-    probes: list[Structure] = field(default_factory=list)
     examples: list[Example] = field(default_factory=list)
 
     def add(self, other: Tally) -> None:
@@ -85,7 +83,6 @@ class Tally:
         self.loops += other.loops
         self.ids += other.ids
         self.canonical_ids += other.canonical_ids
-        self.probes = (self.probes + other.probes)[:PROBES]
         self.examples = (self.examples + other.examples)[:EXAMPLES]
 
     def count_labyrinth(self, labyrinth: Labyrinth, first: Sequence[int]) -> None:
@@ -94,8 +91,6 @@ class Tally:
         self.loops += sum(1 for _ in structure.passages()) - structure.cells + 1
         self.ids.append(int(structure.structure_id, 16))
         self.canonical_ids.append(int(structure.canonical().structure_id, 16))
-        if len(self.probes) < PROBES:
-            self.probes.append(structure)
         if len(self.examples) < EXAMPLES:
             self.examples.append(Example(labyrinth, tuple(first)))
 

@@ -1,5 +1,6 @@
 """The encoder's files: strict PNG, the pixels that were given, the same bytes everywhere."""
 
+import base64
 import hashlib
 import io
 import os
@@ -18,8 +19,26 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from labyrinth_core import png
-from labyrinth_core.png import encode
+from labyrinth_core.dynamics import State
+from labyrinth_core.language import parse
+from labyrinth_core.png import Mosaic, encode
+from labyrinth_core.renderer import PICTURE_SIZE, Painter
 
+LABYRINTH = parse(
+    """
+key_and_lock: True
+
+labyrinth:
+-------------
+|   | D   E |
+|   +   + - |
+|           |
+|   + - +   |
+| S     | K |
+-------------
+end
+"""
+)
 WHITE, BLACK = b"\xff\xff\xff", b"\0\0\0"
 
 
@@ -89,6 +108,41 @@ def test_pillow_and_opencv_decode_the_pixels_that_were_given(picture):
     np.testing.assert_array_equal(by_opencv, pixels(strips, width))
 
 
+PAGE = """<!doctype html><script>
+onload = () => {
+  document.body.dataset.sums = [...document.images].map(image => {
+    const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
+    const context = canvas.getContext("2d");
+    context.drawImage(image, 0, 0);
+    const pixels = context.getImageData(0, 0, canvas.width, canvas.height).data;
+    let a = 1, b = 0;
+    for (let place = 0; place < pixels.length; place += 1) {
+      a = (a + pixels[place]) % 65521;
+      b = (b + a) % 65521;
+    }
+    return b * 65536 + a;
+  }).join(" ");
+};
+</script>"""
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_chromium_decodes_the_pixels_that_were_given(tmp_path):
+    some = [large_picture(), ([((BLACK + WHITE, 1), (WHITE + BLACK, 7))], 2)]
+    states = State(0), State(7, has_key=True)
+    some += [(Painter(LABYRINTH).strips(state), PICTURE_SIZE) for state in states]
+    images = [base64.b64encode(encode(*picture)).decode() for picture in some]
+    page = tmp_path / "page.html"
+    page.write_text(PAGE + "".join(f'<img src="data:image/png;base64,{i}">' for i in images))
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}/profile"]
+    browser = subprocess.run(
+        ["chromium", *options, "--dump-dom", page], capture_output=True, text=True, timeout=120
+    )
+    opaque = [np.insert(pixels(*picture), 3, 255, axis=2) for picture in some]
+    sums = " ".join(str(zlib.adler32(picture.tobytes())) for picture in opaque)
+    assert f'data-sums="{sums}"' in browser.stdout, browser.stderr
+
+
 @given(pictures())
 @example(large_picture())
 def test_a_file_is_a_truecolour_header_one_data_chunk_and_an_end(picture):
@@ -130,6 +184,27 @@ def test_what_was_encoded_before_does_not_change_the_bytes(some):
     for picture, file in zip(some, after_each_other, strict=True):
         forget()
         assert encode(*picture) == file
+
+
+@given(pictures(), st.data())
+@example(large_picture(), None)
+def test_a_mosaic_with_strips_exchanged_is_the_picture_of_those_strips(picture, data):
+    strips, width = picture
+    colour = st.binary(min_size=3, max_size=3)
+    changes = {
+        place: tuple(((data.draw(colour) if data else BLACK) * width, n) for _, n in strips[place])
+        for place in (data.draw(st.sets(st.integers(0, len(strips) - 1))) if data else [0, 3])
+    }
+    mosaic = Mosaic(strips, width)
+    changed = [changes.get(place, strip) for place, strip in enumerate(strips)]
+    assert mosaic.encode(changes) == encode(changed, width)
+    assert mosaic.encode({}) == encode(strips, width)
+
+
+def test_a_strip_of_another_height_is_refused():
+    mosaic = Mosaic([((BLACK, 2),), ((WHITE, 3),)], 1)
+    with pytest.raises(ValueError, match="strip 1: 8 bytes of rows, not 12"):
+        mosaic.encode({1: ((WHITE, 2),)})
 
 
 def forget():

@@ -19,7 +19,8 @@ from labyrinth_core.labyrinth import Labyrinth, Structure
 from labyrinth_core.language import dump
 from labyrinth_core.renderer import Painter
 from labyrinth_core.rollout import replay
-from pipeline.manifest import MANIFEST, Fingerprint, decoded_picture_digest, file_sha256
+from pipeline.fingerprint import Fingerprint, decoded_picture_digest
+from pipeline.manifest import MANIFEST, file_sha256
 from pipeline.schema import Row, arrow_schema
 
 Rows = list[dict[str, Any]]

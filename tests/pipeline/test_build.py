@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from tampering import Rows, episode_starts, fingerprint, read_rows
 
 from labyrinth_core.labyrinth import Task
 from labyrinth_core.language import parse
-from labyrinth_core.png import Band
+from labyrinth_core.png import Mosaic, Strip
 from labyrinth_core.rollout import replay
 from pipeline import front_matter
 from pipeline.config import ConfigError, Run
@@ -115,20 +115,26 @@ def test_several_shards_hold_the_rows_that_one_holds(
     assert rows_by_split(first) == rows_by_split(small_dataset.folder)
 
 
-def pillow(strips: list[tuple[Band, ...]], width: int) -> bytes:
-    """Encode a picture as another library would: the same pixels in other bytes."""
-    rows = b"".join(row * count for strip in strips for row, count in strip)
-    file = io.BytesIO()
-    Image.frombytes("RGB", (width, len(rows) // (3 * width)), rows).save(
-        file, "PNG", compress_level=1
-    )
-    return file.getvalue()
+class OtherMosaic(Mosaic):
+    """Encodes a picture as another library would: the same pixels in other bytes."""
+
+    def __init__(self, strips: Sequence[Strip], width: int) -> None:
+        self.strips, self.width = strips, width
+
+    def encode(self, changes: Mapping[int, Strip]) -> bytes:
+        strips = [changes.get(place, strip) for place, strip in enumerate(self.strips)]
+        rows = b"".join(row * count for strip in strips for row, count in strip)
+        file = io.BytesIO()
+        Image.frombytes("RGB", (self.width, len(rows) // (3 * self.width)), rows).save(
+            file, "PNG", compress_level=1
+        )
+        return file.getvalue()
 
 
 def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_path: Path) -> None:
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render, "encode", pillow)
+        patch.setattr(render, "Mosaic", OtherMosaic)
         versions = current_versions() | {"png": "Pillow, deflate level 1"}
         patch.setattr(generation, "current_versions", lambda: versions)
         folder = build(tmp_path / "other", **small).folder
@@ -220,6 +226,16 @@ def test_pictures_can_be_skipped_without_reading_statistics_of_them(small_datase
     statistics = columns["actions"].statistics
     assert (statistics.min, statistics.max) == (-1, max(actions))
     assert {column.compression for column in columns.values()} == {"ZSTD"}
+
+
+def test_a_text_is_stored_once_in_a_row_group(small_dataset: Run) -> None:
+    with pq.ParquetFile(small_dataset.folder / "random-00000-of-00001.parquet") as file:
+        for number in range(file.num_row_groups):
+            texts = file.read_row_group(number, columns=["info"])["info"].to_pylist()
+            stored = file.metadata.row_group(number).column(5)
+            assert stored.path_in_schema == "info"
+            once = sum(4 + len(text) for text in set(texts))
+            assert once < stored.total_uncompressed_size < once + 4 * len(texts) + 100
 
 
 def test_a_file_that_cannot_be_finished_leaves_nothing(tmp_path: Path) -> None:
@@ -508,7 +524,7 @@ def test_what_another_version_left_is_discarded(
     build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render, "encode", pillow)
+        patch.setattr(render, "Mosaic", OtherMosaic)
         patch.setattr(generation, "current_versions", lambda: {"png": "another"})
         stop_after(tmp_path, 3)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)

@@ -24,6 +24,7 @@ from pipeline.config import (
     ConfigError,
     DatasetConfig,
     RunConfig,
+    SplitsConfig,
     TaskConfig,
     register,
     resolve,
@@ -53,6 +54,7 @@ def possible_configs(draw: st.DrawFn) -> RunConfig:
         sampler=draw(st.sampled_from(sorted(ALGORITHMS))),
         open_walls=draw(st.none() | st.floats(0, 1)),
         buckets=BucketsConfig(train, validation, 100 - train - validation),
+        splits=SplitsConfig(draw(st.integers(1, 4))),
         seed=draw(st.integers(0, 2**64 - 1)),
         task=TaskConfig(draw(st.sampled_from([str(task) for task in Task]))),
     )
@@ -104,7 +106,7 @@ IMPOSSIBLE_TO_TRAIN = [
     ("protocol", "mine", "[default, paper]"),
     ("device", "tpu", "[auto, cpu, cuda]"),
     ("threads", 0, "from 1 to"),
-    ("run_dir", " ", "give a folder"),
+    ("results_dir", " ", "give a folder"),
 ]
 
 
@@ -142,8 +144,11 @@ def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allow
     [
         ({"stages": []}, ["stages=[]", *STAGES]),
         ({"stages": ["build", "sell"]}, ["stages=[build, sell]", *STAGES]),
+        ({"splits": SplitsConfig(0)}, ["splits.min_walls=0", "1 to 40"]),
+        ({"splits": SplitsConfig(13), "size": "3"}, ["splits.min_walls=13", "1 to 12"]),
         ({"data_dir": ""}, ["data_dir is empty"]),
         ({"data_dir": "  "}, ["data_dir is empty"]),
+        ({"run_dir": " "}, ["run_dir is empty"]),
         ({"task": TaskConfig("chess")}, ["task=chess", "key_and_door"]),
         ({"buckets": BucketsConfig(50, 33, 33)}, ["buckets=[50, 33, 33]", "add up to 100"]),
         ({"buckets": BucketsConfig(100, 0, 0)}, ["buckets=[100, 0, 0]", "1 or more"]),
@@ -297,6 +302,19 @@ def test_json_of_another_kind_is_no_dataset_config(name: str, value: Any) -> Non
     good = dataset().to_json()
     with pytest.raises(ValueError, match=r"a dataset's config|give|choose one of|at most"):
         DatasetConfig.from_json(good | {name: value})
+
+
+@pytest.mark.parametrize("value", [None, 0, -1, 41, "2", 2.0, True, [2]])
+def test_json_with_another_kind_of_walls_is_no_dataset_config(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"a dataset's config|give 1 to 40"):
+        DatasetConfig.from_json(dataset().to_json() | {"min_walls": value})
+
+
+def test_a_dataset_that_does_not_use_the_least_walls_is_described_as_before_there_were_any() -> (
+    None
+):
+    assert "min_walls" not in dataset().to_json()
+    assert dataset(splits=SplitsConfig(3)).to_json()["min_walls"] == 3
 
 
 def test_json_with_other_fields_is_no_dataset_config() -> None:

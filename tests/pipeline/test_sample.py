@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from labyrinth_core.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.tasks import tiles_matter
-from pipeline.config import ConfigError, DatasetConfig, Run
+from pipeline.config import ConfigError, DatasetConfig, Run, SplitsConfig
 from pipeline.generation import sample as sampling
 from pipeline.generation.sample import check_capacity, labyrinth_of, sample, split_of
 from pipeline.schema import SAMPLED_SPLITS, SPLITS
@@ -260,6 +260,54 @@ def test_a_sampler_that_finds_no_more_says_so(
         ConfigError, match=r"labyrinths=2: of 4x4 the sampler found .* in 500 draws"
     ):
         sample(config_of(size="4", labyrinths=2, open_walls=1.0))
+
+
+# How far apart.
+
+
+def walls_between(one: Structure, other: Structure) -> int:
+    return len(passages_of(one) ^ passages_of(other))
+
+
+@pytest.mark.parametrize(
+    ("options", "walls"),
+    [
+        ({"size": "3", "labyrinths": 20}, 2),
+        ({"size": "4", "labyrinths": 60}, 3),
+        ({"size": "4x3", "labyrinths": 20, "task": "key_and_door"}, 2),
+        ({"size": "5", "labyrinths": 50}, 8),
+    ],
+    ids=str,
+)
+def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
+    config_of: Callable[..., DatasetConfig], options: dict[str, Any], walls: int
+) -> None:
+    plain = sample(config_of(**options))
+    config = config_of(**options, splits=SplitsConfig(walls))
+    apart = sample(config)
+    least = [
+        min(walls_between(a, b) for a in found[first] for b in found[second])
+        for found in (plain, apart)
+        for first, second in combinations(SAMPLED_SPLITS, 2)
+    ]
+    assert min(least[:3]) < walls <= min(least[3:])
+    assert apart == sample(config)
+    assert apart["train"] == plain["train"]
+    for split, structures in apart.items():
+        assert len(set(structures)) == config.labyrinths
+        assert {split_of(structure, config.buckets) for structure in structures} == {split}
+
+
+def test_where_too_few_are_far_enough_apart_the_sampler_says_so(
+    config_of: Callable[..., DatasetConfig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sampling, "PATIENCE", 500)
+    with pytest.raises(
+        ConfigError,
+        match=r"^labyrinths=32: of 3x3 the sampler found 32 in train, \d in validation, \d in test "
+        r"at least splits.min_walls=4 walls apart, and no other in 500 draws; ask for fewer of",
+    ):
+        sample(config_of(labyrinths=32, splits=SplitsConfig(4)))
 
 
 # The labyrinths.

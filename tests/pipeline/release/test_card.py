@@ -27,8 +27,9 @@ from labyrinth_core.language import dump, parse
 from labyrinth_core.renderer import DEFAULT_STYLE
 from labyrinth_core.solver import shortest_routes
 from pipeline import front_matter
+from pipeline.analysis import analyse
 from pipeline.config import RunConfig, register, resolve
-from pipeline.manifest import DatasetError, Manifest
+from pipeline.manifest import ANALYSIS, DatasetError, Manifest
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.changelog import updated
@@ -92,6 +93,38 @@ def test_the_certificate_in_the_text_has_a_line_for_every_pair_of_splits(carded)
     assert {line["in both"] for line in lines} == {"0"}
     assert {line["in both, or as a mirror image"] for line in lines} == {"0"}
     assert {line["structures"] for line in lines} == {"7 and 7", "3 and 3"}
+
+
+def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
+    assert "walls to the nearest" not in text(folder)
+    assert "can differ from one of `train` in a single wall. Expect" in text(folder)
+    analyse.run(resolve(RunConfig(["analyse"], DEFAULT, labyrinths=7, data_dir=str(folder))))
+    card.write_card(folder)
+    pairs = json.loads((folder / DEFAULT / ANALYSIS).read_bytes())["leakage"]["pairs"]
+    lines = table(text(folder), "config", "same route")
+    assert [line["splits"].replace("`", "") for line in lines] == [
+        f"{pair['first']}, {pair['second']}" for pair in pairs
+    ]
+    for line, pair in zip(lines, pairs, strict=True):
+        walls = sorted(walls for _, walls in pair["nearest"].values())
+        assert line["walls to the nearest"] == f"{walls[0]}, {walls[3]}"
+        within = [sum(apart <= most for apart in walls) for most in (1, 2, 3)]
+        assert [line["1 wall away"], line["2 walls"], line["3 walls"]] == list(map(str, within))
+        assert (line["of"], line["turned"]) == ("7", str(len(pair["symmetric"])))
+        assert line["same route"] == str(len(pair["same_route"]))
+    near = sum(apart <= 1 for _, apart in pairs[1]["nearest"].values())
+    assert f"in a single wall: `{DEFAULT}` {near} of 7 do." in text(folder)
+    assert f"{DEFAULT}/{ANALYSIS}" in (folder / card.HASHES).read_text(encoding="utf-8")
+
+
+def test_an_analysis_of_other_rows_is_left_alone_and_a_damaged_one_is_named(folder):
+    path = folder / DEFAULT / ANALYSIS
+    path.write_text('{"fingerprint": "of other rows"}', encoding="utf-8")
+    card.write_card(folder)
+    assert "walls to the nearest" not in text(folder)
+    path.write_text("{", encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"analysis\.json cannot be read: stages=\[analyse\]"):
+        card.write_card(folder)
 
 
 def test_the_front_matter_is_what_the_hubs_client_reads_and_writes(carded):
@@ -320,7 +353,7 @@ def test_the_stage_says_in_one_line_what_was_written(folder, capsys):
 
 def test_the_stage_is_performed_unless_told_otherwise():
     values = yaml.safe_load((ROOT / "conf" / "config.yaml").read_text(encoding="utf-8"))
-    assert values["stages"] == ["build", "validate", "card"]
+    assert values["stages"] == ["build", "validate", "analyse", "card"]
 
 
 def test_every_config_has_every_picture_wide_enough_for_a_phone(carded):

@@ -10,13 +10,12 @@ import pyarrow.parquet as pq
 import pytest
 from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 
-from labyrinth_core.labyrinth import Labyrinth, Structure
+from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import dump, parse
 from labyrinth_core.rollout import replay
 from labyrinth_core.solver import distances
 from pipeline.generation import build
 from pipeline.manifest import DatasetError, Manifest
-from pipeline.release.certificate import Structures, certify
 from pipeline.release.statistics import measure
 from pipeline.schema import SAMPLED_SPLITS, SPLITS
 
@@ -153,34 +152,6 @@ def test_a_structure_of_s0_that_is_not_one_of_train_is_found(folder):
     certificate = measured(folder / DEFAULT).certificate
     assert certificate.strangers == {"random": 0, "s0": 1, "s0_and_g": 0}
     assert list(certificate.problems()) == ["s0 has 1 structures that are not in train"]
-
-
-def test_near_twins_are_those_that_differ_in_one_wall(carded):
-    def walls(structure: Structure) -> set[tuple[int, int]]:
-        return set(structure.passages())
-
-    train = [parse(text).structure for text in labyrinths(carded / DEFAULT, "train")]
-    images = [walls(image) for s in train for image in (s, s.transposed())]
-    for twins in measured(carded / DEFAULT).certificate.near_twins:
-        structures = [parse(text).structure for text in labyrinths(carded / DEFAULT, twins.split)]
-        near = [any(len(walls(s) ^ image) == 1 for image in images) for s in structures]
-        assert (twins.probed, twins.found) == (len(structures), sum(near))
-
-
-def test_one_wall_between_two_splits_makes_near_twins():
-    tree = Structure.from_passages(2, 3, [(0, 1), (1, 2), (2, 5), (5, 4), (4, 3)])
-    loop = Structure.from_passages(2, 3, [(0, 1), (1, 2), (2, 5), (5, 4), (4, 3), (3, 0)])
-    far = Structure.from_passages(2, 3, [(0, 3), (3, 4), (4, 1), (1, 2), (2, 5)])
-
-    def of(*structures):
-        ids = np.array([int(structure.structure_id, 16) for structure in structures])
-        return Structures(ids, ids, structures)
-
-    certificate = certify({"train": of(tree), "validation": of(loop), "test": of(far)})
-    assert [tuple(twins) for twins in certificate.near_twins] == [
-        ("validation", 1, 1),
-        ("test", 1, 0),
-    ]
 
 
 def test_a_file_that_is_not_the_manifests_is_refused(folder):

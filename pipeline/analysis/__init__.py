@@ -1,0 +1,1 @@
+"""What a dataset's splits share, how they differ, and what that is worth."""

@@ -1,0 +1,168 @@
+"""The stage `analyse`: a certificate of leakage, and the shift between splits.
+
+It is left in `analysis.json` in the folder of the dataset, where the card finds it; that of a
+dataset from elsewhere in `analysis/` in `data_dir`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from pipeline.analysis.content import Content, ReadJob, read
+from pipeline.analysis.elsewhere import Files, labyrinths_of
+from pipeline.analysis.leakage import NEAR, Certificate, certify
+from pipeline.analysis.measures import MEASURES, Shift, compare
+from pipeline.analysis.shift import PERMUTATIONS
+from pipeline.config import Run
+from pipeline.executor import ordered_map
+from pipeline.manifest import ANALYSIS, Manifest, write_text
+from pipeline.schema import SPLITS
+from pipeline.terminal import console, tracked
+
+FORMAT = 1
+LEAKS_SHOWN = 10
+"""Labyrinths that two splits have in common, and that are named in the terminal."""
+SIGNIFICANT = 0.05
+
+
+def run(run: Run) -> None:
+    """Analyse the dataset of a run, or the one from elsewhere that it names.
+
+    Raises:
+        DatasetError: There is no dataset, or it is damaged.
+        OSError: The result cannot be written.
+    """
+    if run.leakage.source is not None:
+        source = run.leakage.source
+        splits, files = labyrinths_of(source, run.leakage.config)
+        certificate = certify(splits)
+        name = re.sub(r"[^\w.-]+", "-", source).strip("-")
+        path = run.data_dir / "analysis" / f"{name}.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
+        shifts: list[Shift] = []
+    else:
+        files = {}
+        certificate, shifts = _analyse(run.folder, run.workers)
+        path = run.folder / ANALYSIS
+    console.print(_leakage_table(certificate))
+    for line in _leaks(certificate, files):
+        console.print(line, highlight=False, soft_wrap=True)
+    if shifts:
+        console.print(_shift_table(shifts))
+    console.print(f"{path} has all of it.", highlight=False, soft_wrap=True)
+
+
+def _analyse(folder: Path, workers: int) -> tuple[Certificate, list[Shift]]:
+    """Return the certificate and the shifts of a dataset, which are left in its folder."""
+    manifest = Manifest.read(folder)
+    contents = read_contents(folder, manifest, workers)
+    certificate = certify({split: held.labyrinths for split, held in contents.items()})
+    pairs = [("train", split) for split in SPLITS if split != "train"]
+    shifts = compare(contents, [*pairs, ("validation", "test")], manifest.config.seed)
+    content = {
+        "name": manifest.config.name,
+        "fingerprint": manifest.fingerprint,
+        "leakage": certificate.to_json(),
+        "shift": {
+            "permutations": PERMUTATIONS,
+            "measures": [shift.to_json() for shift in shifts],
+        },
+    }
+    _write(folder / ANALYSIS, content)
+    return certificate, shifts
+
+
+def read_contents(folder: Path, manifest: Manifest, workers: int = 1) -> dict[str, Content]:
+    """Return what each split of a dataset holds; raises DatasetError if a shard is damaged."""
+    jobs = [ReadJob(folder, shard) for split in SPLITS for shard in manifest.of(split)]
+    done = zip(jobs, ordered_map(read, jobs, workers), strict=True)
+    parts: dict[str, list[Content]] = {}
+    total = sum(job.shard.rows for job in jobs)
+    for split, part in tracked(
+        ((job.shard.rows, (job.shard.split, part)) for job, part in done), "analyse", total
+    ):
+        parts.setdefault(split, []).append(part)
+    return {split: Content.joined(of_split) for split, of_split in parts.items()}
+
+
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    write_text(path, json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n")
+
+
+def _leakage_table(certificate: Certificate) -> Table:
+    table = Table(
+        title="leakage: labyrinths of the second split with a counterpart in the first",
+        caption="nearest: walls to the nearest structure of the first, least and median",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
+    table.add_column("splits")
+    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
+    for heading in ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest"):
+        table.add_column(heading, justify="right")
+    for pair in certificate.pairs:
+        of = certificate.labyrinths[pair.second]
+        counts = [of, len(pair.equal), len(pair.mirrored), len(pair.symmetric)]
+        counts += [*(pair.within(walls) for walls in NEAR), len(pair.same_route)]
+        table.add_row(
+            f"{pair.first}\n{pair.second}",
+            *(f"{count:,}" for count in counts),
+            pair.spread(of),
+        )
+    return table
+
+
+def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
+    """Yield what ought not to be, a line for each, the first `LEAKS_SHOWN` of a kind."""
+    for pair in certificate.pairs:
+        mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
+        for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
+            for number in list(found)[:LEAKS_SHOWN]:
+                other = _named(pair.first, found[number], files)
+                yield f"{_named(pair.second, number, files)} has {relation} of {other}"
+            if len(found) > LEAKS_SHOWN:
+                yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
+    for split, count in certificate.repeated.items():
+        if count and split not in certificate.strangers:
+            yield f"{split} repeats {count:,} structures"
+    for split, ids in certificate.strangers.items():
+        if ids:
+            yield f"{split} has {len(ids):,} structures that are not in train, such as {ids[0]}"
+    if certificate.cut:
+        yield f"{certificate.cut:,} labyrinths have more optimal routes than were compared"
+
+
+def _named(split: str, number: str, files: Files) -> str:
+    return files[split][number] if files else f"{split} {number}"
+
+
+def _shift_table(shifts: Sequence[Shift]) -> Table:
+    table = Table(
+        title=f"shift between splits, {PERMUTATIONS} permutations of whole labyrinths",
+        caption=f"d: Cohen's; p: Holm's, over all {len(shifts)} tests, * {SIGNIFICANT} or less",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
+    table.add_column("splits, N")
+    table.add_column("")
+    for measure in MEASURES:
+        table.add_column(measure.replace(" ", "\n"), justify="right")
+    pairs = groupby(shifts, lambda shift: (shift.first, shift.second, *shift.labyrinths))
+    for (first, second, *counts), of_pair in pairs:
+        cells = [
+            f"{shift.distance:.3f} \n{shift.effect:.2f} \n{shift.corrected:.3f}"
+            + ("*" if shift.corrected <= SIGNIFICANT else " ")
+            for shift in of_pair
+        ]
+        numbers = ", ".join(f"{count:,}" for count in counts)
+        table.add_row(f"{first}\n{second}\n{numbers}", "distance\nd\np", *cells)
+    return table

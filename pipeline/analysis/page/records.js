@@ -1,0 +1,147 @@
+// The labyrinths and episodes of the datasets, unpacked one by one as they are looked at.
+
+const ARRAYS = { uint8: Uint8Array, uint16: Uint16Array, uint32: Uint32Array };
+
+/** Return bytes; not every browser has the fast way yet. */
+const fromBase64 = (text) =>
+  Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
+
+/** One split of a dataset. */
+class Block {
+  constructor(dataset, split, first) {
+    this.dataset = dataset;
+    this.split = split;
+    this.first = first; // Number of its first labyrinth, through all blocks.
+    this.unpacked = new Map();
+  }
+
+  get count() {
+    return this.split.shown;
+  }
+
+  column(name) {
+    if (!this.unpacked.has(name)) {
+      const { type, data } = this.split.columns[name];
+      const bytes = fromBase64(data);
+      const kind = ARRAYS[type];
+      this.unpacked.set(name, kind ? new kind(bytes.buffer) : bytes);
+    }
+    return this.unpacked.get(name);
+  }
+
+  /** Return the bits of a labyrinth, one byte each. */
+  bits(name, index) {
+    const cells = this.dataset.height * this.dataset.width;
+    const stride = (cells + 7) >> 3;
+    const bytes = this.column(name).subarray(index * stride, (index + 1) * stride);
+    return Uint8Array.from({ length: cells }, (_, cell) => (bytes[cell >> 3] >> (cell & 7)) & 1);
+  }
+
+  hex(name, index) {
+    const bytes = this.column(name).subarray(8 * index, 8 * index + 8);
+    return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  }
+
+  /** Return what a labyrinth is known by in the results. */
+  key(index) {
+    return `${this.dataset.name} ${this.split.name} ${this.hex("id", index)}`;
+  }
+
+  labyrinth(index) {
+    const { height, width, task } = this.dataset;
+    const has = (name) => name in this.split.columns;
+    const ice = has("ice") ? this.bits("ice", index) : [];
+    return {
+      height, width, task,
+      up: this.bits("up", index),
+      right: this.bits("right", index),
+      start: this.column("start")[index],
+      goal: this.column("goal")[index],
+      key: has("key") ? this.column("key")[index] : null,
+      door: has("door") ? this.column("door")[index] : null,
+      ice: [...ice.keys()].filter((cell) => ice[cell]),
+    };
+  }
+
+  /** Return the actions of each episode of a labyrinth. */
+  episodes(index) {
+    const [episodes, lengths] = [this.column("episodes"), this.column("length")];
+    const sums = this.sums ??= this.sumsOf(episodes, lengths);
+    const packed = this.column("actions");
+    let [episode, step] = [sums.episodes[index], sums.steps[index]];
+    return Array.from({ length: episodes[index] }, () => {
+      const actions = Array.from({ length: lengths[episode] }, (_, offset) => {
+        const at = step + offset;
+        return (packed[at >> 2] >> (2 * (at & 3))) & 3;
+      });
+      step += lengths[episode];
+      episode += 1;
+      return actions;
+    });
+  }
+
+  /** Return where the episodes and the actions of each labyrinth begin. */
+  sumsOf(episodes, lengths) {
+    const sums = { episodes: new Uint32Array(this.count), steps: new Uint32Array(this.count) };
+    let [episode, step] = [0, 0];
+    for (let index = 0; index < this.count; index++) {
+      sums.episodes[index] = episode;
+      sums.steps[index] = step;
+      for (let left = episodes[index]; left; left--) step += lengths[episode++];
+    }
+    return sums;
+  }
+}
+
+const BLOCKS = [];
+for (const dataset of DATA.datasets) {
+  for (const split of dataset.splits) {
+    const last = BLOCKS.at(-1);
+    BLOCKS.push(new Block(dataset, split, last ? last.first + last.count : 0));
+  }
+}
+
+/** Return the block of a labyrinth, and its place in it. */
+function locate(number) {
+  const block = BLOCKS.findLast((each) => each.first <= number && each.count);
+  return [block, number - block.first];
+}
+
+/** Return whether the hexadecimal digits of an id in a column of eight bytes begin as given. */
+function idBegins(bytes, index, digits) {
+  for (let place = 0; place < digits.length; place++) {
+    const byte = bytes[8 * index + (place >> 1)];
+    if ((place & 1 ? byte & 15 : byte >> 4) !== digits[place]) return false;
+  }
+  return true;
+}
+
+/** Return the numbers of the labyrinths that filters let through. */
+function select(filters) {
+  const found = [];
+  const digits = /^[0-9a-f]{0,16}$/.test(filters.id)
+    ? Array.from(filters.id, (digit) => parseInt(digit, 16))
+    : null;
+  for (const block of BLOCKS) {
+    const { dataset, split } = block;
+    const wanted =
+      digits &&
+      (!filters.split || filters.split === split.name) &&
+      (!filters.size || filters.size === sizeOf(dataset)) &&
+      (!filters.task || filters.task === dataset.task);
+    if (!wanted || !block.count) continue;
+    const [moves, loops] = [block.column("moves"), block.column("loops")];
+    const ids = digits.length ? ["id", "structure"].map((name) => block.column(name)) : null;
+    for (let index = 0; index < block.count; index++) {
+      const inside =
+        moves[index] >= filters.minMoves && moves[index] <= filters.maxMoves &&
+        loops[index] >= filters.minLoops && loops[index] <= filters.maxLoops &&
+        (!ids || ids.some((bytes) => idBegins(bytes, index, digits))) &&
+        (!filters.failed || filters.failed.has(block.key(index)));
+      if (inside) found.push(block.first + index);
+    }
+  }
+  return found;
+}
+
+const sizeOf = ({ height, width }) => `${height}x${width}`;

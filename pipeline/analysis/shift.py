@@ -1,0 +1,175 @@
+"""How far apart two samples are, and whether chance explains it.
+
+A sample is made of units that are independent of one another (whole episodes, or all episodes of
+a labyrinth), each summed up by counts that add up: so a permutation of whole units only has to
+add the counts anew, and never looks at a row again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Statistic = Callable[[Floats, Floats], Floats]
+"""The counts of two samples, shapes (..., counts), -> distances, shape (..., distances)."""
+
+PERMUTATIONS = 999
+"""With the observed one a thousand, so that a p-value is a multiple of 0.001."""
+
+_BLOCK_BYTES = 1 << 26
+"""Memory for the permutations that are worked on at a time."""
+_ROUNDING = 1e-9
+"""Distances that differ by less are equal, and were only added up in another order."""
+_NOTHING = 1e-14
+"""A divergence below is what rounding leaves of none."""
+
+
+def jensen_shannon(counts_a: ArrayLike, counts_b: ArrayLike) -> Floats:
+    """Return the Jensen-Shannon distance of two distributions, from 0 to 1.
+
+    It is the root of the divergence in bits (Endres and Schindelin, "A new metric for probability
+    distributions", IEEE Transactions on Information Theory 49, 2003).
+
+    Args:
+        counts_a: How often each value came up, shape (..., values); not all zero.
+        counts_b: As `counts_a`.
+
+    Returns:
+        Shape (...).
+    """
+    a, b = np.broadcast_arrays(_shares(counts_a), _shares(counts_b))
+    middle = (a + b) / 2
+    divergence = (_relative_entropy(a, middle) + _relative_entropy(b, middle)) / 2
+    return np.sqrt(np.where(divergence < _NOTHING, 0, divergence))
+
+
+def _shares(counts: ArrayLike) -> Floats:
+    array = np.asarray(counts, np.float64)
+    shares: Floats = array / array.sum(axis=-1, keepdims=True)
+    return shares
+
+
+def _relative_entropy(p: Floats, q: Floats) -> Floats:
+    """Return the Kullback-Leibler divergence in bits; q is positive wherever p is."""
+    ratio = np.divide(p, q, out=np.ones_like(p), where=p > 0)
+    entropy: Floats = (p * np.log2(ratio)).sum(axis=-1)
+    return entropy
+
+
+def wasserstein_of_counts(below_a: ArrayLike, below_b: ArrayLike, gaps: ArrayLike) -> Floats:
+    """Return the Wasserstein distance of two samples of values on a grid, from counts that add up.
+
+    It is that of order 1: on a line, the area between the two distribution functions.
+
+    Args:
+        below_a: How many values are at or below each point of the grid but the last, then how
+            many there are at all, shape (..., points). Several dimensions stand one after the
+            other, and are added up: divide their gaps by their number to get the mean.
+        below_b: As `below_a`.
+        gaps: From each point of the grid to the next, shape (points - 1,).
+
+    Returns:
+        Shape (...).
+    """
+    a, b = np.asarray(below_a, np.float64), np.asarray(below_b, np.float64)
+    area: Floats = np.abs(a[..., :-1] / a[..., -1:] - b[..., :-1] / b[..., -1:]) @ np.asarray(gaps)
+    return area
+
+
+def cohens_d(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return how many pooled standard deviations the mean of b is above that of a.
+
+    Cohen, "Statistical Power Analysis for the Behavioral Sciences", 1988, section 2.2; infinite
+    where the values of each sample are all the same, but not those of both.
+
+    Args:
+        a: A value of each unit in each dimension, shape (n, dimensions).
+        b: Shape (m, dimensions).
+
+    Returns:
+        Shape (dimensions,).
+    """
+    x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    apart: Floats = y.mean(axis=0) - x.mean(axis=0)
+    freedom = max(len(x) + len(y) - 2, 1)
+    squares = ((x - x.mean(axis=0)) ** 2).sum(axis=0) + ((y - y.mean(axis=0)) ** 2).sum(axis=0)
+    apart[np.abs(apart) < _ROUNDING] = 0
+    squares[squares < _ROUNDING**2] = 0
+    with np.errstate(divide="ignore"):
+        np.divide(apart, np.sqrt(squares / freedom), out=apart, where=apart != 0)
+    return apart
+
+
+class Tested(NamedTuple):
+    """Distances of two samples, and how often chance makes them as large."""
+
+    distances: Floats
+    """Shape (distances,)."""
+    p_values: Floats
+    """Shape (distances,)."""
+
+
+def permutation_test(
+    a: NDArray[Any],
+    b: NDArray[Any],
+    statistic: Statistic,
+    rng: np.random.Generator,
+    permutations: int = PERMUTATIONS,
+    *,
+    paired: bool = False,
+) -> Tested:
+    """Return the distances of two samples with the share of permutations that reach each.
+
+    The p-value is (1 + permutations that reach it) / (1 + permutations), which is valid for any
+    number of them (Phipson and Smyth, "Permutation p-values should never be zero", 2010).
+
+    Args:
+        a: Counts of each unit, shape (n, counts); whole units are exchanged.
+        b: Shape (m, counts).
+        statistic: From the added counts of two samples to their distances.
+        rng: Where the permutations come from.
+        permutations: How many.
+        paired: Whether a unit of one belongs to the unit of the other in the same place, and is
+            exchanged with that one only.
+    """
+    units = np.concatenate([a, b]).astype(np.float64)
+    total = units.sum(axis=0)
+    of_a = units[: len(a)].sum(axis=0)
+    observed = np.atleast_1d(statistic(of_a, total - of_a))
+    reached = np.zeros(len(observed), np.int64)
+    block = max(1, _BLOCK_BYTES // units.itemsize // len(units))
+    for first in range(0, permutations, block):
+        chosen = np.zeros((min(block, permutations - first), len(units)))
+        if paired:
+            chosen[:, : len(a)] = rng.integers(2, size=(len(chosen), len(a)))
+            chosen[:, len(a) :] = 1 - chosen[:, : len(a)]
+        else:
+            for row in chosen:
+                row[rng.permutation(len(units))[: len(a)]] = 1
+        sums = chosen @ units
+        drawn = statistic(sums, total - sums).reshape(len(chosen), -1)
+        reached += (drawn >= observed - _ROUNDING).sum(axis=0)
+    return Tested(observed, (1 + reached) / (1 + permutations))
+
+
+def holm(p_values: ArrayLike) -> Floats:
+    """Return p-values corrected for being many: at most `alpha` wherever Holm's test rejects.
+
+    Holm, "A simple sequentially rejective multiple test procedure", 1979.
+
+    Args:
+        p_values: Of one family of tests, shape (tests,).
+
+    Returns:
+        Shape (tests,), in the same order.
+    """
+    given = np.asarray(p_values, np.float64)
+    order = np.argsort(given, kind="stable")
+    steps = np.maximum.accumulate(given[order] * np.arange(len(given), 0, -1))
+    corrected = np.empty_like(given)
+    corrected[order] = np.minimum(steps, 1)
+    return corrected

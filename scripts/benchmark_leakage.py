@@ -1,0 +1,84 @@
+"""How the time of the leakage certificate grows with the number of labyrinths, at 5x5.
+
+    python scripts/benchmark_leakage.py [--quick]
+
+For each number of labyrinths a split, in seconds of one core: near twins looked up, as
+`near_twins.nearest` does up to 3 walls; the same by comparing all pairs, at 100,000 counted up
+from a part of them; the whole certificate of two splits without the nearest beyond 3 walls; and
+the sampler, without and with `splits.min_walls`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import time
+from collections.abc import Callable
+from itertools import islice
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # Before numpy.
+
+import numpy as np
+
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.sampling import sample_structures
+from pipeline import near_twins
+from pipeline.analysis.leakage import certify
+from pipeline.config import RunConfig, SplitsConfig, resolve
+from pipeline.generation.sample import sample
+
+PAIRS_TIMED = 10**9
+MIN_WALLS = (1, 2, 4)
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return how long one core works at something."""
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def sampled(count: int, min_walls: int) -> Callable[[], object]:
+    """Return what samples a dataset."""
+    config = RunConfig(
+        ["build"], labyrinths=count, splits=SplitsConfig(min_walls), data_dir="nowhere"
+    )
+    return lambda: sample(resolve(config).dataset)
+
+
+def measure(count: int) -> list[float]:
+    """Return the columns of one line."""
+    drawn = sample_structures(5, 5, np.random.default_rng(0))
+    structures = list(dict.fromkeys(islice(drawn, 2 * count + count // 10)))[: 2 * count]
+    of, among = (near_twins.passage_table(structures[start::2]) for start in (0, 1))
+    some = of[: PAIRS_TIMED // count]
+    splits = {
+        name: [Labyrinth(structure, 0, 24) for structure in structures[start::2]]
+        for name, start in (("train", 0), ("test", 1))
+    }
+    looked_up = seconds(lambda: near_twins.nearest(of, among))
+    compared = seconds(lambda: near_twins._nearest_of_all(some, among)) * len(of) / len(some)
+    whole = seconds(lambda: certify(splits))
+    return [looked_up, compared, whole, *(seconds(sampled(count, w)) for w in MIN_WALLS)]
+
+
+def main() -> None:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="leave out 100,000 labyrinths")
+    arguments = parser.parse_args()
+    near_twins.MOST_PAIRS = 0
+    print(
+        f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
+        f"numpy {np.__version__}; seconds of one core"
+    )
+    headings = ["labyrinths", "looked up", "all pairs", "certificate"]
+    headings += [f"min_walls={walls}" for walls in MIN_WALLS]
+    print("".join(f"{heading:>13}" for heading in headings))
+    for count in (1_000, 10_000) if arguments.quick else (1_000, 10_000, 100_000):
+        print(f"{count:>13,}" + "".join(f"{value:>13.3f}" for value in measure(count)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""Measure ways to write the rows of a dataset to Parquet: bytes a row, and time to write and read.
+
+    python scripts/benchmark_parquet.py
+    python scripts/benchmark_parquet.py --quick
+
+What is written are optimal episodes and those of a random policy, which come back to states they
+have been in. The ways take turns in every round; figures are medians of CPU time. A reader goes
+through a file as `datasets` does without decoding, row group by row group, then takes 100 single
+row groups, as one who jumps about.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import platform
+import time
+from collections.abc import Iterator
+from importlib.metadata import version
+from statistics import median
+from typing import Any, NamedTuple
+
+import pyarrow.parquet as pq
+
+from pipeline.config import RunConfig, resolve
+from pipeline.generation import write as writing
+from pipeline.generation.render import render
+from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
+from pipeline.generation.solve import solve
+from pipeline.schema import Row
+
+WAYS: dict[str, tuple[int, dict[str, Any]]] = {
+    "as chosen": (writing.ROW_GROUP, {}),
+    "zstd 3": (writing.ROW_GROUP, {"compression_level": 3}),
+    "zstd 9": (writing.ROW_GROUP, {"compression_level": 9}),
+    "zstd -1": (writing.ROW_GROUP, {"compression_level": -1}),
+    "lz4": (writing.ROW_GROUP, {"compression": "lz4", "compression_level": None}),
+    "snappy": (writing.ROW_GROUP, {"compression": "snappy", "compression_level": None}),
+    "not compressed": (writing.ROW_GROUP, {"compression": "none", "compression_level": None}),
+    "groups of 64": (64, {}),
+    "groups of 1,024": (1_024, {}),
+    "pages of 64 KiB": (writing.ROW_GROUP, {"data_page_size": 2**16}),
+    "dictionary of pictures": (writing.ROW_GROUP, {"use_dictionary": ["info", "obs.bytes"]}),
+    "no statistics": (writing.ROW_GROUP, {"write_statistics": False}),
+    "no page index": (writing.ROW_GROUP, {"write_page_index": False}),
+}
+"""Way -> rows after which a group ends, and what differs from `WRITER_OPTIONS`."""
+
+
+class Turn(NamedTuple):
+    """Rows written and read in one way; seconds of CPU time a row."""
+
+    bytes: float
+    write: float
+    read: float
+    jump: float
+    """Seconds to read one row group."""
+
+
+def episodes_of(size: str, labyrinths: int, split: str) -> list[list[Row]]:
+    """Return the rows of each episode of a split."""
+    options = RunConfig(stages=["build"], size=size, labyrinths=labyrinths, data_dir="unused")
+    config = resolve(options).dataset
+    items = (
+        (labyrinth_of(config, split, structure), item_rng(config, split, structure, ACTING))
+        for structure in sample(config)["train"]
+    )
+    solutions = enumerate(solve(config, split, items))
+    return [rows for n, solution in solutions for rows in render(split, n, solution.episodes)]
+
+
+def take_turn(episodes: list[list[Row]], row_group: int, options: dict[str, Any]) -> Turn:
+    """Write and read the episodes once."""
+    count = sum(map(len, episodes))
+    file = io.BytesIO()
+    begin = time.process_time()
+    with pq.ParquetWriter(
+        file, writing.written_schema(), **writing.WRITER_OPTIONS | options
+    ) as writer:
+        for table in tables(episodes, row_group):
+            writer.write_table(table)
+    written = time.process_time()
+    reader = pq.ParquetFile(io.BytesIO(file.getvalue()))
+    for group in range(reader.num_row_groups):
+        reader.read_row_group(group, use_threads=False)
+    read = time.process_time()
+    for number in range(100):
+        reader.read_row_group(number * 7 % reader.num_row_groups, use_threads=False)
+    jumped = time.process_time()
+    return Turn(
+        bytes=len(file.getvalue()) / count,
+        write=(written - begin) / count,
+        read=(read - written) / count,
+        jump=(jumped - read) / 100,
+    )
+
+
+def tables(episodes: list[list[Row]], row_group: int) -> Iterator[Any]:
+    """Yield the row groups as tables, as `write` makes them."""
+    group: list[Row] = []
+    for rows in episodes:
+        group += rows
+        if len(group) >= row_group:
+            yield writing.table_of(group)
+            group = []
+    if group:
+        yield writing.table_of(group)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--quick", action="store_true", help="few labyrinths, two rounds")
+    arguments = parser.parse_args()
+    rounds, share = (2, 10) if arguments.quick else (arguments.rounds, 1)
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "pyarrow"))
+    print(f"{os.cpu_count()} cores, Python {platform.python_version()}, {libraries}")
+    print(f"us a row, CPU time, medians of {rounds} rounds; ms a group for a single row group")
+    for size, labyrinths, split in [("5", 300, "train"), ("5", 50, "random"), ("25", 50, "train")]:
+        episodes = episodes_of(size, max(1, labyrinths // share), split)
+        turns: dict[str, list[Turn]] = {way: [] for way in WAYS}
+        for _ in range(rounds):
+            for way, (row_group, options) in WAYS.items():
+                turns[way].append(take_turn(episodes, row_group, options))
+        print(f"\nsize {size}, {split}: {sum(map(len, episodes)):,} rows")
+        print(f"{'':>24}{'bytes a row':>12}{'write':>8}{'read':>8}{'one group':>11}")
+        for way, of_way in turns.items():
+            size_of_row, write, read, jump = map(median, zip(*of_way, strict=True))
+            print(f"{way:>24}{size_of_row:12.1f}{1e6 * write:8.2f}{1e6 * read:8.2f}", end="")
+            print(f"{1e3 * jump:8.2f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""How large the report on many labyrinths is, and how soon it can be used.
+
+    python scripts/benchmark_report.py            # 100,000 labyrinths of 5x5
+    python scripts/benchmark_report.py --size 25 --labyrinths 20000
+
+A dataset of so many pictures would take long to make, so the labyrinths are sampled here and
+packed by the report's own functions. The times are those that Chromium gives: from the start of
+the navigation to the first contentful paint, and to where the gallery shows labyrinths and
+answers; medians of several openings, each in a context of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Browser, sync_playwright
+
+from labyrinth_core.grid import parse_size
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.language import dump
+from labyrinth_core.rollout import random_episode
+from labyrinth_core.sampling import sample_structures
+from labyrinth_core.solver import shortest_route
+from labyrinth_core.tasks import default_start_and_goal
+from pipeline.analysis.packing import PackedSplit, pack_episodes
+from pipeline.analysis.report import PACKED_BYTES, PAGE, describe, page
+from pipeline.config import RunConfig, resolve
+from pipeline.manifest import Manifest
+from pipeline.schema import SPLITS
+
+RANDOM_STEPS = 100
+
+TIMES = """async () => {
+  const paint = await new Promise((resolve) => {
+    const painted = (list) =>
+      list.getEntriesByName("first-contentful-paint").forEach((entry) => resolve(entry.startTime));
+    new PerformanceObserver(painted).observe({ type: "paint", buffered: true });
+  });
+  const usable = performance.getEntriesByName("usable")[0].startTime;
+  const id = window.labyrinths.BLOCKS.at(-1).hex("id", 0);
+  const began = performance.now();
+  const box = document.querySelector("input[name=id]");
+  box.value = id;
+  box.dispatchEvent(new Event("input", { bubbles: true }));
+  const found = performance.now() - began;
+  return { paint, usable, found };
+}"""
+
+
+def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[str, list[int]]]:
+    """Yield the text of a labyrinth, and actions, of so many episodes."""
+    rng = np.random.default_rng(list(SPLITS).index(split))
+    structures = sample_structures(*size, rng)
+    for structure in (next(structures) for _ in range(count)):
+        labyrinth = Labyrinth(structure, *default_start_and_goal(*size))
+        if split == "random":
+            actions = random_episode(labyrinth, rng, RANDOM_STEPS).actions.tolist()
+        else:
+            actions = shortest_route(labyrinth, rng)
+        yield dump(labyrinth), actions
+
+
+def packed(size: tuple[int, int], labyrinths: int) -> dict[str, PackedSplit]:
+    """Return six splits that hold so many labyrinths together."""
+    each = labyrinths // len(SPLITS)
+    cells = size[0] * size[1]
+    return {split: pack_episodes(episodes(split, size, each), cells) for split in SPLITS}
+
+
+def opened(browser: Browser, path: Path) -> dict[str, Any]:
+    """Return what one opening of a page took, in milliseconds."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    tab = context.new_page()
+    tab.goto(path.as_uri())
+    times: dict[str, Any] = tab.evaluate(TIMES)
+    context.close()
+    return times
+
+
+def main() -> None:
+    """Make the page, open it, and print what was measured."""
+    parser = argparse.ArgumentParser(description="Size of the report, and time until it is usable")
+    parser.add_argument("--labyrinths", type=int, default=100_000)
+    parser.add_argument("--size", default="5", help="rows and columns, as for run.py")
+    parser.add_argument("--openings", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="6,000 labyrinths")
+    options = parser.parse_args()
+    labyrinths = 6_000 if options.quick else options.labyrinths
+    began = time.perf_counter()
+    splits = packed(parse_size(options.size), labyrinths)
+    config = resolve(RunConfig(stages=["report"], size=options.size, data_dir="-")).dataset
+    limit = PACKED_BYTES // len(SPLITS)
+    told = describe(Manifest(config, {}, ()), splits, limit)
+    text = page([told])
+    seconds = time.perf_counter() - began
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        path = Path(folder) / PAGE
+        path.write_text(text, encoding="utf-8")
+        megabytes = path.stat().st_size / 1e6
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"))
+        runs = [opened(browser, path) for _ in range(options.openings)]
+        version = browser.version
+        browser.close()
+    median = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
+    held, shown = (sum(split[name] for split in told["splits"]) for name in ("labyrinths", "shown"))
+    print(
+        f"{held:,} labyrinths of {config.name}, {shown:,} of them in the page; Chromium {version}"
+    )
+    print(f"  sampled, solved, packed  {seconds:8.1f} s")
+    print(f"  index.html               {megabytes:8.1f} MB")
+    print(f"  first contentful paint   {median['paint']:8.0f} ms")
+    print(f"  gallery usable           {median['usable']:8.0f} ms")
+    print(f"  one found by its id      {median['found']:8.0f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""The stage `analyse`: what it writes and says, of our datasets and of those from elsewhere."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.language import dump, labyrinth_id, parse
+from pipeline.analysis import analyse
+from pipeline.config import LeakageConfig
+from pipeline.manifest import ANALYSIS, DatasetError, Manifest
+from pipeline.schema import SAMPLED_SPLITS, SPLITS
+
+
+def infos(folder, split):
+    (path,) = folder.glob(f"{split}-*.parquet")
+    return list(dict.fromkeys(pq.read_table(path, columns=["info"])["info"].to_pylist()))
+
+
+@pytest.fixture(scope="module")
+def analysed(small_dataset, tmp_path_factory):
+    """The folder of a dataset that was analysed; not to be changed."""
+    folder = tmp_path_factory.mktemp("analysed") / "labyrinth"
+    shutil.copytree(small_dataset.data_dir, folder)
+    return folder / "3x3"
+
+
+def run_on(make_run, data_dir, **options):
+    analyse.run(make_run(data_dir, stages=["analyse"], **options))
+
+
+def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it(
+    analysed, make_run, capsys
+):
+    run_on(make_run, analysed.parent)
+    content = json.loads((analysed / ANALYSIS).read_bytes())
+    assert content["fingerprint"] == Manifest.read(analysed).fingerprint
+    leakage, shift = content["leakage"], content["shift"]
+    assert leakage["labyrinths"] == dict.fromkeys(SPLITS, 8)
+    assert leakage["repeated"] == dict.fromkeys(SPLITS, 0)
+    assert leakage["strangers"] == {"random": [], "s0": [], "s0_and_g": []}
+    for pair in leakage["pairs"]:
+        assert pair["equal"] == pair["mirrored"] == {}
+        ids = {labyrinth_id(text) for text in infos(analysed, pair["second"])}
+        assert set(pair["nearest"]) == ids
+    assert [pair["second"] for pair in leakage["pairs"]] == ["validation", "test", "test"]
+    assert len(shift["measures"]) == 36
+    assert {test["labyrinths"][0] for test in shift["measures"]} == {8}
+    shown = capsys.readouterr().out
+    assert "shift between splits" in shown
+    assert "has the structure of" not in shown
+    assert all(len(line) <= 80 for line in shown.splitlines() if "analysis.json" not in line)
+
+
+def test_workers_and_another_run_change_no_byte(analysed, make_run):
+    run_on(make_run, analysed.parent)
+    before = (analysed / ANALYSIS).read_bytes()
+    run_on(make_run, analysed.parent, workers=2)
+    assert (analysed / ANALYSIS).read_bytes() == before
+
+
+def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):
+    with pytest.raises(DatasetError, match="holds no finished dataset"):
+        run_on(make_run, tmp_path)
+
+
+def test_a_labyrinth_that_is_none_is_refused_in_one_line(analysed, make_run, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(analysed.parent, folder)
+    (path,) = (folder / "3x3").glob("test-*.parquet")
+    table = pq.read_table(path)
+    texts = pa.array(["no labyrinth"] * len(table))
+    pq.write_table(table.set_column(4, "info", texts), path)
+    with pytest.raises(DatasetError, match="damaged"):
+        run_on(make_run, folder)
+
+
+# From elsewhere.
+
+
+def turned(text):
+    labyrinth = parse(text)
+    return dump(Labyrinth(labyrinth.structure.transposed(), labyrinth.start, labyrinth.goal))
+
+
+@pytest.fixture
+def files(small_dataset, tmp_path):
+    """A folder of files by split, two of which leak."""
+    texts = {split: infos(small_dataset.folder, split) for split in SAMPLED_SPLITS}
+    images = [text for text in texts["train"] if turned(text) != text]
+    texts["test"] += [texts["validation"][0], turned(images[0])]
+    for split, of in texts.items():
+        folder = tmp_path / "files" / split
+        folder.mkdir(parents=True)
+        for number, text in enumerate(of):
+            (folder / f"{number:02}.labyrinth").write_text(text, encoding="utf-8")
+    return tmp_path / "files"
+
+
+def certified(make_run, source, tmp_path, config=None):
+    data_dir = tmp_path / "data"
+    run_on(make_run, data_dir, leakage=LeakageConfig(str(source), config))
+    (path,) = (data_dir / "analysis").iterdir()
+    content = json.loads(path.read_bytes())
+    assert content["source"] == str(source)
+    pairs = {(pair["first"], pair["second"]): pair for pair in content["leakage"]["pairs"]}
+    return content, pairs
+
+
+def test_files_by_split_are_certified_and_those_that_leak_are_named(
+    files, make_run, tmp_path, capsys
+):
+    content, pairs = certified(make_run, files, tmp_path)
+    assert list(pairs) == [("train", "validation"), ("train", "test"), ("validation", "test")]
+    (equal,) = pairs["validation", "test"]["equal"].items()
+    assert content["files"]["test"][equal[0]] == str(files / "test" / "08.labyrinth")
+    assert content["files"]["validation"][equal[1]] == str(files / "validation" / "00.labyrinth")
+    (mirrored,) = pairs["train", "test"]["mirrored"]
+    assert content["files"]["test"][mirrored] == str(files / "test" / "09.labyrinth")
+    lines = capsys.readouterr().out.splitlines()
+    test, validation = files / "test", files / "validation"
+    assert f"{test / '08.labyrinth'} has the structure of {validation / '00.labyrinth'}" in lines
+    named = [line for line in lines if "has a mirror image of" in line]
+    assert len(named) == 1
+    assert named[0].startswith(str(test / "09.labyrinth"))
+
+
+def test_a_file_that_is_no_labyrinth_is_named_in_one_line(files, make_run, tmp_path):
+    (files / "test" / "00.labyrinth").write_text("labyrinth:\n---\n", encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"test/00\.labyrinth:2:") as caught:
+        certified(make_run, files, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_dataset_in_parquet_is_certified_as_our_own_is(analysed, make_run, tmp_path):
+    run_on(make_run, analysed.parent)
+    own = json.loads((analysed / ANALYSIS).read_bytes())
+    _, pairs = certified(make_run, analysed.parent, tmp_path, "3x3")
+    assert list(pairs.values()) == own["leakage"]["pairs"]
+
+
+def table_of(texts):
+    return pa.table({"obs": [b""] * len(texts), "info": texts})
+
+
+def test_only_the_texts_of_a_dataset_are_needed(small_dataset, make_run, tmp_path, capsys):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    texts = infos(small_dataset.folder, "train")
+    pq.write_table(table_of(texts[:5] * 2), folder / "train.parquet")
+    pq.write_table(table_of(texts[4:]), folder / "test.parquet")
+    content, pairs = certified(make_run, folder, tmp_path)
+    assert content["leakage"]["labyrinths"] == {"train": 5, "test": 4}
+    number = labyrinth_id(texts[4])
+    assert pairs["train", "test"]["equal"] == {number: number}
+    assert f"test {number} has the structure of train {number}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [(["no labyrinth"], "train info: no labyrinth: "), ([1], "every row needs a text")],
+)
+def test_rows_without_a_labyrinth_are_refused_in_one_line(make_run, tmp_path, texts, message):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    pq.write_table(table_of(texts), folder / "train.parquet")
+    with pytest.raises(DatasetError, match=message) as caught:
+        certified(make_run, folder, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_source_that_is_nowhere_is_refused_in_one_line(make_run, tmp_path):
+    with pytest.raises(DatasetError, match="nobody/nothing is no folder") as caught:
+        certified(make_run, "nobody/nothing", tmp_path)
+    assert "\n" not in str(caught.value)

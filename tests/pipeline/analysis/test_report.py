@@ -1,0 +1,195 @@
+"""The report as a file: what it says of a dataset, and what it leaves alone."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+from collections import Counter
+
+import numpy as np
+import pytest
+from reporting import RUN_NAME, analyse, evaluate
+
+from labyrinth_core.language import parse
+from labyrinth_core.solver import shortest_route
+from pipeline.analysis import report
+from pipeline.analysis.findings import read_analysis, read_runs
+from pipeline.analysis.packing import pack, pack_episodes
+from pipeline.analysis.report import PAGE, page, write_report
+from pipeline.loader import load_episodes
+from pipeline.manifest import ANALYSIS, DatasetError, Manifest
+from pipeline.release.card import published_files, write_card
+from pipeline.schema import SPLITS
+
+ROOMY = 10**9
+
+
+@pytest.fixture
+def data_dir(small_dataset, tmp_path):
+    """A copy of a small dataset, and nothing found out about it."""
+    shutil.copytree(small_dataset.data_dir, tmp_path / "labyrinth")
+    return tmp_path / "labyrinth"
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Drawing them takes longer than all the rest."""
+    monkeypatch.setattr(report, "draw_figures", lambda *_: True)
+
+
+def data_of(text: str):
+    """Return the data that a page holds."""
+    return json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def content_of(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+
+
+def test_the_counts_are_those_of_the_episodes(small_dataset):
+    manifest = Manifest.read(small_dataset.folder)
+    for split, packed in pack(small_dataset.folder, manifest, ROOMY).items():
+        told = packed.to_json(ROOMY)
+        visits, actions, moves = Counter(), Counter(), Counter()
+        labyrinths = {}
+        for episode in load_episodes(
+            small_dataset.data_dir, "3x3", split=split, observation="vector"
+        ):
+            visits.update(episode.observations[:, 0].tolist())
+            actions.update(episode.actions.tolist())
+            labyrinths[episode.labyrinth_id] = parse(episode.info)
+        rng = np.random.default_rng(0)
+        moves.update(len(shortest_route(each, rng)) for each in labyrinths.values())
+        ways = [
+            Counter(cell for pair in each.structure.passages() for cell in pair).values()
+            for each in labyrinths.values()
+        ]
+        assert told["labyrinths"] == told["shown"] == len(labyrinths)
+        assert told["actions"] == [actions[action] for action in range(4)]
+        assert told["moves"] == sorted(moves.items())
+        assert told["loops"] == sorted(Counter(sum(each) // 2 - 8 for each in ways).items())
+        junctions = Counter(sum(count > 2 for count in each) for each in ways)
+        assert told["junctions"] == sorted(junctions.items())
+        assert sum(told["visits"]) == sum(actions.values()) + told["episodes"]
+
+
+def test_shards_add_up_to_what_they_are_together(small_dataset):
+    manifest = Manifest.read(small_dataset.folder)
+    episodes = [
+        (episode.info, episode.actions.tolist())
+        for episode in load_episodes(small_dataset.data_dir, "3x3", observation="vector")
+    ]
+    whole = pack_episodes(episodes, 9)
+    parts = pack_episodes(episodes[:3], 9)
+    parts.add(pack_episodes(episodes[3:], 9), ROOMY)
+    assert parts.to_json(ROOMY) == whole.to_json(ROOMY)
+    assert whole.to_json(ROOMY) == pack(small_dataset.folder, manifest, 0)["train"].to_json(ROOMY)
+
+
+@pytest.mark.parametrize("limit", [0, 100, 300, 10**6])
+def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_dataset, limit):
+    episodes = [
+        (episode.info, episode.actions.tolist())
+        for episode in load_episodes(small_dataset.data_dir, "3x3", observation="vector")
+    ]
+    told = pack_episodes(episodes, 9).to_json(limit)
+    assert told["labyrinths"] == 8
+    assert told["shown"] == {0: 0, 100: 2, 300: 6, 10**6: 8}[limit]
+    assert sum(len(column["data"]) for column in told["columns"].values()) * 3 / 4 <= limit + 30
+
+
+def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    first = write_report(data_dir, tmp_path / "runs").parent
+    before = content_of(first)
+    shutil.rmtree(first)
+    write_report(data_dir, tmp_path / "runs", workers=2)
+    assert content_of(first) == before
+    kinds = ("moves", "actions", "visits", "loops", "junctions", "results")
+    files = {f"3x3-{kind}.{ending}" for kind in kinds for ending in ("svg", "png")}
+    assert {path.name for path in before} == {PAGE, *files}
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
+    write_card(data_dir)
+    before = content_of(data_dir)
+    manifests = [Manifest.read(data_dir / "3x3")]
+    published = published_files(data_dir, manifests)
+    path = write_report(data_dir, tmp_path / "runs")
+    after = content_of(data_dir)
+    assert {name: after[name] for name in before} == before
+    assert set(after) - set(before) == {path.relative_to(data_dir)}
+    assert published_files(data_dir, manifests) == published
+
+
+def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
+    text = page([], [{"name": "</script><script>alert(1)</script>{{script}}"}])
+    assert data_of(text)["results"][0]["name"] == "</script><script>alert(1)</script>{{script}}"
+    assert text.count("<script") == 2
+    assert not re.search(r"""(src|href)=["'](?!data:)|@import|url\(""", text)
+    assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|\beval\b", text)
+    assert "default-src 'none'" in text
+    assert "unsafe" not in text
+
+
+def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
+    folder = data_dir / "3x3"
+    manifest = Manifest.read(folder)
+    assert read_analysis(folder, manifest) is None
+    content = analyse(folder)
+    found = read_analysis(folder, manifest)
+    counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
+    assert found["pairs"][0]["counts"] == counts
+    assert found["pairs"][0]["walls"] == [0, 4]
+    (folder / ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
+    assert read_analysis(folder, manifest) is None
+
+
+def test_runs_are_shown_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
+    folder = data_dir / "3x3"
+    manifest = Manifest.read(folder)
+    assert read_runs(tmp_path / "runs", [manifest]) == []
+    failed = evaluate(folder, tmp_path / "runs")
+    (run,) = read_runs(tmp_path / "runs", [manifest])
+    assert (run["name"], run["config"]) == (RUN_NAME, "3x3")
+    assert run["splits"]["test"]["failed"] == failed
+    path = tmp_path / "runs" / "3x3" / RUN_NAME / "evaluation.json"
+    path.write_text(path.read_text().replace(manifest.fingerprint, "another"))
+    assert read_runs(tmp_path / "runs", [manifest]) == []
+
+
+@pytest.mark.parametrize("damage", ["{", "[]", '{"fingerprint": null}', "[" * 100_000])
+def test_damaged_findings_are_named_in_one_line(data_dir, tmp_path, damage):
+    if damage == '{"fingerprint": null}':
+        damage = json.dumps({"fingerprint": Manifest.read(data_dir / "3x3").fingerprint})
+    (data_dir / "3x3" / ANALYSIS).write_text(damage)
+    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*$"):
+        write_report(data_dir, tmp_path / "runs")
+    assert not (data_dir / "report").exists()
+
+
+def test_a_folder_without_dataset_and_a_damaged_shard_are_refused(data_dir, tmp_path):
+    with pytest.raises(DatasetError, match=r"holds no finished dataset: stages=\[build\]"):
+        write_report(tmp_path, tmp_path / "runs")
+    shard = next((data_dir / "3x3").glob("test-*.parquet"))
+    shard.write_bytes(shard.read_bytes()[:-1])
+    with pytest.raises(DatasetError, match="is damaged"):
+        write_report(data_dir, tmp_path / "runs")
+
+
+def test_without_matplotlib_the_page_is_written_and_the_extra_named(
+    data_dir, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    path = write_report(data_dir, tmp_path / "runs")
+    assert data_of(path.read_text())["figures"] is None
+    assert "labyrinth-datasets[analysis]" in capsys.readouterr().out
+    assert [each.name for each in path.parent.iterdir()] == [PAGE]
+
+
+def test_the_splits_are_in_the_order_of_the_table(small_dataset):
+    packed = pack(small_dataset.folder, Manifest.read(small_dataset.folder), ROOMY)
+    assert list(packed) == list(SPLITS)
