@@ -36,12 +36,24 @@ STAGES = {
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
     "results": "pipeline.training.results",
+    "environments": "pipeline.analysis.environments",
 }
 """Stage -> the module whose `run` performs it."""
 
 TRAINING_STAGES = {"train", "evaluate", "results"}
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
+
+LABYRINTH = "Labyrinth"
+ENVIRONMENTS = (
+    LABYRINTH,
+    "MountainCar-v0",
+    "CartPole-v1",
+    "Hopper-v5",
+    "Walker2d-v5",
+    "HalfCheetah-v5",
+)
+"""What the stage `environments` compares: labyrinths, and environments of Gymnasium."""
 
 MAX_WORKERS = 1_000
 """More processes than one machine has cores for, and fewer than it refuses to start."""
@@ -96,6 +108,16 @@ class PublishConfig:
 
 
 @dataclass
+class AnalysisConfig:
+    """The schema of `analysis`."""
+
+    seeds: int = 1000
+    environments: list[str] = field(default_factory=lambda: list(ENVIRONMENTS))
+    experts: list[str] = field(default_factory=list)
+    folder: str = "results/environments"
+
+
+@dataclass
 class RunConfig(TrainingConfig):
     """The schema of `conf/config.yaml`; `OPTIONS` explains each field."""
 
@@ -116,6 +138,7 @@ class RunConfig(TrainingConfig):
     task: TaskConfig = field(default_factory=TaskConfig)
     leakage: LeakageConfig = field(default_factory=LeakageConfig)
     publish: PublishConfig = field(default_factory=PublishConfig)
+    analysis: AnalysisConfig = field(default_factory=AnalysisConfig)
 
 
 OPTIONS = {
@@ -145,6 +168,10 @@ OPTIONS = {
     "publish.branch": "branch to release on",
     "publish.create_pr": "open a pull request instead",
     "publish.collection": "title of a collection on the Hub that the dataset joins",
+    "analysis.seeds": "episodes of each environment; the original has 100000",
+    "analysis.environments": "which: " + ", ".join(ENVIRONMENTS),
+    "analysis.experts": "Stable-Baselines3 archives to take as experts, [Hopper-v5:path or Hub id]",
+    "analysis.folder": "where the stage environments leaves its tables and pictures",
 }
 """What each option means, as `python run.py --help` and the README say it."""
 
@@ -225,6 +252,17 @@ class PublishOptions:
 
 
 @dataclass(frozen=True)
+class AnalysisOptions:
+    """Which environments to compare, on how many episodes, checked."""
+
+    seeds: int
+    environments: tuple[str, ...]
+    experts: Mapping[str, str]
+    """Environment -> Stable-Baselines3 archive to take instead of our expert."""
+    folder: Path
+
+
+@dataclass(frozen=True)
 class Run:
     """One run of the pipeline, checked."""
 
@@ -240,6 +278,8 @@ class Run:
     """None unless the stage `publish` is asked for."""
     training: TrainingOptions | None = None
     """None unless a stage of training is asked for."""
+    analysis: AnalysisOptions | None = None
+    """None unless the stage `environments` is asked for."""
 
     @property
     def folder(self) -> Path:
@@ -306,6 +346,7 @@ def resolve(config: RunConfig) -> Run:
     _check_fields(config.splits, "splits.", vars(SplitsConfig()))
     _check_fields(config.leakage, "leakage.", vars(LeakageConfig()))
     _check_fields(config.publish, "publish.", vars(PublishConfig()))
+    _check_fields(config.analysis, "analysis.", vars(AnalysisConfig()))
     unknown = [stage for stage in config.stages if stage not in STAGES]
     _check(
         not unknown and len(config.stages) > 0,
@@ -327,6 +368,7 @@ def resolve(config: RunConfig) -> Run:
         run_dir=Path(config.run_dir).expanduser(),
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
         training=_resolve_training(config) if TRAINING_STAGES & set(config.stages) else None,
+        analysis=_resolve_analysis(config.analysis) if "environments" in config.stages else None,
     )
 
 
@@ -352,6 +394,29 @@ def _resolve_publish(config: PublishConfig) -> PublishOptions:
         f"publish.branch={config.branch}: give the name of a branch, such as main",
     )
     return PublishOptions(**vars(config) | {"repo_id": repo_id, "version": version})
+
+
+def _resolve_analysis(config: AnalysisConfig) -> AnalysisOptions:
+    _check(4 <= config.seeds <= 10**9, f"analysis.seeds={config.seeds}: give 4 to 1,000,000,000")
+    unknown = [name for name in config.environments if name not in ENVIRONMENTS]
+    _check(
+        not unknown and len(config.environments) > 0,
+        f"analysis.environments={_listed(config.environments)}: "
+        f"choose from {_listed(ENVIRONMENTS)}",
+    )
+    experts = dict(expert.partition(":")[::2] for expert in config.experts)
+    _check(
+        all(name in ENVIRONMENTS[1:] and archive for name, archive in experts.items()),
+        f"analysis.experts={_listed(config.experts)}: give environment:archive, "
+        f"the environment one of {_listed(ENVIRONMENTS[1:])}",
+    )
+    _check(config.folder.strip() != "", "analysis.folder is empty: give a folder")
+    return AnalysisOptions(
+        seeds=config.seeds,
+        environments=tuple(dict.fromkeys(config.environments)),
+        experts=experts,
+        folder=Path(config.folder).expanduser(),
+    )
 
 
 def _resolve_dataset(config: RunConfig) -> DatasetConfig:

@@ -33,16 +33,28 @@ HOMES = {
         "pipeline.source",
         "pipeline.release.verify",  # Loads a release the way that strangers will.
     ),
-    "huggingface_hub": ("pipeline.release", "pipeline.source"),
-    "torch": ("pipeline.training",),
+    "huggingface_hub": (
+        "pipeline.release",
+        "pipeline.source",
+        "pipeline.analysis.experts.stable_baselines",  # Archives of experts, by their id.
+    ),
+    "torch": (
+        "pipeline.training",
+        "pipeline.analysis.experts.stable_baselines",  # Weights, read without pickle.
+    ),
     "safetensors": ("pipeline.training",),
     "gymnasium": (
         "labyrinth_core.env",
         "labyrinth_core.vector_env",
         "pipeline.training",
-        "pipeline.analysis.experts",
+        "pipeline.analysis.worlds",
     ),
-    "matplotlib": ("pipeline.analysis.report_figures", "pipeline.training.record"),
+    "mujoco": ("pipeline.analysis.worlds",),
+    "matplotlib": (
+        "pipeline.analysis.report_figures",
+        "pipeline.analysis.variation_report",
+        "pipeline.training.record",
+    ),
     "pygame": ("labyrinth_core.env", "labyrinth_core.__main__", "labyrinth_core.window"),
 }
 """Where alone a library is imported: in these modules and those within them."""
@@ -267,7 +279,7 @@ def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source)
         ("pipeline/source", "import datasets, huggingface_hub, pyarrow"),
         ("pipeline/release/card", "from labyrinth_core.solver import distances"),
         ("pipeline/release/card", "from pipeline.schema import Row"),
-        ("pipeline/analysis/experts", "import gymnasium"),
+        ("pipeline/analysis/worlds", "import gymnasium"),
         ("pipeline/training/train", "import torch, gymnasium"),
         ("pipeline/generation/build", "from pipeline.generation import render, sample"),
         ("run", "import hydra\nfrom pipeline.generation.build import build"),
