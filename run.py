@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.config import STAGES, ConfigError, RunConfig, one_line, register, resolve
+from pipeline.executor import cluster
 from pipeline.manifest import DatasetError
 
 
@@ -18,8 +19,9 @@ def main(config: RunConfig) -> None:
     """Perform the stages of one run."""
     try:
         run = resolve(OmegaConf.to_object(config))
-        for stage in run.stages:
-            import_module(STAGES[stage]).run(run)
+        with cluster(run.executor, run.workers, run.executor_address):
+            for stage in run.stages:
+                import_module(STAGES[stage]).run(run)
     except OmegaConfBaseException as error:
         raise SystemExit(f"error: {one_line(error)}") from error
     except (ConfigError, DatasetError) as error:

@@ -19,6 +19,7 @@ from labyrinth_core.grid import parse_size
 from labyrinth_core.labyrinth import Task
 from labyrinth_core.renderer import MAX_PICTURED_SIDE, PICTURE_SIZE
 from labyrinth_core.sampling import ALGORITHMS, default_open_walls
+from pipeline.storage import AnyPath, RemotePath, folder_at
 from pipeline.training_config import (
     TRAINING_OPTIONS,
     TrainingConfig,
@@ -54,6 +55,8 @@ ENVIRONMENTS = (
     "HalfCheetah-v5",
 )
 """What the stage `environments` compares: labyrinths, and environments of Gymnasium."""
+
+EXECUTORS = ("local", "dask", "ray")
 
 MAX_WORKERS = 1_000
 """More processes than one machine has cores for, and fewer than it refuses to start."""
@@ -135,6 +138,8 @@ class RunConfig(TrainingConfig):
     data_dir: str = ""
     overwrite: bool = False
     workers: int = 1
+    executor: str = "local"
+    executor_address: str | None = None
     task: TaskConfig = field(default_factory=TaskConfig)
     leakage: LeakageConfig = field(default_factory=LeakageConfig)
     publish: PublishConfig = field(default_factory=PublishConfig)
@@ -153,9 +158,12 @@ OPTIONS = {
     "buckets": "percent of all structures that may be in each split (buckets.train=...)",
     "splits.min_walls": "least number of walls between structures of two splits (1: not equal)",
     "seed": "same seed and options, same bytes; in training, same weights",
-    "data_dir": "folder of the dataset; each size and task is a folder in it",
+    "data_dir": "folder of the dataset, or a URL such as s3://bucket/name; each size and task is a "
+    "folder in it",
     "overwrite": "replace a finished dataset or run that was made with other options",
     "workers": "processes",
+    "executor": "who runs them: local (this machine), dask or ray",
+    "executor_address": "of a running cluster of Dask or Ray; else one is started for the run",
     "stages": "what to do, in order: " + ", ".join(STAGES),
     **TRAINING_OPTIONS,
     "leakage.source": "dataset from elsewhere to analyse: a folder of .labyrinth files by split, "
@@ -268,12 +276,14 @@ class Run:
 
     stages: tuple[str, ...]
     dataset: DatasetConfig
-    data_dir: Path
+    data_dir: AnyPath
     overwrite: bool
     workers: int
     leakage: LeakageOptions
     run_dir: Path
     """Folder of the training runs."""
+    executor: str = "local"
+    executor_address: str | None = None
     publish: PublishOptions | None = None
     """None unless the stage `publish` is asked for."""
     training: TrainingOptions | None = None
@@ -282,7 +292,13 @@ class Run:
     """None unless the stage `environments` is asked for."""
 
     @property
-    def folder(self) -> Path:
+    def local_dir(self) -> Path:
+        """The data_dir, for stages that `resolve` lets have a local one only."""
+        assert isinstance(self.data_dir, Path)
+        return self.data_dir
+
+    @property
+    def folder(self) -> AnyPath:
         """Where the dataset of this run lies."""
         return self.data_dir / self.dataset.name
 
@@ -358,14 +374,24 @@ def resolve(config: RunConfig) -> Run:
     )
     for name in ("data_dir", "run_dir"):
         _check(getattr(config, name).strip() != "", f"{name} is empty: give a folder")
+    _check(
+        config.executor in EXECUTORS,
+        f"executor={config.executor}: choose one of {_listed(EXECUTORS)}",
+    )
+    _check(
+        config.executor_address is None or config.executor != "local",
+        f"executor_address={config.executor_address}: executor=local has none",
+    )
     return Run(
         stages=tuple(config.stages),
         dataset=_resolve_dataset(config),
-        data_dir=Path(config.data_dir).expanduser(),
+        data_dir=_resolve_data_dir(config),
         overwrite=config.overwrite,
         workers=config.workers,
         leakage=LeakageOptions(config.leakage.source, config.leakage.config),
         run_dir=Path(config.run_dir).expanduser(),
+        executor=config.executor,
+        executor_address=config.executor_address,
         publish=_resolve_publish(config.publish) if "publish" in config.stages else None,
         training=_resolve_training(config) if TRAINING_STAGES & set(config.stages) else None,
         analysis=_resolve_analysis(config.analysis) if "environments" in config.stages else None,
@@ -374,9 +400,22 @@ def resolve(config: RunConfig) -> Run:
 
 def _resolve_training(config: RunConfig) -> TrainingOptions:
     try:
-        return resolve_training(config, str(Path(config.data_dir).expanduser()), config.seed)
+        return resolve_training(config, str(folder_at(config.data_dir)), config.seed)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def _resolve_data_dir(config: RunConfig) -> AnyPath:
+    try:
+        folder = folder_at(config.data_dir)
+    except ValueError as error:
+        raise ConfigError(f"data_dir={error}") from error
+    if isinstance(folder, RemotePath):
+        for stage in ("report", "publish"):
+            _check(stage not in config.stages, f"data_dir={folder}: {stage} needs a local folder")
+        return folder
+    # Workers of a cluster need not be where this process is.
+    return folder if config.executor == "local" else folder.absolute()
 
 
 def _resolve_publish(config: PublishConfig) -> PublishOptions:

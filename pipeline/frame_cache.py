@@ -16,7 +16,6 @@ import hashlib
 import io
 import os
 import struct
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -24,6 +23,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.locks import lock, locked
 from pipeline.transitions import LoadedEpisode, Transitions, gather
 
 COLUMNS: dict[str, np.dtype[Any]] = {
@@ -78,7 +78,7 @@ def load(
         return found
     _remove_leftovers(path.parent)
     temporary = path.with_name(f".{path.name}.tmp")
-    with _locked(temporary) as file:
+    with locked(temporary) as file:
         try:
             found = read(path, key, image_size)
             if found is None:
@@ -203,37 +203,12 @@ def _write(file: BinaryIO, key: str, image_size: int, episodes: Iterable[LoadedE
     os.fsync(file.fileno())
 
 
-def _locked(path: Path) -> BinaryIO:
-    """Return a file, opened for writing, that nobody else has; wait for it if need be."""
-    while True:
-        file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
-        try:
-            _lock(file)
-            # Meanwhile it may have been finished and renamed, or removed.
-            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                return file
-        except FileNotFoundError:
-            pass
-        except BaseException:
-            file.close()
-            raise
-        file.close()
-
-
-def _lock(file: BinaryIO, *, wait: bool = True) -> None:
-    if sys.platform == "win32":
-        raise OSError("this system has no flock")
-    import fcntl
-
-    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-
-
 def _remove_leftovers(folder: Path) -> None:
     """Remove what processes that were killed have left: files that nobody holds a lock on."""
     for path in folder.glob(f".*{SUFFIX}.tmp"):
         try:
             with path.open("r+b") as file:
-                _lock(file, wait=False)
+                lock(file, wait=False)
                 path.unlink()
         except OSError:  # Somebody holds it, or it is gone already.
             continue

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import yaml
 
 from pipeline.manifest import MANIFEST, DatasetError, Manifest, write_text
 from pipeline.schema import COLUMNS, SPLITS
+from pipeline.storage import AnyPath
 
 DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
@@ -24,14 +24,14 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 """The marks around what is generated; what a person writes before and after them is kept."""
 
 
-def check_replaceable(data_dir: Path) -> None:
+def check_replaceable(data_dir: AnyPath) -> None:
     """Raise DatasetError if the folder has a README.md that is no dataset's."""
     read(data_dir / "README.md")
 
 
-def finished(data_dir: Path) -> list[Manifest]:
+def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
-    folders = [file.parent for file in sorted(data_dir.glob(f"*/{MANIFEST}"))]
+    folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
     read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
     # A copy under another name is no config: its files would not be where the card says.
     manifests = [m for folder, m in read_from.items() if m.config.name == folder]
@@ -44,7 +44,7 @@ def default_config(manifests: list[Manifest]) -> str:
     return DEFAULT_CONFIG if DEFAULT_CONFIG in names else names[0]
 
 
-def update(data_dir: Path) -> None:
+def update(data_dir: AnyPath) -> None:
     """Write the front matter for all finished datasets of a folder; the text below it stays.
 
     Raises:
@@ -89,7 +89,7 @@ def with_generated(text: str, generated: str) -> str:
     return f"{before}{BEGIN}\n\n{generated.strip()}\n\n{END}{after}"
 
 
-def read(path: Path) -> tuple[dict[str, Any], str]:
+def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     """Return the front matter of a README.md and the text below it, both empty without a file.
 
     Raises:

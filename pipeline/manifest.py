@@ -12,7 +12,6 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from labyrinth_core import __version__
 from labyrinth_core.png import LEVEL, REPEAT_LEVEL
 from pipeline.config import DatasetConfig
 from pipeline.schema import SPLITS
+from pipeline.storage import AnyPath, write_bytes
 
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
@@ -96,7 +96,7 @@ class Manifest:
             raise DatasetError(f"split={split}: the dataset has {', '.join(held)}")
         return shards
 
-    def write(self, folder: Path) -> None:
+    def write(self, folder: AnyPath) -> None:
         """Write it into a folder, all or nothing."""
         content = {
             "format": FORMAT,
@@ -109,7 +109,7 @@ class Manifest:
         write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
 
     @classmethod
-    def read(cls, folder: Path) -> Manifest:
+    def read(cls, folder: AnyPath) -> Manifest:
         """Return the manifest of a folder.
 
         Raises:
@@ -150,17 +150,12 @@ def current_versions() -> dict[str, str]:
     }
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file through a temporary one, so that it is never half there."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+def write_text(path: AnyPath, text: str) -> None:
+    """Write a text file so that it is never half there."""
+    write_bytes(path, text.encode())
 
 
-def file_sha256(path: Path) -> str:
+def file_sha256(path: AnyPath) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
     with path.open("rb") as file:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pipeline.manifest import MANIFEST, DatasetError, Shard, file_sha256
+from pipeline.storage import AnyPath, folder_at, local_copy
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,7 +31,7 @@ class RawRow(NamedTuple):
     """None where there is none, or where none was asked for."""
 
 
-def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> Path:
+def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> AnyPath:
     """Return the folder with a dataset's manifest and the shards of a split.
 
     For an id on the Hub they are downloaded to its cache first.
@@ -41,14 +42,17 @@ def locate(source: str | Path, config: str, split: str, revision: str | None = N
     return local_folder(source, config, revision) or _download(str(source), config, split, revision)
 
 
-def local_folder(source: str | Path, config: str, revision: str | None) -> Path | None:
+def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
     """Return the folder with a dataset's manifest, None for an id on the Hub.
 
     Raises:
         ValueError: There is a revision, but a folder has none.
         DatasetError: The source is neither, or has no such config.
     """
-    folder = Path(source).expanduser()
+    try:
+        folder = folder_at(source)
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
     if folder.is_dir():
         if revision is not None:
             raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
@@ -77,7 +81,7 @@ def _download(source: str, config: str, split: str, revision: str | None) -> Pat
     return Path(snapshot) / config
 
 
-def read_rows(folder: Path, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
+def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
     """Yield the rows of shards that are what their manifest says, one row group at a time.
 
     Args:
@@ -95,11 +99,13 @@ def read_rows(folder: Path, shards: Iterable[Shard], *, pictures: bool) -> Itera
     for shard in shards:
         path = folder / shard.path
         try:
-            if file_sha256(path) != shard.sha256:
-                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
-            with pq.ParquetFile(path) as file:
-                for group in range(file.num_row_groups):
-                    yield from _rows(file.read_row_group(group, columns=columns), pictures=pictures)
+            with local_copy(path) as local:
+                if file_sha256(local) != shard.sha256:
+                    raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+                with pq.ParquetFile(local) as file:
+                    for group in range(file.num_row_groups):
+                        table = file.read_row_group(group, columns=columns)
+                        yield from _rows(table, pictures=pictures)
         except (OSError, ValueError, pa.ArrowException) as error:
             raise DatasetError(f"{path} cannot be read: {_one_line(error)}") from error
 

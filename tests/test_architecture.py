@@ -33,6 +33,10 @@ HOMES = {
         "pipeline.source",
         "pipeline.release.verify",  # Loads a release the way that strangers will.
     ),
+    "fsspec": ("pipeline.storage",),
+    "joblib": ("pipeline.executor",),
+    "distributed": ("pipeline.executor",),
+    "ray": ("pipeline.executor",),
     "huggingface_hub": (
         "pipeline.release",
         "pipeline.source",

@@ -10,7 +10,6 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -25,6 +24,7 @@ from pipeline.config import Run
 from pipeline.executor import ordered_map
 from pipeline.manifest import ANALYSIS, Manifest, write_text
 from pipeline.schema import SPLITS
+from pipeline.storage import AnyPath
 from pipeline.terminal import console, tracked
 
 FORMAT = 1
@@ -45,7 +45,7 @@ def run(run: Run) -> None:
         splits, files = labyrinths_of(source, run.leakage.config)
         certificate = certify(splits)
         name = re.sub(r"[^\w.-]+", "-", source).strip("-")
-        path = run.data_dir / "analysis" / f"{name}.json"
+        path: AnyPath = run.data_dir / "analysis" / f"{name}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
         shifts: list[Shift] = []
@@ -61,7 +61,7 @@ def run(run: Run) -> None:
     console.print(f"{path} has all of it.", highlight=False, soft_wrap=True)
 
 
-def _analyse(folder: Path, workers: int) -> tuple[Certificate, list[Shift]]:
+def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
     """Return the certificate and the shifts of a dataset, which are left in its folder."""
     manifest = Manifest.read(folder)
     contents = read_contents(folder, manifest, workers)
@@ -81,7 +81,7 @@ def _analyse(folder: Path, workers: int) -> tuple[Certificate, list[Shift]]:
     return certificate, shifts
 
 
-def read_contents(folder: Path, manifest: Manifest, workers: int = 1) -> dict[str, Content]:
+def read_contents(folder: AnyPath, manifest: Manifest, workers: int = 1) -> dict[str, Content]:
     """Return what each split of a dataset holds; raises DatasetError if a shard is damaged."""
     jobs = [ReadJob(folder, shard) for split in SPLITS for shard in manifest.of(split)]
     done = zip(jobs, ordered_map(read, jobs, workers), strict=True)
@@ -94,7 +94,7 @@ def read_contents(folder: Path, manifest: Manifest, workers: int = 1) -> dict[st
     return {split: Content.joined(of_split) for split, of_split in parts.items()}
 
 
-def _write(path: Path, content: Mapping[str, Any]) -> None:
+def _write(path: AnyPath, content: Mapping[str, Any]) -> None:
     write_text(path, json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n")
 
 

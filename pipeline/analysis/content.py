@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +16,13 @@ from labyrinth_core.solver import distances
 from pipeline.episodes import grouped
 from pipeline.manifest import DatasetError, Shard
 from pipeline.source import read_rows
+from pipeline.storage import AnyPath
 
 
 class ReadJob(NamedTuple):
     """All that a worker needs to know to read one shard."""
 
-    folder: Path
+    folder: AnyPath
     shard: Shard
 
 

@@ -58,7 +58,7 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or one is damaged.
         OSError: The folder cannot be written.
     """
-    page = write_report(run.data_dir, run.run_dir, workers=run.workers)
+    page = write_report(run.local_dir, run.run_dir, workers=run.workers)
     megabytes = page.stat().st_size / 1e6
     console.print(
         f"{page} ({megabytes:.1f} MB) opens in any browser.", highlight=False, soft_wrap=True

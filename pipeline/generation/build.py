@@ -1,26 +1,26 @@
 """The build: sample, solve, render and write, composed; then the manifest, last of all.
 
-Work happens beside the target, in `.NAME.building`, and the finished folder is moved into place.
-A build that was stopped leaves its finished shards there, and the next one with the same
-configuration goes on from them.
+In a local folder, work happens in `.NAME.building` beside the target, and the finished dataset is
+moved into place. In an object store, which cannot rename, shards are uploaded under their final
+names, and what makes a dataset of them is the manifest. Either way each finished shard has a
+sidecar in `.NAME.building`, and a build that was stopped goes on from those.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from labyrinth_core.labyrinth import Structure
 from pipeline import front_matter
-from pipeline.config import DatasetConfig, Run
+from pipeline.config import ConfigError, DatasetConfig, Run
 from pipeline.executor import ordered_map
 from pipeline.generation.render import render
-from pipeline.generation.sample import ACTING, check_capacity, item_rng, labyrinth_of, sample
+from pipeline.generation.sample import ACTING, check_capacity, item_rng, labyrinth_of, stream
 from pipeline.generation.solve import solve
+from pipeline.generation.workplace import Workplace, held
 from pipeline.generation.write import write
 from pipeline.manifest import (
     MANIFEST,
@@ -32,12 +32,11 @@ from pipeline.manifest import (
     write_text,
 )
 from pipeline.schema import SAMPLED_SPLITS, SPLITS, Row
-from pipeline.terminal import console, progress, summary, tracked
+from pipeline.storage import AnyPath, RemotePath, new_file
+from pipeline.terminal import console, summary, tracked
 
 CELLS_PER_SHARD = 400_000
 """Cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
-
-_CONFIG = "config.json"
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,9 @@ class ShardJob:
     first: int
     """Place of its first labyrinth in the split."""
     structures: list[Structure]
-    path: Path
-
-    @property
-    def sidecar(self) -> Path:
-        """The file that says the shard is finished, and what it holds."""
-        return self.path.with_suffix(".json")
+    path: AnyPath
+    sidecar: AnyPath
+    """The file that says the shard is finished, and what it holds."""
 
 
 def run(run: Run) -> None:
@@ -65,36 +61,32 @@ def run(run: Run) -> None:
         DatasetError: The folder holds another dataset, or something else.
         OSError: The folder cannot be written.
     """
-    manifest = None if run.overwrite else _finished(run)
-    if manifest is not None:
-        console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
-    else:
-        check_capacity(run.dataset)
-        front_matter.check_replaceable(run.data_dir)
-        building = run.data_dir / f".{run.dataset.name}.building"
-        new_parents = [folder for folder in building.parents if not folder.exists()]
-        try:
-            manifest = _build(run, building)
-        except OSError as error:
-            if not _removed(building, new_parents):
-                reason = f"{error}; finished shards are kept in {building} for the next run"
-                raise DatasetError(reason) from error
-            raise
-        except BaseException:
-            _removed(building, new_parents)
-            raise
-        _move_into_place(building, run.folder)
-    front_matter.update(run.data_dir)
+    workplace = Workplace(run.folder)
+    with held(run.data_dir, run.dataset.name):
+        workplace.recover()
+        manifest = None if run.overwrite else _finished(run)
+        if manifest is not None:
+            console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
+            if workplace.is_for(run.dataset):  # Left by a run that was killed at the very end.
+                workplace.clear()
+        else:
+            check_capacity(run.dataset)
+            front_matter.check_replaceable(run.data_dir)
+            manifest = _build(run, workplace)
+    with held(run.data_dir, "README.md"):
+        front_matter.update(run.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
-    console.print(f'load_dataset("{run.data_dir}", "{run.dataset.name}")', soft_wrap=True)
+    load = "load_transitions" if isinstance(run.data_dir, RemotePath) else "load_dataset"
+    console.print(f'{load}("{run.data_dir}", "{run.dataset.name}")', soft_wrap=True)
 
 
 def _finished(run: Run) -> Manifest | None:
     """Return the manifest of a dataset that was built with the same options before."""
     folder = run.folder
     if not (folder / MANIFEST).is_file():
-        if folder.exists() and any(folder.iterdir()):
+        unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
+        if not unfinished and folder.exists() and any(folder.iterdir()):
             raise DatasetError(
                 f"{folder} holds files but no finished dataset: move them, choose another "
                 "data_dir, or give overwrite=true to replace them"
@@ -113,59 +105,56 @@ def _finished(run: Run) -> Manifest | None:
     return manifest
 
 
-def _sample(config: DatasetConfig) -> dict[str, list[Structure]]:
-    with progress() as bars:
-        bar = bars.add_task("sample", total=config.labyrinths * len(SAMPLED_SPLITS))
-        return sample(config, lambda: bars.advance(bar))
-
-
-def _build(run: Run, building: Path) -> Manifest:
-    _prepare(building, run.dataset)
-    jobs = list(_jobs(run.dataset, _sample(run.dataset), building))
-    shards = ordered_map(make_shard, jobs, run.workers)
-    done = tracked(
-        ((shard.labyrinths, shard) for shard in shards),
-        "build",
-        total=run.dataset.labyrinths * len(SPLITS),
-    )
-    manifest = Manifest(run.dataset, current_versions(), tuple(done))
-    manifest.write(building)
-    for job in jobs:
-        job.sidecar.unlink()
-    (building / _CONFIG).unlink()
+def _build(run: Run, workplace: Workplace) -> Manifest:
+    try:
+        workplace.prepare(run.dataset)
+        shards = ordered_map(make_shard, _jobs(run.dataset, workplace), run.workers)
+        done = tracked(
+            ((shard.labyrinths, shard) for shard in shards),
+            "build",
+            total=run.dataset.labyrinths * len(SPLITS),
+        )
+        places = list(SPLITS)
+        in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
+        manifest = Manifest(run.dataset, current_versions(), tuple(in_order))
+        workplace.commit(manifest)
+    except ConfigError:  # The sampler found too few, so that no dataset will come of it.
+        workplace.clear()
+        raise
+    except OSError as error:
+        if not workplace.abandon():
+            building = workplace.building
+            reason = f"{error}; finished shards are kept in {building} for the next run"
+            raise DatasetError(reason) from error
+        raise
+    except BaseException:
+        workplace.abandon()
+        raise
     return manifest
 
 
-def _prepare(building: Path, config: DatasetConfig) -> None:
-    """Make the folder, emptied of what another configuration or version left in it."""
-    content = json.dumps({"config": config.to_json(), "versions": current_versions()})
-    try:
-        unchanged = (building / _CONFIG).read_text(encoding="utf-8") == content
-    except FileNotFoundError:
-        unchanged = False
-    if building.exists() and not unchanged:
-        shutil.rmtree(building)
-    building.mkdir(parents=True, exist_ok=True)
-    if not unchanged:
-        write_text(building / _CONFIG, content)
-
-
-def _jobs(
-    config: DatasetConfig, structures: dict[str, list[Structure]], folder: Path
-) -> Iterator[ShardJob]:
+def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
+    """Yield each job as soon as its structures are sampled, with those of the same structures."""
     size = max(1, CELLS_PER_SHARD // (config.height * config.width))
     count = -(-config.labyrinths // size)
-    for split in SPLITS:
-        of_split = structures[split if split in SAMPLED_SPLITS else "train"]
-        for number in range(count):
-            first = number * size
-            yield ShardJob(
-                config=config,
-                split=split,
-                first=first,
-                structures=of_split[first : first + size],
-                path=folder / f"{split}-{number:05d}-of-{count:05d}.parquet",
+    made_of = {split: [split] for split in SAMPLED_SPLITS}
+    made_of["train"] += [split for split in SPLITS if split not in SAMPLED_SPLITS]
+    first = dict.fromkeys(SAMPLED_SPLITS, 0)
+    structures: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
+    for sampled, structure in stream(config):
+        part = structures[sampled]
+        part.append(structure)
+        if len(part) < min(size, config.labyrinths - first[sampled]):
+            continue
+        for split in made_of[sampled]:
+            name = f"{split}-{first[sampled] // size:05d}-of-{count:05d}"
+            path, sidecar = (
+                workplace.shards / f"{name}.parquet",
+                workplace.building / f"{name}.json",
             )
+            yield ShardJob(config, split, first[sampled], part, path, sidecar)
+        first[sampled] += len(part)
+        structures[sampled] = []
 
 
 def make_shard(job: ShardJob) -> Shard:
@@ -186,7 +175,8 @@ def make_shard(job: ShardJob) -> Shard:
             cut += solution.cut
             yield from render(split, number, solution.episodes)
 
-    written = write(job.path, episodes())
+    with new_file(job.path, job.sidecar.parent) as path:
+        written = write(path, episodes())
     shard = Shard(
         path=job.path.name,
         split=job.split,
@@ -204,33 +194,6 @@ def _finished_shard(job: ShardJob) -> Shard | None:
         return shard if file_sha256(job.path) == shard.sha256 else None
     except (FileNotFoundError, ValueError, AttributeError):
         return None
-
-
-def _move_into_place(building: Path, folder: Path) -> None:
-    """Put the finished folder where it belongs.
-
-    A crash between the two renames leaves the old dataset in `.NAME.replaced`.
-    """
-    if folder.exists():
-        replaced = folder.with_name(f".{folder.name}.replaced")
-        shutil.rmtree(replaced, ignore_errors=True)
-        folder.replace(replaced)
-        building.replace(folder)
-        shutil.rmtree(replaced)
-    else:
-        building.replace(folder)
-
-
-def _removed(building: Path, new_parents: list[Path]) -> bool:
-    """Remove what a failed build left, unless a shard is finished; return whether it is gone."""
-    if any(building.glob("*.parquet")):
-        return False
-    if building.is_dir():
-        shutil.rmtree(building)
-    for folder in new_parents:
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
-    return True
 
 
 def _report_cut(manifest: Manifest) -> None:

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from pipeline.generation.render import Picture, Pictures, picture_name
 from pipeline.generation.rules import labyrinth_problems, route_problem
 from pipeline.manifest import Shard, file_sha256
 from pipeline.schema import NO_ACTION, Row, arrow_schema
+from pipeline.storage import AnyPath, local_copy
 
 
 @dataclass
@@ -49,7 +49,7 @@ class ShardReport:
 class CheckJob:
     """All that a worker needs to know to check one shard."""
 
-    folder: Path
+    folder: AnyPath
     shard: Shard
     config: DatasetConfig
     first: int
@@ -66,8 +66,8 @@ def check_shard(job: CheckJob) -> ShardReport:
     report = ShardReport(job.shard)
     path = job.folder / job.shard.path
     try:
-        digest = file_sha256(path)
-        with pq.ParquetFile(path) as file:
+        with local_copy(path) as local, pq.ParquetFile(local) as file:
+            digest, size = file_sha256(local), local.stat().st_size
             expected = arrow_schema()
             if not file.schema_arrow.equals(expected, check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
@@ -79,7 +79,6 @@ def check_shard(job: CheckJob) -> ShardReport:
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         report.problems.append(f"{job.shard.path} cannot be read: {' '.join(str(error).split())}")
         return report
-    size = path.stat().st_size
     if size != job.shard.bytes:
         report.problems.append(
             f"{job.shard.path}: {size} bytes, but the manifest says {job.shard.bytes}"

@@ -14,7 +14,7 @@ of it, begins with the structures of a shorter dataset.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, combinations
 
 import numpy as np
@@ -29,6 +29,7 @@ from labyrinth_core.tasks import (
     place,
 )
 from pipeline.config import ConfigError, DatasetConfig
+from pipeline.key_set import KeySet
 from pipeline.near_twins import Neighbourhood
 from pipeline.schema import SAMPLED_SPLITS, SPLITS
 
@@ -57,79 +58,81 @@ def split_of(structure: Structure, buckets: Sequence[int]) -> str:
     return "validation" if percent < train + validation else "test"
 
 
-def sample(
-    config: DatasetConfig, advance: Callable[[], None] = lambda: None
-) -> dict[str, list[Structure]]:
+def sample(config: DatasetConfig) -> dict[str, list[Structure]]:
     """Return the structures of train, validation and test, `config.labyrinths` of each.
-
-    Args:
-        config: What to sample.
-        advance: Called once for each structure found.
 
     Raises:
         ConfigError: The sampler does not find as many.
     """
     found: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
+    for split, structure in stream(config):
+        found[split].append(structure)
+    return found
+
+
+def stream(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
+    """Yield the structures of train, validation and test as they are found, each with its split.
+
+    Of those that it has yielded it keeps nothing but their 63-bit ids, and what `min_walls` needs.
+
+    Raises:
+        ConfigError: The sampler does not find `config.labyrinths` of each.
+    """
+    found = dict.fromkeys(SAMPLED_SPLITS, 0)
     if config.min_walls == 1:  # Those of two splits are never equal.
-        _fill(config, found, SAMPLED_SPLITS, advance)
-        return found
-    _fill(config, found, SAMPLED_SPLITS[:1], advance)
+        yield from _fill(config, found, SAMPLED_SPLITS)
+        return
     near = {
         split: Neighbourhood(config.height, config.width, config.min_walls - 1, config.labyrinths)
         for split in SAMPLED_SPLITS
     }
-    for structure in found["train"]:
-        near["train"].add(structure)
-    _fill(config, found, SAMPLED_SPLITS[1:], advance, near)
-    return found
+    for split, structure in _fill(config, found, SAMPLED_SPLITS[:1]):
+        near[split].add(structure)
+        yield split, structure
+    yield from _fill(config, found, SAMPLED_SPLITS[1:], near)
 
 
 def _fill(
     config: DatasetConfig,
-    found: dict[str, list[Structure]],
+    found: dict[str, int],
     splits: Sequence[str],
-    advance: Callable[[], None],
     near: Mapping[str, Neighbourhood] | None = None,
-) -> None:
-    """Find the structures of some splits.
+) -> Iterator[tuple[str, Structure]]:
+    """Yield the structures of some splits.
 
     Args:
         config: What to sample.
-        found: Where they go, by split.
+        found: Split -> structures found; counted up here.
         splits: Which to fill.
-        advance: Called once for each structure found.
         near: Split -> what is too near to it for another split; those found are added.
     """
-    seen: set[str] = set()
-    missing = config.labyrinths * len(splits)
+    seen = KeySet()
     in_vain = 0
     for structure in _candidates(config):
         in_vain += 1
         if in_vain > PATIENCE:
             raise _not_enough(config, found)
-        if structure.structure_id in seen:
+        key = int(structure.structure_id, 16)
+        if key in seen:
             continue
         split = split_of(structure, config.buckets)
-        if split not in splits or len(found[split]) == config.labyrinths:
+        if split not in splits or found[split] == config.labyrinths:
             continue
-        seen.add(structure.structure_id)
+        seen.add(key)
         too_near = near and any(near[other].is_near(structure) for other in near if other != split)
         if not too_near and holds_task(config, split, structure):
             in_vain = 0
-            # A new one, without what the first computed and remembers: there may be millions.
-            found[split].append(
-                Structure(structure.height, structure.width, structure.up, structure.right)
-            )
             if near:
                 near[split].add(structure)
-            advance()
-            missing -= 1
-            if not missing:
-                break
+            found[split] += 1
+            # A new one, without what the first computed and remembers: a shard holds many.
+            yield split, Structure(structure.height, structure.width, structure.up, structure.right)
+            if all(found[each] == config.labyrinths for each in splits):
+                return
 
 
-def _not_enough(config: DatasetConfig, found: dict[str, list[Structure]]) -> ConfigError:
-    counts = ", ".join(f"{len(found[split])} in {split}" for split in found)
+def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
+    counts = ", ".join(f"{count} in {split}" for split, count in found.items())
     apart, try_ = "", "ask for fewer, or try"
     if config.min_walls > 1:
         apart = f" at least splits.min_walls={config.min_walls} walls apart"

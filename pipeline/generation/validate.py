@@ -7,13 +7,15 @@ splits, those of random, s0 and s0_and_g in train, as many labyrinths as the con
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
+
+import numpy as np
 
 from pipeline.config import Run
 from pipeline.executor import ordered_map
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
-from pipeline.manifest import DatasetError, Manifest, current_versions
+from pipeline.manifest import DatasetError, Manifest, Shard, current_versions
 from pipeline.schema import SAMPLED_SPLITS, SPLITS
+from pipeline.storage import AnyPath
 from pipeline.terminal import console, tracked
 
 PROBLEMS_SHOWN = 20
@@ -22,7 +24,7 @@ PROBLEMS_SHOWN = 20
 class ValidationError(DatasetError):
     """A dataset with rows that are not what they should be; `problems` names them."""
 
-    def __init__(self, folder: Path, problems: list[str]) -> None:
+    def __init__(self, folder: AnyPath, problems: list[str]) -> None:
         self.problems = problems
         shown = problems[:PROBLEMS_SHOWN]
         more = len(problems) - len(shown)
@@ -45,7 +47,7 @@ def run(run: Run) -> None:
     console.print(f"{run.folder} is valid: {rows:,} rows replayed.", highlight=False)
 
 
-def validate(folder: Path, manifest: Manifest, workers: int = 1) -> list[str]:
+def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:
     """Return what is wrong with a dataset, one line for each problem.
 
     Args:
@@ -67,14 +69,14 @@ def validate(folder: Path, manifest: Manifest, workers: int = 1) -> list[str]:
     )
     listed = {shard.path for shard in manifest.shards}
     problems = [
-        f"{path.name} is not in the manifest"
-        for path in sorted(folder.glob("*.parquet"))
-        if path.name not in listed
+        f"{name} is not in the manifest"
+        for name in sorted(path.name for path in folder.glob("*.parquet"))
+        if name not in listed
     ]
-    owners: dict[str, str] = {}
+    owners = Owners()
     for report in reports:
         problems += report.problems
-        problems += _misplaced(report, owners)
+        problems += owners.misplaced(report)
     for split in SPLITS:
         labyrinths = first.get(split, 0)
         if labyrinths != manifest.config.labyrinths:
@@ -84,20 +86,42 @@ def validate(folder: Path, manifest: Manifest, workers: int = 1) -> list[str]:
     return problems
 
 
-def _misplaced(report: ShardReport, owners: dict[str, str]) -> Iterator[str]:
-    """Yield the structures that came before in another split, or are not of train at all.
+class Owners:
+    """Where each structure was first, in sixteen bytes for each: there may be millions."""
 
-    Args:
-        report: Of the next shard, in the order of the splits.
-        owners: Structure id -> where it was first; filled in here.
-    """
-    for structure_id, row in report.structures.items():
-        here = f"{report.shard.path} row {row}"
-        before = owners.get(structure_id)
-        if report.shard.split in SAMPLED_SPLITS:
-            if before:
-                yield f"{here} info: the structure is also in {before}"
-            else:
-                owners[structure_id] = here
-        elif before is None or not before.startswith("train"):
-            yield f"{here} info: the structure is not one of train"
+    def __init__(self) -> None:
+        self._ids = np.empty(0, np.int64)
+        """Structure ids, sorted, shape (structures,)."""
+        self._rows = np.empty(0, np.int64)
+        """For each the shard, counted from 0, times 2 ** 32, and the row in it."""
+        self._shards: list[Shard] = []
+
+    def misplaced(self, report: ShardReport) -> Iterator[str]:
+        """Yield the structures that came before in another split, or are not of train at all.
+
+        Args:
+            report: Of the next shard, in the order of the splits.
+        """
+        own = report.shard.split in SAMPLED_SPLITS
+        ids = np.array([int(each, 16) for each in report.structures], np.int64)
+        rows = np.array([*report.structures.values()], np.int64)
+        places = np.searchsorted(self._ids, ids)
+        known = np.isin(ids, self._ids, assume_unique=True)
+        for row, place, is_known in zip(rows.tolist(), places.tolist(), known, strict=True):
+            here = f"{report.shard.path} row {row} info: the structure is"
+            if not is_known and not own:
+                yield f"{here} not one of train"
+            elif is_known:
+                number, before = divmod(int(self._rows[place]), 1 << 32)
+                shard = self._shards[number]
+                if own:
+                    yield f"{here} also in {shard.path} row {before}"
+                elif shard.split != "train":
+                    yield f"{here} not one of train"
+        if own:
+            order = np.argsort(ids)
+            order = order[~known[order]]
+            rows = rows + (len(self._shards) << 32)
+            self._ids = np.insert(self._ids, places[order], ids[order])
+            self._rows = np.insert(self._rows, places[order], rows[order])
+            self._shards.append(report.shard)

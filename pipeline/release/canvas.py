@@ -6,15 +6,16 @@ ten pixels high.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
 from labyrinth_core.dynamics import State, initial, transition
 from labyrinth_core.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.renderer import DEFAULT_STYLE, Colour, render
+from pipeline.storage import AnyPath, write_bytes
 
 WIDTH = 1080
 MARGIN = 36
@@ -73,14 +74,11 @@ class Sheet:
         self.box(left - 1, top - 1, left + size + 1, top + tall + 1, LINE)
         self.image.paste(picture.crop((0, above, size, above + tall)), place)
 
-    def save(self, path: Path) -> None:
-        """Write it as a PNG file, through a temporary one."""
-        temporary = path.with_name(f".{path.name}.tmp")
-        try:
-            self.image.save(temporary, format="PNG")
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+    def save(self, path: AnyPath) -> None:
+        """Write it as a PNG file, whole or not at all."""
+        file = io.BytesIO()
+        self.image.save(file, format="PNG")
+        write_bytes(path, file.getvalue())
 
 
 def text_width(text: str, size: int = TEXT) -> float:

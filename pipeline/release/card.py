@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -23,6 +22,7 @@ from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.provenance import ARXIV, Release
 from pipeline.release.statistics import DatasetStatistics, measure
+from pipeline.storage import AnyPath
 from pipeline.terminal import console, progress
 
 HASHES = "SHA256SUMS"
@@ -75,7 +75,7 @@ def run(run: Run) -> None:
 
 
 def write_card(
-    data_dir: Path,
+    data_dir: AnyPath,
     repo_id: str | None = None,
     version: str | None = None,
     *,
@@ -115,7 +115,9 @@ def write_card(
     return datasets
 
 
-def _measured(data_dir: Path, manifests: list[Manifest], workers: int) -> list[DatasetStatistics]:
+def _measured(
+    data_dir: AnyPath, manifests: list[Manifest], workers: int
+) -> list[DatasetStatistics]:
     """Return the statistics of all datasets; raises DatasetError if two splits share something."""
     datasets = []
     with progress() as bars:
@@ -131,7 +133,7 @@ def _measured(data_dir: Path, manifests: list[Manifest], workers: int) -> list[D
     return datasets
 
 
-def _draw(data_dir: Path, datasets: Sequence[DatasetStatistics], default: str) -> None:
+def _draw(data_dir: AnyPath, datasets: Sequence[DatasetStatistics], default: str) -> None:
     """Draw all pictures, and remove those of configs that are gone."""
     folder = data_dir / readme.PICTURES
     folder.mkdir(exist_ok=True)
@@ -149,7 +151,7 @@ def _draw(data_dir: Path, datasets: Sequence[DatasetStatistics], default: str) -
             path.unlink()
 
 
-def _changelog(path: Path) -> str:
+def _changelog(path: AnyPath) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -186,34 +188,33 @@ def size_category(rows: int) -> str:
     return next((name for bound, name in SIZES.items() if rows < bound), MOST)
 
 
-def published_files(data_dir: Path, manifests: Sequence[Manifest]) -> list[Path]:
-    """Return all files of a folder that belong to the datasets and their card.
+def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:
+    """Return the paths in a folder of all files of the datasets and their card.
 
     Args:
         data_dir: The folder.
         manifests: Of its finished datasets.
     """
     names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
-    paths = [data_dir / name for name in names]
-    paths += (data_dir / readme.PICTURES).glob("[!.]*.png")
+    pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")
+    names += [f"{readme.PICTURES}/{path.name}" for path in pictures]
     for manifest in manifests:
-        folder = data_dir / manifest.config.name
-        paths += [folder / MANIFEST, folder / ANALYSIS]
-        paths += [folder / shard.path for shard in manifest.shards]
-    return [path for path in paths if path.is_file()]
+        files = [MANIFEST, ANALYSIS, *(shard.path for shard in manifest.shards)]
+        names += [f"{manifest.config.name}/{name}" for name in files]
+    return [name for name in names if (data_dir / name).is_file()]
 
 
-def _write_hashes(data_dir: Path, manifests: Sequence[Manifest]) -> None:
+def _write_hashes(data_dir: AnyPath, manifests: Sequence[Manifest]) -> None:
     # Those of the shards have just been checked.
     known = {
-        data_dir / manifest.config.name / shard.path: shard.sha256
+        f"{manifest.config.name}/{shard.path}": shard.sha256
         for manifest in manifests
         for shard in manifest.shards
     }
     hashes = {
-        path.relative_to(data_dir).as_posix(): known.get(path) or file_sha256(path)
-        for path in published_files(data_dir, manifests)
-        if path.name != HASHES
+        name: known.get(name) or file_sha256(data_dir / name)
+        for name in published_files(data_dir, manifests)
+        if name != HASHES
     }
     lines = [f"{digest}  {name}\n" for name, digest in sorted(hashes.items())]
     write_text(data_dir / HASHES, "".join(lines))

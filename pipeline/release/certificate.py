@@ -9,7 +9,6 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.manifest import ANALYSIS, DatasetError, Manifest
 from pipeline.schema import SAMPLED_SPLITS
+from pipeline.storage import AnyPath
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def _shared(first: NDArray[np.int64], second: NDArray[np.int64]) -> int:
     return len(np.intersect1d(first, second, assume_unique=True))
 
 
-def read_closeness(folder: Path, manifest: Manifest) -> tuple[Closeness, ...]:
+def read_closeness(folder: AnyPath, manifest: Manifest) -> tuple[Closeness, ...]:
     """Return what the stage `analyse` has found out about a dataset, if it has.
 
     Args:

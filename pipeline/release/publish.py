@@ -51,8 +51,8 @@ def run(run: Run) -> None:
     """
     options = run.publish
     assert options is not None  # `resolve` has seen to it.
-    if not front_matter.finished(run.data_dir):
-        raise PublishError(f"{run.data_dir} holds no finished dataset: python run.py makes one")
+    if not front_matter.finished(run.local_dir):
+        raise PublishError(f"{run.local_dir} holds no finished dataset: python run.py makes one")
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
@@ -63,7 +63,7 @@ def run(run: Run) -> None:
 def _publish(run: Run, remote: Remote, options: PublishOptions) -> None:
     exists = remote.check_access(create_pr=options.create_pr)
     # Before the card: it would say of this version what it does not hold.
-    done = exists and _is_published(run.data_dir, remote, options)
+    done = exists and _is_published(run.local_dir, remote, options)
     if not done:
         with _carded(run, options) as data_dir:
             done = _release(data_dir, remote, options, exists)
@@ -72,7 +72,7 @@ def _publish(run: Run, remote: Remote, options: PublishOptions) -> None:
     if options.collection:
         remote.join(options.collection, private=options.private)
         _say(f"{options.repo_id} is in the collection {options.collection}.")
-    config = front_matter.default_config(front_matter.finished(run.data_dir))
+    config = front_matter.default_config(front_matter.finished(run.local_dir))
     _say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
 
 
@@ -102,12 +102,12 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
 def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, another that looks like it."""
     if not options.dry_run:
-        write_card(run.data_dir, options.repo_id, options.version, workers=run.workers)
-        yield run.data_dir
+        write_card(run.local_dir, options.repo_id, options.version, workers=run.workers)
+        yield run.local_dir
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
-        for path in run.data_dir.iterdir():
+        for path in run.local_dir.iterdir():
             if path.name == PICTURES:
                 shutil.copytree(path, folder / PICTURES)
             elif path.is_dir():
@@ -117,14 +117,14 @@ def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
         try:
             write_card(folder, options.repo_id, options.version, workers=run.workers)
         except DatasetError as error:
-            raise DatasetError(str(error).replace(temporary, str(run.data_dir))) from error
+            raise DatasetError(str(error).replace(temporary, str(run.local_dir))) from error
         yield folder
 
 
 def _files(data_dir: Path) -> dict[str, Path]:
     """Return the files of the release by their paths on the Hub."""
-    paths = published_files(data_dir, front_matter.finished(data_dir))
-    return {path.relative_to(data_dir).as_posix(): path for path in paths}
+    names = published_files(data_dir, front_matter.finished(data_dir))
+    return {name: data_dir / name for name in names}
 
 
 def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bool:

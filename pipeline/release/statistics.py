@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from pipeline.release.certificate import (
 )
 from pipeline.release.tally import Example, Tally, TallyJob, tally_shard
 from pipeline.schema import SPLITS
+from pipeline.storage import AnyPath
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class DatasetStatistics:
 
 
 def measure(
-    folder: Path,
+    folder: AnyPath,
     manifest: Manifest,
     workers: int = 1,
     advance: Callable[[int], None] = lambda _: None,

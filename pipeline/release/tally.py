@@ -6,6 +6,7 @@ shard, but for two ids of each labyrinth.
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from labyrinth_core.language import parse
 from labyrinth_core.solver import optimal_actions
 from pipeline.manifest import DatasetError, Shard, file_sha256
 from pipeline.schema import NO_ACTION
+from pipeline.storage import AnyPath, local_copy
 
 EXAMPLES = 5
 """Labyrinths of each split that the pictures show."""
@@ -40,7 +42,7 @@ class Example(NamedTuple):
 class TallyJob(NamedTuple):
     """All that a worker needs to know to tally one shard."""
 
-    folder: Path
+    folder: AnyPath
     shard: Shard
     cells: int
     """Of each labyrinth in it."""
@@ -65,9 +67,9 @@ class Tally:
     """Actions that are optimal."""
     loops: int = 0
     """Passages beyond those of a tree, of all labyrinths together."""
-    ids: list[int] = field(default_factory=list)
+    ids: array[int] = field(default_factory=lambda: array("q"))
     """The `structure_id` of each labyrinth."""
-    canonical_ids: list[int] = field(default_factory=list)
+    canonical_ids: array[int] = field(default_factory=lambda: array("q"))
     """That of its canonical form."""
     examples: list[Example] = field(default_factory=list)
 
@@ -131,14 +133,17 @@ def tally_shard(job: TallyJob) -> Tally:
     tally = Tally(visits=np.zeros(job.cells, np.int64))
     before = None
     try:
-        if file_sha256(path) != shard.sha256:
-            raise DatasetError(f"{path} is not the file that its manifest describes: build again")
-        for info, actions, returned in _episodes(path):
-            solved = _solved(info)
-            if info != before:
-                tally.count_labyrinth(solved.labyrinth, actions)
-                before = info
-            tally.count_episode(solved, actions, returned)
+        with local_copy(path) as file:
+            if file_sha256(file) != shard.sha256:
+                raise DatasetError(
+                    f"{path} is not the file that its manifest describes: build again"
+                )
+            for info, actions, returned in _episodes(file):
+                solved = _solved(info)
+                if info != before:
+                    tally.count_labyrinth(solved.labyrinth, actions)
+                    before = info
+                tally.count_episode(solved, actions, returned)
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is missing: build again") from error
     except (ValueError, LookupError, TypeError) as error:

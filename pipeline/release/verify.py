@@ -36,7 +36,7 @@ def verify(repo_id: str, commit: str, folder: Path) -> str:
         DatasetError: The Hub gives anything else than was published, or does not give it.
     """
     manifests = front_matter.finished(folder)
-    files = {p.relative_to(folder).as_posix(): p for p in published_files(folder, manifests)}
+    files = {name: folder / name for name in published_files(folder, manifests)}
     try:
         plan = make_plan(files, Remote(HfApi(), repo_id).tree(commit))
     except HTTPError as error:

@@ -26,7 +26,7 @@ from pipeline import front_matter
 from pipeline.config import ConfigError, Run
 from pipeline.executor import ordered_map
 from pipeline.generation import build as generation
-from pipeline.generation import render, write
+from pipeline.generation import render, workplace, write
 from pipeline.generation.validate import validate
 from pipeline.manifest import MANIFEST, DatasetError, Manifest, Shard, current_versions
 from pipeline.schema import SAMPLED_SPLITS, SPLITS, arrow_schema
@@ -474,9 +474,8 @@ def test_a_build_goes_on_from_the_finished_shards(
     build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
 ) -> None:
     building = stop_after(tmp_path, 3)
-    assert not (tmp_path / "3x3").exists()
-    assert not (tmp_path / "README.md").exists()
-    finished = {path.name: identity(path) for path in building.glob("*.parquet")}
+    assert {path.name for path in tmp_path.iterdir()} == {building.name}
+    finished = {path.name: identity(path) for path in building.glob("shards/*.parquet")}
     assert len(finished) == 3
     folder = build(tmp_path).folder
     assert content_of(folder) == content_of(small_dataset.folder)
@@ -493,19 +492,21 @@ def test_a_damaged_shard_is_made_again(
     damage: str,
 ) -> None:
     building = stop_after(tmp_path, 2)
-    shard, sidecar = (building / f"train-00000-of-00001.{end}" for end in ("parquet", "json"))
+    shard, other = sorted(building.glob("shards/*.parquet"))
+    sidecar = building / f"{shard.stem}.json"
     if damage == "shard":
         shard.write_bytes(shard.read_bytes()[:-1] + b"?")
     elif damage == "sidecar":
         sidecar.write_text('{"path": [')
     elif damage == "a stray file":
-        (building / ".test-00000-of-00001.parquet.tmp").write_bytes(b"half of it")
+        (building / ".labyrinth-0").mkdir()
+        (building / ".labyrinth-0" / "test-00000-of-00001.parquet").write_bytes(b"half of it")
     else:
         (shard if damage == "no shard" else sidecar).unlink()
-    kept = identity(building / "validation-00000-of-00001.parquet")
+    kept = identity(other)
     folder = build(tmp_path).folder
     assert content_of(folder) == content_of(small_dataset.folder)
-    assert identity(folder / "validation-00000-of-00001.parquet") == kept
+    assert identity(folder / other.name) == kept
 
 
 @pytest.mark.parametrize("options", [{"seed": 1}, {"labyrinths": 7}, {"random_steps": 99}], ids=str)
@@ -525,7 +526,7 @@ def test_what_another_version_left_is_discarded(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render, "Mosaic", OtherMosaic)
-        patch.setattr(generation, "current_versions", lambda: {"png": "another"})
+        patch.setattr(workplace, "current_versions", lambda: {"png": "another"})
         stop_after(tmp_path, 3)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 

@@ -25,6 +25,7 @@ from pipeline.loader import (
     stream_episodes,
     stream_transitions,
 )
+from pipeline.locks import locked
 from pipeline.manifest import DatasetError
 from pipeline.schema import SPLITS
 
@@ -311,7 +312,7 @@ def test_a_leftover_of_the_same_file_is_written_over(data_dir, cache, monkeypatc
 
 def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(data_dir, cache):
     cache.mkdir()
-    with frame_cache._locked(cache / ".3x3-s0-8-0.frames.npy.tmp"):
+    with locked(cache / ".3x3-s0-8-0.frames.npy.tmp"):
         load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
         assert len(list(cache.iterdir())) == 2
 

@@ -209,12 +209,14 @@ def test_another_dataset_is_replaced_only_when_that_is_asked_for(
     assert content_of(tmp_path / "data") == content_of(small_dataset.data_dir)
 
 
-def test_a_sweep_builds_each_size(tmp_path: Path) -> None:
-    arguments = ["size=3,2x4", "labyrinths=1", "random_steps=5", "data_dir=data", STAGES]
+def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
+    options = ["size=3,2x4", "task=navigation,partial_observability"]
+    arguments = [*options, "labyrinths=1", "random_steps=5", "data_dir=data", STAGES]
     result = run(tmp_path, "-m", *arguments)
     assert (result.returncode, result.stderr) == (0, "")
-    assert {path.name for path in (tmp_path / "data").iterdir()} == {"3x3", "2x4", "README.md"}
-    for name in ("3x3", "2x4"):
+    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
+    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
+    for name in names:
         manifest = Manifest.read(tmp_path / "data" / name)
         assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
         assert f"data/{name} is valid" in spaced(result.stdout)
@@ -278,12 +280,28 @@ def test_a_build_that_is_ended_leaves_no_dataset_and_the_next_run_goes_on(
         process.wait()
     assert process.returncode == status
     assert [line for line in stderr.splitlines() if line] == lines
-    assert [path.name for path in (tmp_path / "data").iterdir()] == [building.name]
-    assert not (building / "manifest.json").exists()
-    shard = building / "train-00000-of-00001.parquet"
+    left = {path.name for path in (tmp_path / "data").iterdir()}
+    # Nobody holds the lock of a process that is gone, though its file is there.
+    assert left - {".10x10.lock"} == {building.name}
+    assert not list(building.rglob("manifest.json"))
+    shard = building / "shards" / "train-00000-of-00001.parquet"
     kept = (shard.stat().st_ino, shard.stat().st_mtime_ns)
 
     run = build(tmp_path / "data", **LONG)
     assert content_of(run.data_dir) == undisturbed
     shard = run.folder / shard.name
     assert (shard.stat().st_ino, shard.stat().st_mtime_ns) == kept
+
+
+def test_builds_killed_at_random_moments_end_as_an_undisturbed_one() -> None:
+    script = RUN.parent / "scripts" / "kill_matrix.py"
+    result = subprocess.run(
+        [sys.executable, str(script), "--kills", "3", "--workers", "1"],
+        env=os.environ | {"PYTHONPATH": str(RUN.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "0 datasets differ" in result.stdout

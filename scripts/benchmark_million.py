@@ -1,0 +1,174 @@
+"""Build a million labyrinths at 5x5, watch time and memory meanwhile, and certify the splits.
+
+    python scripts/benchmark_million.py --data-dir million --workers 2
+    python scripts/benchmark_million.py --data-dir small --labyrinths 30000
+
+A third of the labyrinths goes to each of train, validation and test; random, s0 and s0_and_g are
+made of train's as always. Run it again after an interruption: finished shards are kept, and the
+rates are those of what is made now. Memory is the resident set, of this process and of those that
+it started, from /proc, so this wants Linux.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from unittest.mock import patch
+
+from pipeline.config import RunConfig, resolve
+from pipeline.generation import build
+from pipeline.manifest import Manifest, Shard
+from pipeline.release.statistics import measure
+
+SHARDS_FOR_A_RATE = 12
+
+
+def processes(first: int) -> Iterator[int]:
+    """Yield a process and all that it started."""
+    yield first
+    try:
+        children = Path(f"/proc/{first}/task/{first}/children").read_text().split()
+    except FileNotFoundError:
+        return
+    for child in children:
+        yield from processes(int(child))
+
+
+def memory() -> list[int]:
+    """Return the resident set of this process, then of those it started, in MiB."""
+    sizes = []
+    for process in processes(os.getpid()):
+        try:
+            pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+        except FileNotFoundError:
+            continue
+        sizes.append(pages * os.sysconf("SC_PAGE_SIZE") >> 20)
+    return sizes
+
+
+@dataclass
+class Watch:
+    """Time and memory while shards are made."""
+
+    finished: int
+    """Shards of an earlier run, which are only read."""
+    every: int
+    """Shards after which a line is printed."""
+    began: float = field(default_factory=time.monotonic)
+    made: list[tuple[float, int]] = field(default_factory=list)
+    """When each shard was there, and its rows."""
+    peak: int = 0
+    """Most MiB that this process had."""
+    peak_of_all: int = 0
+    """Most MiB that it and those it started had together."""
+
+    def __call__(
+        self, items: Iterable[tuple[int, Shard]], description: str, total: int
+    ) -> Iterator[Shard]:
+        """Stand in for `terminal.tracked`."""
+        labyrinths = 0
+        for count, (amount, shard) in enumerate(items, start=1):
+            labyrinths += amount
+            if count > self.finished:
+                self.made.append((time.monotonic() - self.began, shard.rows))
+            else:
+                self.began = time.monotonic()
+            self.look()
+            if count % self.every == 0 or labyrinths == total:
+                self.report(f"{description} {count:5} shards {labyrinths:9,} labyrinths")
+            yield shard
+
+    def look(self) -> list[int]:
+        """Note how much memory is in use."""
+        sizes = memory()
+        self.peak = max(self.peak, sizes[0])
+        self.peak_of_all = max(self.peak_of_all, sum(sizes))
+        return sizes
+
+    def report(self, where: str) -> None:
+        """Print how far it is."""
+        rows = sum(rows for _, rows in self.made)
+        seconds = time.monotonic() - self.began
+        own, *others = self.look()
+        print(
+            f"{where} {rows:11,} rows {seconds:7.0f} s {rows / max(seconds, 1e-9):7,.0f} rows/s "
+            f"{own:5} MiB here, {' + '.join(map(str, others)) or 0} MiB in workers",
+            flush=True,
+        )
+
+
+def rate(made: list[tuple[float, int]]) -> float:
+    """Return rows a second from the first to the last of some shards."""
+    return sum(rows for _, rows in made[1:]) / (made[-1][0] - made[0][0])
+
+
+def main() -> None:
+    """Parse the options, build, certify, and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--data-dir", required=True)
+    parser.add_argument("--labyrinths", type=int, default=1_000_000)
+    parser.add_argument("--size", default="5")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--every", type=int, default=6, help="shards to a line")
+    arguments = parser.parse_args()
+    run = resolve(
+        RunConfig(
+            stages=["build"],
+            size=arguments.size,
+            labyrinths=-(-arguments.labyrinths // 3),
+            data_dir=arguments.data_dir,
+            workers=arguments.workers,
+        )
+    )
+    print(
+        f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
+        f"Python {platform.python_version()}; {run.dataset.labyrinths:,} labyrinths "
+        f"in each of train, validation and test, {run.workers} workers"
+    )
+    finished = len(list(Path(run.data_dir).glob(f".{run.dataset.name}.building/*-of-*.json")))
+    watch = Watch(finished, arguments.every)
+    with patch.object(build, "tracked", watch):
+        build.run(run)
+    seconds = time.monotonic() - watch.began
+    manifest = Manifest.read(run.folder)
+    if watch.made:
+        rows = sum(rows for _, rows in watch.made)
+        tenth = len(watch.made) // 10
+        # Shards come in order, those of random late, so that a few of them tell no rate.
+        ends = (
+            ""
+            if tenth < SHARDS_FOR_A_RATE
+            else (
+                f"the first tenth of the shards {rate(watch.made[:tenth]):,.0f}, "
+                f"the last {rate(watch.made[-tenth:]):,.0f} rows/s; "
+            )
+        )
+        print(
+            f"built: {rows:,} rows in {seconds:,.0f} s, {rows / seconds:,.0f} rows/s; "
+            f"{ends}peak memory {watch.peak} MiB here, {watch.peak_of_all} MiB in all"
+        )
+    rows, size = (sum(getattr(s, name) for s in manifest.shards) for name in ("rows", "bytes"))
+    print(f"in the files: {rows:,} rows, {size:,} bytes, {size / rows:.0f} a row")
+    watch = Watch(0, arguments.every)
+    certificate = measure(run.folder, manifest, run.workers, lambda _: watch.look()).certificate
+    problems = "; ".join(certificate.problems())
+    for overlap in certificate.overlaps:
+        print(
+            f"{overlap.first} and {overlap.second} share {overlap.structures} structures, "
+            f"{overlap.canonical} when mirror images count"
+        )
+    print(
+        f"certified in {time.monotonic() - watch.began:,.0f} s, peak memory {watch.peak} MiB here, "
+        f"{watch.peak_of_all} MiB in all: {problems or 'no structure is where it may not be'}"
+    )
+    if problems:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

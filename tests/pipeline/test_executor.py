@@ -1,0 +1,198 @@
+"""The ordered map, on every executor: the same bytes, and lost workers made up for."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import dask
+import distributed
+import pytest
+from joblib.externals.loky import get_reusable_executor
+
+from pipeline import executor as executors
+from pipeline.config import ConfigError, Run, RunConfig, resolve
+from pipeline.executor import cluster, ordered_map
+from pipeline.generation.validate import validate
+from pipeline.manifest import DatasetError, Manifest
+
+Build = Callable[..., Run]
+
+
+@pytest.fixture(autouse=True)
+def _no_workers_stay() -> Iterator[None]:
+    yield
+    get_reusable_executor().shutdown(wait=True)
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def die_once(marker: Path) -> None:
+    """End the process that this runs in, the first time."""
+    try:
+        marker.touch(exist_ok=False)
+    except FileExistsError:
+        return
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class DiesOnce:
+    """A function of which the worker that has `fatal` dies, the first time."""
+
+    def __init__(self, marker: Path, fatal: int) -> None:
+        self.marker, self.fatal = marker, fatal
+
+    def __call__(self, item: int) -> int:
+        if item == self.fatal:
+            die_once(self.marker)
+        return -item
+
+
+def always_die(_item: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+# This machine.
+
+
+class WaitsFor:
+    """A function that returns when a file is there."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __call__(self, item: int) -> int:
+        while not self.marker.exists():
+            time.sleep(0.01)
+        return item
+
+
+def test_items_are_taken_when_a_worker_is_free(tmp_path: Path) -> None:
+    marker = tmp_path / "go"
+    taken: list[int] = []
+    taken_before: list[int] = []
+
+    def go() -> None:
+        taken_before.extend(taken)
+        marker.touch()
+
+    def numbers() -> Iterator[int]:
+        for number in range(100):
+            taken.append(number)
+            if number == 2:
+                threading.Timer(0.5, go).start()
+            yield number
+
+    assert list(ordered_map(WaitsFor(marker), numbers(), 2)) == list(range(100))
+    assert 2 < len(taken_before) < 10
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_the_source_comes_after_the_results_before_it(workers: int) -> None:
+    def numbers() -> Iterator[int]:
+        yield from range(10)
+        raise ConfigError("no more")
+
+    results = []
+    with pytest.raises(ConfigError, match="no more"):
+        results.extend(ordered_map(abs, numbers(), workers))
+    if workers == 1:  # `extend` keeps what came before.
+        assert results == list(range(10))
+
+
+def test_what_a_lost_worker_had_to_do_is_done_by_another(tmp_path: Path) -> None:
+    function = DiesOnce(tmp_path / "died", 7)
+    assert list(ordered_map(function, range(20), 2)) == [-item for item in range(20)]
+    assert function.marker.exists()
+
+
+def test_workers_that_are_lost_again_and_again_are_answered_with_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(executors, "LOSSES", 1)
+    with pytest.raises(DatasetError, match="lost 2 times in a row") as caught:
+        list(ordered_map(always_die, range(4), 2))
+    assert "\n" not in str(caught.value)
+
+
+# Clusters.
+
+
+@pytest.fixture(scope="module")
+def dask_address() -> Iterator[str]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as started:
+        yield started.scheduler_address
+
+
+def test_dask_makes_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run, dask_address: str
+) -> None:
+    with cluster("dask", 2, dask_address):
+        folder = build(tmp_path, workers=2).folder
+        problems = validate(folder, Manifest.read(folder), workers=2)
+    assert content_of(folder) == content_of(small_dataset.folder)
+    assert problems == []
+
+
+def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
+    tmp_path: Path, dask_address: str
+) -> None:
+    function = DiesOnce(tmp_path / "died", 5)
+    with cluster("dask", 2, dask_address):
+        assert list(ordered_map(function, range(12), 2)) == [-item for item in range(12)]
+    assert function.marker.exists()
+
+
+def test_ray_makes_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    with cluster("ray", 2):
+        folder = build(tmp_path, workers=2).folder
+    assert content_of(folder) == content_of(small_dataset.folder)
+
+
+def test_a_cluster_that_is_not_there_is_answered_with_one_line() -> None:
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "300ms"}),
+        pytest.raises(ConfigError, match="executor=dask executor_address=tcp://127") as caught,
+        cluster("dask", 2, "tcp://127.0.0.1:9"),
+    ):
+        pass
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("executor", ["dask", "ray"])
+def test_an_executor_that_is_not_installed_is_answered_with_one_line(
+    executor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, {"dask": "distributed"}.get(executor, executor), None)
+    with pytest.raises(ConfigError) as caught, cluster(executor, 2):
+        pass
+    install = f"pip install 'labyrinth-datasets[{executor}]'"
+    assert str(caught.value) == f"executor={executor} is not installed: {install}"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"executor": "slurm"}, "executor=slurm: choose one of [local, dask, ray]"),
+        ({"executor_address": "tcp://x:1"}, "executor_address=tcp://x:1: executor=local has none"),
+    ],
+    ids=["unknown", "address"],
+)
+def test_an_executor_that_cannot_be_is_answered_with_one_line(
+    options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        resolve(RunConfig(stages=["build"], data_dir="data", **options))
+    assert str(caught.value) == message
