@@ -7,7 +7,8 @@ paper, with the roles of 0 and 1 exchanged), and the policy is improved on the r
     r(s, a) = log D(s, a),
 
 which is negative everywhere. -log(1 - D), as common, is positive everywhere: it pays for every
-step, so that staying alive is worth more than reaching the goal.
+step, so that staying alive is worth more than reaching the goal. Where all steps cost, a bad end
+must not be a way out: ice counts as absorbing, and earns for ever what the step onto it did.
 
 The policy's step is PPO (Schulman et al. 2017, equation 7, clipped at 1 +- `clip`, with advantages
 by equation 11) where the paper has TRPO: what they share is that a policy moves but a little from
@@ -118,7 +119,8 @@ class Method(Learner):
         )
         judged = self.discriminate(walked)
         rewards = reward_of(self.outputs(self.discriminator)).cpu().numpy()
-        samples = sample(walked, outputs.cpu().numpy(), rewards, settings)
+        fatal = walked.done & ~problem.worlds.goal[walked.next_states]
+        samples = sample(walked, outputs.cpu().numpy(), rewards, fatal, settings)
         losses = [self.improve(samples) for _ in range(settings.policy_passes)]
         return {
             "loss": judged,
@@ -184,7 +186,11 @@ def shares_of(
 
 
 def sample(
-    walked: Walk, outputs: NDArray[np.float64], rewards: NDArray[np.float64], settings: Settings
+    walked: Walk,
+    outputs: NDArray[np.float64],
+    rewards: NDArray[np.float64],
+    fatal: NDArray[np.bool_],
+    settings: Settings,
 ) -> Samples:
     """Return the steps of walkers with their advantages (Schulman et al. 2017, equation 11).
 
@@ -192,13 +198,15 @@ def sample(
         walked: T steps of N walkers.
         outputs: Of the actor in all states, before it learns, shape (S, 5).
         rewards: Of each action in each state, shape (S, 4).
+        fatal: Which steps end on ice, shape (T, N).
         settings: gamma and lambda.
     """
     states, actions, after, over, done = walked
-    values = outputs[:, -1]
+    values, earned = outputs[:, -1], rewards[states, actions]
     # An episode that was cut is worth what comes after; one that has ended is over.
     worth_after = np.where(done, 0, values[after])
-    surprise = rewards[states, actions] + settings.gamma * worth_after - values[states]
+    worth_after = np.where(fatal, earned / (1 - settings.gamma), worth_after)
+    surprise = earned + settings.gamma * worth_after - values[states]
     advantages = np.zeros_like(surprise)
     following = np.zeros(surprise.shape[1])
     for step in reversed(range(len(surprise))):

@@ -40,7 +40,7 @@ class BaseSettings:
 
     epochs: int = setting(100, 1)
     """How often `Learner.epoch` is called."""
-    evaluate_every: int = setting(5, 1)
+    evaluate_every: int = setting(2, 1)
     """Epochs after which the policy is tried on train and validation."""
     batch_size: int = setting(64, 2)
     """Of a gradient step."""

@@ -53,15 +53,15 @@ def run(run: Run) -> None:
     method, settings = find(options.method, options.settings)
     device = choose_device(options)
     identity = identify(run, settings)
-    if run.overwrite:
-        shutil.rmtree(folder, ignore_errors=True)
-    if _is_finished(folder, identity):
+    if not run.overwrite and _is_finished(folder, identity):
         console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
         return
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
+        if run.overwrite:
+            shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True, exist_ok=True)
         done = _train(learner, judge, options, folder, identity)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)

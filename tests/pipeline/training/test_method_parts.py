@@ -155,13 +155,16 @@ def test_advantages_are_the_discounted_sums_that_their_definition_says() -> None
     outputs, rewards = rng.normal(size=(5, 5)), rng.normal(size=(5, 4))
     settings = gail.Settings(gamma=0.9, trace=0.8)
     walked = Walk(states, actions, after, over, done)
-    got = gail.sample(walked, outputs, rewards, settings).returns.reshape(6, 3)
+    fatal = done & (rng.random((6, 3)) < 0.5)
+    got = gail.sample(walked, outputs, rewards, fatal, settings).returns.reshape(6, 3)
     for walker in range(3):
         for first in range(6):
             total, weight = outputs[states[first, walker], 4], 1.0
             for step in range(first, 6):
                 state, action = states[step, walker], actions[step, walker]
                 following = 0 if done[step, walker] else outputs[after[step, walker], 4]
+                if fatal[step, walker]:
+                    following = rewards[state, action] / (1 - 0.9)
                 total += weight * (rewards[state, action] + 0.9 * following - outputs[state, 4])
                 weight *= 0.9 * 0.8
                 if over[step, walker]:
