@@ -6,4 +6,5 @@ from pipeline.config import ConfigError
 
 _missing = [name for name in ("matplotlib", "safetensors", "torch") if find_spec(name) is None]
 if _missing:
-    raise ConfigError(f"training needs {', '.join(_missing)}: pip install -e '.[train]'")
+    install = "pip install -c constraints.txt -e '.[train]'"
+    raise ConfigError(f"training needs {', '.join(_missing)}: {install}")
