@@ -98,7 +98,8 @@ def test_the_certificate_in_the_text_has_a_line_for_every_pair_of_splits(carded)
 def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     assert "walls to the nearest" not in text(folder)
     assert "can differ from one of `train` in a single wall. Expect" in text(folder)
-    analyse.run(resolve(RunConfig(["analyse"], DEFAULT, labyrinths=7, data_dir=str(folder))))
+    options = {"stages": ["analyse"], "size": DEFAULT, "labyrinths": 7, "data_dir": str(folder)}
+    analyse.run(resolve(RunConfig(**options)))
     card.write_card(folder)
     pairs = json.loads((folder / DEFAULT / ANALYSIS).read_bytes())["leakage"]["pairs"]
     lines = table(text(folder), "config", "same route")
