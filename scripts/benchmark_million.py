@@ -5,8 +5,9 @@
 
 A third of the labyrinths goes to each of train, validation and test; random, s0 and s0_and_g are
 made of train's as always. Run it again after an interruption: finished shards are kept, and the
-rates are those of what is made now. Memory is the resident set, of this process and of those that
-it started, from /proc, so this wants Linux.
+rates are those of what is made now. With --workers 1 the CPU time of a row is printed, too, which
+other jobs on the machine hardly change. Memory is the resident set, of this process and of those
+that it started, from /proc, so this wants Linux.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class Watch:
     began: float = field(default_factory=time.monotonic)
     made: list[tuple[float, int]] = field(default_factory=list)
     """When each shard was there, and its rows."""
+    cpu: list[float] = field(default_factory=list)
+    """CPU seconds that this process had taken by then."""
     peak: int = 0
     """Most MiB that this process had."""
     peak_of_all: int = 0
@@ -76,6 +79,7 @@ class Watch:
             labyrinths += amount
             if count > self.finished:
                 self.made.append((time.monotonic() - self.began, shard.rows))
+                self.cpu.append(time.process_time())
             else:
                 self.began = time.monotonic()
             self.look()
@@ -150,6 +154,11 @@ def main() -> None:
                 f"the last {rate(watch.made[-tenth:]):,.0f} rows/s; "
             )
         )
+        if run.workers == 1 and tenth >= SHARDS_FOR_A_RATE:
+            count = [rows for _, rows in watch.made]
+            first = (watch.cpu[tenth - 1] - watch.cpu[0]) / sum(count[1:tenth])
+            last = (watch.cpu[-1] - watch.cpu[-tenth]) / sum(count[-tenth + 1 :])
+            ends += f"{first * 1e6:.1f} us of CPU time a row there, {last * 1e6:.1f} here; "
         print(
             f"built: {rows:,} rows in {seconds:,.0f} s, {rows / seconds:,.0f} rows/s; "
             f"{ends}peak memory {watch.peak} MiB here, {watch.peak_of_all} MiB in all"
