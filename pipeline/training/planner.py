@@ -16,9 +16,9 @@ taken away:
 - `average`: when acting it looks at a picture in all eight ways.
 - `path_prior`: costs of steps add up, and the cheapest way is taken. Without, planning is a gated
   convolution that is iterated.
-- `grid_prior`: how many pixels a cell has, so that the internal grid has one position a cell. With
-  it the actions of all states on a route are learnt from each picture of one of them.
-- `colour_prior`: the agent's colour, to find it by. Without, attention to find it is learnt.
+- `grid_prior`: how many pixels a cell has, so that the internal grid has one position a cell.
+- `colour_prior`: the agent's colour, to find it by. Without, attention to find it is learnt. With
+  both, the actions of all states on a route are learnt from each picture of one of them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ MAX_GRADIENT = 1.0
 class Settings(bc.Settings):
     """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
 
-    epochs: int = setting(40, 1)
+    epochs: int = setting(30, 1)
     batch_size: int = setting(32, 2)
     learning_rate: float = setting(4e-3, 0)
     augment: bool = setting(True)
@@ -60,7 +60,7 @@ class Settings(bc.Settings):
     channels: int = setting(32, 1, 1024)
     iterations: int = setting(20, 1, 1000)
     """Of planning; with `path_prior` only while learning, else as many as it takes."""
-    sharpness: float = setting(2.0, 0)
+    sharpness: float = setting(3.0, 0)
     """Power to which costs are raised when acting: ways grow with a labyrinth, walls have to."""
 
 
@@ -89,7 +89,8 @@ class Method(bc.Method):
         )
 
     def epoch(self) -> dict[str, float]:
-        loss = self.learn_drawn(whole=self.settings.grid_prior)
+        whole = self.settings.grid_prior and self.settings.colour_prior
+        loss = self.learn_drawn(whole=whole)
         self.epochs += 1
         return {"loss": loss}
 

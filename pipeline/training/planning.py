@@ -13,6 +13,8 @@ differentiable, so what a wall, a goal or ice looks like is learnt from demonstr
 
 from __future__ import annotations
 
+from math import log
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -22,6 +24,10 @@ from pipeline.training.networks import ACTIONS, as_input
 
 FAR = 1e9
 """What ending outside of the picture costs."""
+FIRST_END = 3.0
+"""Logarithm of what ending costs at first, as much as a way of twenty cells."""
+POSITION_PIXELS = 4
+"""Of the side of a position, without `grid_prior`."""
 PIXELS = 16
 """To which the picture of a cell is brought, with `grid_prior`."""
 SAME_COLOUR = 0.1
@@ -31,9 +37,13 @@ SAME_COLOUR = 0.1
 class Bellman(nn.Module):
     """The prior that costs add up along a way, and that the cheapest way is taken."""
 
-    def __init__(self, channels: int, iterations: int, sharpness: float) -> None:
+    def __init__(
+        self, channels: int, iterations: int, sharpness: float, first_end: float = FIRST_END
+    ) -> None:
         super().__init__()
         self.costs = nn.Conv2d(channels, ACTIONS + 1, 1)
+        # At first it is dear to end anywhere, so that there is a way to learn about.
+        nn.init.constant_(self.costs.bias[ACTIONS:], first_end)  # type: ignore[index]
         self.iterations = iterations
         self.sharpness = sharpness
 
@@ -119,8 +129,8 @@ class Planner(nn.Module):
             iterations: Of planning.
             sharpness: Of `Bellman`, when acting.
             path_prior: Whether planning is `Bellman`, or else `Gated`.
-            grid_prior: Whether the internal grid has one position a cell, or else one every four
-                pixels.
+            grid_prior: Whether the internal grid has one position a cell, or else one every
+                `POSITION_PIXELS`.
             colour_prior: Whether the agent is found by its colour, or else by learned attention.
         """
         super().__init__()
@@ -130,15 +140,18 @@ class Planner(nn.Module):
         if not grid_prior:
             middle = nn.Conv2d(channels, channels, 3, padding=1)
         self.stem = nn.Sequential(
-            nn.Conv2d(3, channels, 4, stride=4),
+            nn.Conv2d(3, channels, POSITION_PIXELS, stride=POSITION_PIXELS),
             nn.ReLU(),
             middle,
             nn.ReLU(),
             nn.Conv2d(channels, channels, 1),
             nn.ReLU(),
         )
+        positions = 1.0 if grid_prior else cell_pixels / POSITION_PIXELS
         self.planning = (
-            Bellman(channels, iterations, sharpness) if path_prior else Gated(channels, iterations)
+            Bellman(channels, iterations, sharpness, FIRST_END + log(positions))
+            if path_prior
+            else Gated(channels, iterations)
         )
         self.attention = None if colour_prior else nn.Conv2d(channels, 1, 1)
         self.colour: Tensor
@@ -146,11 +159,11 @@ class Planner(nn.Module):
         self.register_buffer("colour", colour, persistent=False)
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Return the scores of the actions where the agent is, shape (N, 4)."""
+        """Return the logarithms of the actions' probabilities where the agent is, shape (N, 4)."""
         image = as_input(pictures)
         scene = self.see(image)
-        plan = self.planning(scene)
-        return torch.einsum("napq,npq->na", plan, self.find(image, scene))
+        plan: Tensor = self.planning(scene).log_softmax(1)
+        return (plan + self.find(image, scene)[:, None]).logsumexp((2, 3))
 
     def plan(self, pictures: Tensor) -> Tensor:
         """Return the scores of the actions at each position, shape (N, 4, rows, columns)."""
@@ -166,11 +179,11 @@ class Planner(nn.Module):
         return scene
 
     def find(self, image: Tensor, scene: Tensor) -> Tensor:
-        """Return how much of the agent is at each position, shape (N, rows, columns), sum 1."""
+        """Return the logarithm of the agent's share at each position, shape (N, rows, columns)."""
         shape = scene[:, 0].shape
         if self.attention is not None:
             attention: Tensor = self.attention(scene)
-            return attention.flatten(1).softmax(1).view(shape)
+            return attention.flatten(1).log_softmax(1).view(shape)
         green = (image - self.colour).abs().amax(1) < SAME_COLOUR
         share = functional.adaptive_avg_pool2d(green.float(), (shape[1], shape[2]))
-        return share / share.sum((1, 2), keepdim=True).clamp(min=1e-6)
+        return (share / share.sum((1, 2), keepdim=True)).log()
