@@ -2,10 +2,10 @@
 
     python scripts/generalise.py runs/5x5/planner-seed0 --data-dir data/labyrinth
 
-Prints success rates with 95% bootstrap intervals: the structures of validation and test with
-another start and goal; fresh labyrinths of another seed, as a check on leaks; and, with `--sizes`,
-larger ones. Pictures have the pixels a cell of those trained on. With `--pictures FOLDER` it draws
-what is lost there, and how.
+Prints success rates with 95% bootstrap intervals: on the split test; on the structures of
+validation and test with another start and goal; on fresh labyrinths of another seed, as a check on
+leaks; and, with `--sizes`, on larger ones. Pictures have the pixels a cell of those trained on.
+`--json FILE` keeps which were solved, `--pictures FOLDER` draws what is lost, and how.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.renderer import render
+from labyrinth_core.renderer import PICTURE_SIZE, render
 from labyrinth_core.sampling import default_open_walls, sample_structures
 from labyrinth_core.tasks import change_start_and_goal, default_start_and_goal, place
 from pipeline.config import RunConfig, TaskConfig, resolve
+from pipeline.manifest import write_text
 from pipeline.training.bootstrap import interval
 from pipeline.training.journeys import Journey, travel
 from pipeline.training.method import find
@@ -48,6 +49,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1_000_000, help="of what is drawn")
     parser.add_argument("--once", action="store_true", help="do not average over symmetries")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="file for what was solved")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of what is lost")
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
@@ -56,11 +58,13 @@ def main() -> None:
         raise SystemExit(f"{given.run} holds no finished run")
     policy, side = policy_of(given.run, record["run"], once=given.once)
     pixels = IMAGE_SIZE / side
+    kept: dict[str, list[bool]] = {}
     for name, labyrinths in drawn(given, record["run"]["config"]):
         size = labyrinths[0].structure.height
         began = time.process_time()
         journeys = travel(policy, labyrinths, round(pixels * size))
-        solved = np.array([[journey.solved for journey in journeys]], float)
+        kept[name] = [journey.solved for journey in journeys]
+        solved = np.array([kept[name]], float)
         low, high = interval(solved)
         print(
             f"{name:24} {solved.mean():7.1%}  95% {100 * low:.0f}-{100 * high:.0f}  "
@@ -68,13 +72,17 @@ def main() -> None:
             flush=True,
         )
         if given.pictures is not None:
-            draw_lost(given.pictures, name.replace(" ", "-"), journeys)
+            draw_lost(given.pictures, name.replace(", ", "-").replace(" ", "-"), journeys)
+    if given.json is not None:
+        write_text(given.json, json.dumps(kept) + "\n")
 
 
 def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[NetworkPolicy, int]:
     """Return the policy of a run, and the side of the labyrinths that it was trained on."""
     size, _, task = str(run["config"]).partition("-")
-    asked = RunConfig(stages=["train"], size=size, task=TaskConfig(task or "navigation"))
+    asked = RunConfig(
+        stages=["train"], size=size, task=TaskConfig(task or "navigation"), data_dir="data"
+    )
     asked.method = {"name": run["method"]}
     for name in ("encoder", "pool_stride", "observation", "protocol"):
         if name != "encoder" or run["method"] != run["encoder"]:
@@ -95,6 +103,7 @@ def drawn(given: argparse.Namespace, config: str) -> Iterator[tuple[str, list[La
         split: load_worlds(given.data_dir, config, split, observation="vector").labyrinths
         for split in ("train", "validation", "test")
     }
+    yield "test", list(splits["test"])
     for split in ("validation", "test"):
         yield f"{split}, new ends", [change_start_and_goal(each, rng) for each in splits[split]]
     known = {each.structure.canonical() for each in splits["train"]}
@@ -107,7 +116,6 @@ def drawn(given: argparse.Namespace, config: str) -> Iterator[tuple[str, list[La
 
 def fresh_labyrinths(side: int, like: Labyrinth, rng: np.random.Generator) -> Iterator[Labyrinth]:
     """Yield labyrinths of a size, of the task of another one."""
-    # As open as those of 5x5, which are the largest that have a number of their own.
     walls = default_open_walls(side, side)
     start, goal = default_start_and_goal(side, side)
     for structure in sample_structures(side, side, rng, algorithm="wilson", open_walls=walls):
@@ -118,17 +126,22 @@ def fresh_labyrinths(side: int, like: Labyrinth, rng: np.random.Generator) -> It
 
 
 def draw_lost(folder: Path, name: str, journeys: list[Journey]) -> None:
-    """Write where each failure ends, with the way taken, and say what happened there."""
+    """Draw where each failure ends, the cells it went through dotted, and say what happened."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, journey in enumerate(journeys):
-        if not journey.solved:
-            last, before = journey.states[-1], journey.states[-2]
-            how = "wall" if last == before else "loop"
-            print(f"  {name}-{number}: {how} at cell {last.agent} after {len(journey.states) - 1}")
-            picture = render(journey.labyrinth, last, 600)
-            Image.fromarray(picture).save(folder / f"{name}-{number}-{how}.png")
-            cells = [state.agent for state in journey.states]
-            (folder / f"{name}-{number}-{how}.json").write_text(json.dumps(cells))
+        if journey.solved:
+            continue
+        last, before = journey.states[-1], journey.states[-2]
+        how = "wall" if last == before else "loop or ice"
+        print(f"  {name}-{number}: {how} after {len(journey.states) - 1} moves")
+        picture = Image.fromarray(render(journey.labyrinth, last))
+        pen, structure = ImageDraw.Draw(picture), journey.labyrinth.structure
+        pitch = PICTURE_SIZE / max(structure.height, structure.width)
+        for state in journey.states[:-1]:
+            row, column = journey.labyrinth.position(state.agent)
+            x, y = (column + 0.5) * pitch, (structure.height - row - 0.5) * pitch
+            pen.ellipse((x - pitch / 8, y - pitch / 8, x + pitch / 8, y + pitch / 8), fill="orange")
+        picture.save(folder / f"{name}-{number}.png")
 
 
 if __name__ == "__main__":

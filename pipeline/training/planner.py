@@ -49,7 +49,7 @@ class Settings(bc.Settings):
     """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
 
     epochs: int = setting(30, 1)
-    evaluate_every: int = setting(5, 1)
+    evaluate_every: int = setting(10, 1)
     batch_size: int = setting(32, 2)
     learning_rate: float = setting(4e-3, 0)
     augment: bool = setting(True)

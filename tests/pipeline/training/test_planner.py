@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +13,18 @@ import pytest
 import torch
 from torch import nn
 
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.sampling import sample_structures
 from pipeline.config import ConfigError, Run
 from pipeline.training import bc, checkpoint, planner
 from pipeline.training.checkpoint import Progress
 from pipeline.training.following import success_rate
+from pipeline.training.journeys import travel
 from pipeline.training.method import Problem
 from pipeline.training.networks import NetworkSpec
 from pipeline.training.planning import FAR, Bellman, Planner
-from pipeline.training.policy import NetworkPolicy
+from pipeline.training.policy import NetworkPolicy, load_policy
+from pipeline.training.record import POLICY, read_record
 from pipeline.training.worlds import load_worlds
 
 Problems = Callable[..., Problem]
@@ -140,3 +146,19 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
     planned, cloned = rates
     assert planned >= 0.75
     assert planned > cloned + 0.25
+
+
+def test_the_released_policy_solves_fresh_labyrinths() -> None:
+    folder = Path(__file__).parents[3] / "released" / "5x5" / "planner-seed0"
+    record = read_record(folder)
+    assert record is not None
+    settings = planner.Settings(**record["run"]["settings"])
+    spec = NetworkSpec("planner", 1, 5, 5, "navigation")
+    policy = load_policy(
+        folder / POLICY, spec, make=partial(planner.Method.make, settings=settings)
+    )
+    structures = sample_structures(
+        5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
+    )
+    labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
+    assert np.mean([journey.solved for journey in travel(policy, labyrinths, 64)]) >= 0.9
