@@ -18,6 +18,9 @@ ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 IMAGE_SIZE = 64
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
 
+OWN_NETWORKS = ("planner",)
+"""Methods with a network of their own, for pictures, whatever `encoder` says."""
+
 DEVICES = ("auto", "cpu", "cuda")
 
 POOL_STRIDES = (1, 2)
@@ -71,8 +74,10 @@ class TrainingConfig:
 
 
 TRAINING_OPTIONS = {
-    "method": "bc, dagger, gail, bco, sqil or iupe; its own settings as method.epochs=...",
-    "encoder": "network that looks at an observation: " + ", ".join(ENCODERS),
+    "method": "bc, dagger, gail, bco, sqil, iupe or planner; its own settings as method.epochs=...",
+    "encoder": "network that looks at an observation: "
+    + ", ".join(ENCODERS)
+    + "; planner has its own",
     "pool_stride": "of the first pooling of resnet18: 1 as in the paper, or 2",
     "observation": "what is learnt from: image, or vector (for the encoder mlp)",
     "protocol": "default, or paper for the original's resize and stopping rule",
@@ -111,7 +116,8 @@ class TrainingOptions:
     @property
     def name(self) -> str:
         """The name of the run's folder, such as `bc-cnn-seed0` or `iupe-resnet18-seed2-paper`."""
-        parts = [self.method, self.encoder, f"seed{self.seed}"]
+        parts = [self.method, f"seed{self.seed}"]
+        parts[1:1] = [self.encoder] * (self.encoder != self.method)
         parts += [f"stride{self.pool_stride}"] * (self.pool_stride != 1)
         parts += [self.protocol] * (self.protocol != "default")
         return "-".join(parts)
@@ -148,6 +154,8 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
             f"encoder={config.encoder} looks at observation={ENCODERS[config.encoder]}: for "
             f"observation={config.observation} choose one of [{', '.join(fitting)}]"
         )
+    if name in OWN_NETWORKS and config.observation != "image":
+        raise ValueError(f"method={name} learns from pictures: leave observation=image")
     if config.threads is not None and not 1 <= config.threads <= MAX_THREADS:
         raise ValueError(f"threads={config.threads}: give a number from 1 to {MAX_THREADS:,}")
     if not config.results_dir.strip():
@@ -155,7 +163,7 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
     return TrainingOptions(
         method=name,
         settings=MappingProxyType(settings),
-        encoder=config.encoder,
+        encoder=name if name in OWN_NETWORKS else config.encoder,
         pool_stride=config.pool_stride,
         observation=config.observation,
         protocol=config.protocol,

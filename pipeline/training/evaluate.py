@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
+from functools import partial
 from typing import Any
 
 from rich.table import Table
@@ -20,6 +21,7 @@ from pipeline.terminal import console, tracked
 from pipeline.training.baselines import BASELINES, compare
 from pipeline.training.bootstrap import interval
 from pipeline.training.evaluations import EVALUATION, FORMAT, SPLITS
+from pipeline.training.method import find
 from pipeline.training.policy import Policy, load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.scores import Scores, evaluate
@@ -42,7 +44,9 @@ def run(run: Run) -> None:
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
     device = choose_device(options)
-    policy = load_policy(folder / POLICY, spec_of(run), device)
+    method, settings = find(record["run"]["method"], record["run"]["settings"])
+    make = partial(method.make, settings=settings)
+    policy = load_policy(folder / POLICY, spec_of(run), device, make)
     located = locate(options.source, run.dataset.name, "train", options.revision)
     fingerprint = Manifest.read(located).fingerprint
     if fingerprint != record["run"]["fingerprint"]:

@@ -96,6 +96,7 @@ class Samples(NamedTuple):
 class Method(Learner):
     """The policy with its critic, and the discriminator."""
 
+    policy: Network
     settings: Settings
 
     def __init__(self, problem: Problem, settings: Settings) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields
+from functools import cached_property
 from importlib import import_module
 from typing import Any
 
@@ -22,6 +23,7 @@ from torch.optim import Adam
 from pipeline.config import ConfigError
 from pipeline.training.networks import ACTIONS, Network, NetworkSpec
 from pipeline.training.policy import outputs_of
+from pipeline.training.relabelling import Routes
 from pipeline.training.steps import Steps
 from pipeline.training.worlds import Worlds
 
@@ -29,8 +31,11 @@ LEARNING_RATE = 5e-4
 """Of Adam, for all methods (supplement, section 3)."""
 
 
-def setting(default: float, low: float, high: float = float("inf")) -> Any:
-    """Return the field of a setting: its default, and the least and greatest value allowed."""
+def setting(default: float, low: float = 0, high: float = float("inf")) -> Any:
+    """Return the field of a setting: its default, and the least and greatest value allowed.
+
+    One whose default is True or False is either, and has no least and greatest value.
+    """
     return field(default=default, metadata={"low": low, "high": high})
 
 
@@ -62,6 +67,11 @@ class Problem:
     rng: np.random.Generator
     """Of all that is drawn, but for weights and dropout, which are torch's."""
 
+    @cached_property
+    def routes(self) -> Routes:
+        """The demonstrations, to draw relabelled pictures of them."""
+        return Routes(self.worlds, self.demonstrations)
+
 
 class Learner(ABC):
     """A method at work.
@@ -70,14 +80,19 @@ class Learner(ABC):
     keep them, and nothing else may change between epochs.
     """
 
-    policy: Network
+    policy: nn.Module
     """What is evaluated and kept; its highest output is the action."""
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         self.problem = problem
         self.settings = settings
-        self.policy = self.network()
+        self.policy = self.make(problem.spec, settings).to(problem.observations.device)
         self.optimizer = self.adam(self.policy)
+
+    @classmethod
+    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
+        """Return a fresh network for the policy; another one than `Network` for some methods."""
+        return Network(spec)
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:
@@ -111,7 +126,7 @@ class Learner(ABC):
 
     def clone(
         self,
-        network: Network,
+        network: nn.Module,
         optimizer: Adam,
         states: tuple[NDArray[np.int64], ...],
         labels: NDArray[np.int64],
@@ -175,6 +190,10 @@ def settings_of(cls: type[BaseSettings], values: Mapping[str, Any]) -> BaseSetti
 
 
 def _check(known: Field[Any], value: object) -> None:
+    if isinstance(known.default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"method.{known.name}={value}: give true or false")
+        return
     low, high = known.metadata["low"], known.metadata["high"]
     kinds = (int, float) if isinstance(known.default, float) else (int,)
     if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -76,7 +77,7 @@ def settle(network: nn.Module, observations: Tensor) -> None:
 class NetworkPolicy:
     """The policy of a network."""
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: nn.Module) -> None:
         self.network = network
 
     def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
@@ -91,13 +92,19 @@ def save_policy(path: Path, tensors: dict[str, Tensor], spec: NetworkSpec) -> No
     save_tensors(path, tensors, {"network": json.dumps(spec.to_json(), sort_keys=True)})
 
 
-def load_policy(path: Path, spec: NetworkSpec, device: torch.device | str = "cpu") -> NetworkPolicy:
+def load_policy(
+    path: Path,
+    spec: NetworkSpec,
+    device: torch.device | str = "cpu",
+    make: Callable[[NetworkSpec], nn.Module] = Network,
+) -> NetworkPolicy:
     """Return the policy of a file.
 
     Args:
         path: As `save_policy` wrote it.
         spec: The network that is expected.
         device: Where it is to be computed.
+        make: Returns the network, with any weights: `Learner.make` of the method.
 
     Raises:
         DatasetError: There is no such file, or it holds the policy of another network.
@@ -118,7 +125,7 @@ def load_policy(path: Path, spec: NetworkSpec, device: torch.device | str = "cpu
             if there.get(key) != value
         ]
         raise DatasetError(f"{path} is a policy with {'; '.join(differing) or there}")
-    network = Network(spec).to(device)
+    network = make(spec).to(device)
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:

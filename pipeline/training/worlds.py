@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.dynamics import STEP_LIMIT, state_at
+from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.tables import LabyrinthTables, tabulate
 from pipeline.episodes import episodes_of, parse_info
 from pipeline.loader import DEFAULT_IMAGE_SIZE
@@ -62,6 +63,10 @@ class Worlds:
     """Shape (L,), in the order of the dataset; `f"{id:016x}"` is the id elsewhere."""
     routes: tuple[NDArray[np.int64], ...]
     """The actions of each episode of the dataset, in its order."""
+    labyrinths: tuple[Labyrinth, ...]
+    """The labyrinths themselves, L of them."""
+    spec: ObservationSpec
+    """How their states are observed."""
     cells: int
     """Of a labyrinth."""
 
@@ -147,6 +152,8 @@ def _stack(
         distance=np.array([each.distances[each.initial] for each in stacked]),
         labyrinth_ids=np.array(list(tables), np.int64),
         routes=tuple(actions for _, actions in episodes),
+        labyrinths=tuple(each.labyrinth for each in stacked),
+        spec=spec,
         cells=stacked[0].labyrinth.structure.cells,
         **joined,
     )

@@ -63,7 +63,8 @@ def equal(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -
 
 def test_each_method_is_tried_here_and_has_a_file_of_its_settings() -> None:
     modules = {path.stem for path in TRAINING.glob("*.py") if "class Method(" in path.read_text()}
-    assert modules == set(TOYS) == {path.stem for path in CONF.iterdir()}
+    elsewhere = {"planner"}  # It needs pictures: test_planner.py.
+    assert modules == set(TOYS) | elsewhere == {path.stem for path in CONF.iterdir()}
     for name in modules:
         settings = asdict(import_module(f"pipeline.training.{name}").Settings())
         assert yaml.safe_load((CONF / f"{name}.yaml").read_text()) == {"name": name} | settings

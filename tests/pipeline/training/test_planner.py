@@ -1,0 +1,164 @@
+"""The planner plans as it should, keeps what methods promise, and generalises where BC fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.sampling import sample_structures
+from pipeline.config import ConfigError, Run
+from pipeline.training import bc, checkpoint, planner
+from pipeline.training.checkpoint import Progress
+from pipeline.training.following import success_rate
+from pipeline.training.journeys import travel
+from pipeline.training.method import Problem
+from pipeline.training.networks import NetworkSpec
+from pipeline.training.planning import FAR, Bellman, Planner
+from pipeline.training.policy import NetworkPolicy, load_policy
+from pipeline.training.record import POLICY, read_record
+from pipeline.training.worlds import load_worlds
+
+Problems = Callable[..., Problem]
+
+TOY: dict[str, Any] = {"epochs": 8, "pictures": 384, "iterations": 10, "channels": 16}
+
+
+def toy(problem: Problem, **settings: Any) -> planner.Method:
+    return planner.Method(problem, planner.Settings(**TOY | settings))
+
+
+def costs_of(**where: float) -> torch.Tensor:
+    """Return the logarithms of costs in a corridor of three positions, the goal at the right."""
+    costs = torch.zeros(1, 5, 1, 3)
+    costs[:, 4] = 9.0
+    costs[:, 4, 0, 2] = -9.0
+    for name, cost in where.items():
+        costs[0, ["up", "right", "down", "left"].index(name)] = cost
+    return costs
+
+
+def bellman(sharpness: float = 1.0) -> Bellman:
+    planning = Bellman(5, iterations=5, sharpness=sharpness)
+    planning.costs = nn.Identity()  # type: ignore[assignment]
+    return planning
+
+
+def test_costs_add_up_along_the_way() -> None:
+    scores = bellman().train()(costs_of(left=1.0))
+    e = float(np.exp(1.0))
+    assert torch.allclose(scores[0, 1, 0, :2], torch.tensor([-2.0, -1.0]), atol=1e-3)
+    assert torch.allclose(scores[0, 3, 0, 1:], torch.tensor([-(e + 2), -(e + 1)]), atol=1e-3)
+    assert (scores[0, [0, 2]] < -FAR / 2).all()
+
+
+def test_planning_ends_when_it_rests_however_long_the_way_is() -> None:
+    long = torch.zeros(1, 5, 1, 200)
+    long[:, 4] = 9.0
+    long[:, 4, 0, 0] = -9.0
+    scores = bellman().eval()(long)
+    assert (scores.argmax(1)[0, 0, 1:] == 3).all()
+    assert not (bellman().train()(long).argmax(1)[0, 0, 1:] == 3).all()
+
+
+def test_sharpness_makes_a_wall_dearer_than_many_steps() -> None:
+    around = torch.zeros(1, 5, 2, 12)
+    around[:, 4] = 9.0
+    around[:, 4, 0, 0] = -9.0
+    around[:, [0, 2]] = 2.0  # A wall between the rows, but for the last column, costs seven steps.
+    around[:, [0, 2], :, -1] = 0.0
+    assert bellman(sharpness=1.0).eval()(around)[0, :, 1, 0].argmax() == 0
+    assert bellman(sharpness=3.0).eval()(around)[0, :, 1, 0].argmax() == 1
+
+
+@pytest.mark.parametrize("prior", ["path_prior", "grid_prior", "colour_prior"])
+def test_every_prior_can_be_taken_away(problem_of: Problems, prior: str) -> None:
+    learner = toy(problem_of(encoder="cnn"), **{prior: False}, pictures=32)
+    before = {name: each.clone() for name, each in learner.policy.named_parameters()}
+    assert learner.epoch()["loss"] > 0
+    after = dict(learner.policy.named_parameters())
+    assert all(not torch.equal(each, after[name]) for name, each in before.items())
+    assert learner.outputs(learner.policy).isfinite().all()
+
+
+def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
+    problem = problem_of(encoder="cnn")
+    network = next(each for each in toy(problem).policy.modules() if isinstance(each, Planner))
+    image = problem.observations.permute(0, 3, 1, 2).float() / 255
+    share = network.find(image, torch.zeros(len(image), 1, 3, 3)).exp()
+    cells = share.flip(1).flatten(1).argmax(1)
+    assert np.array_equal(cells.numpy(), problem.worlds.position)
+    assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
+
+
+def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
+    problem_of: Problems, tmp_path: Path
+) -> None:
+    whole, again, other = (toy(problem_of(seed, "cnn"), pictures=64) for seed in (0, 0, 1))
+    for learner in (whole, again, other):
+        learner.epoch()
+    checkpoint.save(tmp_path / "checkpoint", again, Progress(), {})
+    resumed = toy(problem_of(5, "cnn"), pictures=64)
+    checkpoint.load(tmp_path / "checkpoint", resumed, {})
+    whole.epoch()
+    resumed.epoch()
+    weights = [learner.policy.state_dict() for learner in (whole, resumed, other)]
+    assert all(torch.equal(each, weights[1][name]) for name, each in weights[0].items())
+    assert not all(torch.equal(each, weights[2][name]) for name, each in weights[0].items())
+
+
+def test_a_grid_of_cells_needs_as_many_rows_as_columns() -> None:
+    spec = NetworkSpec("planner", 1, 3, 4, "navigation")
+    with pytest.raises(ConfigError, match=r"size=3x4: .*method.grid_prior=false"):
+        planner.Method.make(spec, planner.Settings())
+    pictures = torch.zeros(2, 64, 64, 3, dtype=torch.uint8)
+    scores = planner.Method.make(spec, planner.Settings(grid_prior=False, colour_prior=False))
+    assert scores(pictures).shape == (2, 4)
+
+
+def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Problems) -> None:
+    settings = bc.Settings(augment=True, relabel=True, average=True, pictures=64)
+    learner = bc.Method(problem_of(encoder="cnn"), settings)
+    losses = [learner.epoch()["loss"] for _ in range(8)]
+    assert np.mean(losses[-3:]) < np.mean(losses[:3])
+
+
+def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
+    problem_of: Problems, small_dataset: Run
+) -> None:
+    held_out = load_worlds(small_dataset.data_dir, "3x3", "test")
+    rates = []
+    for learner in (
+        toy(problem_of(encoder="cnn")),
+        bc.Method(problem_of(encoder="cnn"), bc.Settings(epochs=8)),
+    ):
+        for _ in range(learner.settings.epochs):
+            learner.epoch()
+        rates.append(success_rate(NetworkPolicy(learner.policy), held_out))
+    planned, cloned = rates
+    assert planned >= 0.75
+    assert planned > cloned + 0.25
+
+
+def test_the_released_policy_solves_fresh_labyrinths() -> None:
+    folder = Path(__file__).parents[3] / "released" / "5x5" / "planner-seed0"
+    record = read_record(folder)
+    assert record is not None
+    settings = planner.Settings(**record["run"]["settings"])
+    spec = NetworkSpec("planner", 1, 5, 5, "navigation")
+    policy = load_policy(
+        folder / POLICY, spec, make=partial(planner.Method.make, settings=settings)
+    )
+    structures = sample_structures(
+        5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
+    )
+    labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
+    assert np.mean([journey.solved for journey in travel(policy, labyrinths, 64)]) >= 0.9

@@ -1,0 +1,87 @@
+"""Relabelled examples are what an optimal route demonstrates, in labyrinths that can be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labyrinth_core.dynamics import is_terminal, transition
+from labyrinth_core.labyrinth import Labyrinth, Task
+from labyrinth_core.solver import distances
+from pipeline.training.method import Problem
+from pipeline.training.relabelling import NO_LABEL, Routes
+from pipeline.training.steps import load_steps
+from pipeline.training.worlds import load_worlds
+
+
+def routes_of(datasets: Path, task: str) -> Routes:
+    config = "3x4" if task == "navigation" else f"3x4-{task}"
+    worlds = load_worlds(datasets, config, "train")
+    return Routes(worlds, load_steps(datasets, config, "train", worlds))
+
+
+@pytest.mark.parametrize("task", list(map(str, Task)))
+def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> None:
+    routes = routes_of(datasets, task)
+    reversed_parts = 0
+    for episode, parts in zip(routes._episodes, routes._parts, strict=True):
+        assert (0, len(episode)) in parts
+        for first, last in parts:
+            step = 1 if first < last else -1
+            reversed_parts += step < 0
+            ends = (episode.states[first].agent, episode.states[last].agent)
+            labyrinth = replace(episode.labyrinth, start=ends[0], goal=ends[1])
+            for place in range(first, last, step):
+                action = (
+                    episode.actions[place] if step > 0 else (episode.actions[place - 1] + 2) % 4
+                )
+                state = episode.states[place]
+                assert not is_terminal(labyrinth, state)
+                assert transition(labyrinth, state, action) == episode.states[place + step]
+    assert (reversed_parts > 0) == (task != "key_and_door")
+
+
+def test_a_part_of_a_shortest_route_is_one(problem_of: Callable[..., Problem]) -> None:
+    routes = problem_of().routes
+    for episode, parts in zip(routes._episodes, routes._parts, strict=True):
+        for first, last in parts:
+            ends = (episode.states[first].agent, episode.states[last].agent)
+            labyrinth = Labyrinth(episode.labyrinth.structure, *ends)
+            assert distances(labyrinth)[ends[0]] == abs(last - first)
+
+
+def test_without_relabelling_the_pictures_are_those_of_the_demonstrations(
+    problem_of: Callable[..., Problem],
+) -> None:
+    problem = problem_of(encoder="cnn")
+    rng = np.random.default_rng(0)
+    examples = problem.routes.draw(40, rng, relabel=False, whole=False)
+    published = {
+        (problem.worlds.observations[state].tobytes(), action)
+        for state, action in zip(
+            problem.demonstrations.states, problem.demonstrations.actions.tolist(), strict=True
+        )
+    }
+    drawn = zip(examples.pictures, examples.labels.tolist(), strict=True)
+    assert {(picture.tobytes(), action) for picture, action in drawn} <= published
+
+
+def test_whole_routes_are_labelled_where_they_go(problem_of: Callable[..., Problem]) -> None:
+    problem = problem_of(encoder="cnn")
+    _, labels = problem.routes.draw(40, np.random.default_rng(0), relabel=False, whole=True)
+    _, actions = problem.routes.draw(40, np.random.default_rng(0), relabel=False, whole=False)
+    told = {tuple(each.ravel().tolist()) for each in labels}
+    worlds = problem.worlds
+    expected = set()
+    for first, route in zip(worlds.initial.tolist(), worlds.routes, strict=True):
+        cells, state = np.full((3, 3), NO_LABEL), first
+        for action in route.tolist():
+            cells[2 - worlds.position[state] // 3, worlds.position[state] % 3] = action
+            state = worlds.next_state[state, action]
+        expected.add(tuple(cells.ravel().tolist()))
+    assert told <= expected
+    assert all(action in each for action, each in zip(actions.tolist(), labels, strict=True))
