@@ -181,7 +181,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
     with pytest.raises(ConfigError, match=r"pip install -e '.\[tensorboard\]'"):
         train.run(run_of(tensorboard=True))
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(ConfigError, match=r"torch: pip install -e '.\[train\]'"):
+    with pytest.raises(ConfigError, match=r"torch: pip install -c constraints.txt -e '.\[train\]'"):
         importlib.reload(pipeline.training)
 
 
