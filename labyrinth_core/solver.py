@@ -6,7 +6,7 @@ in key and door the search runs over agent, key and door; ice is a state that en
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -16,6 +16,9 @@ from labyrinth_core.dynamics import initial, state_count, state_index, transitio
 from labyrinth_core.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_first
 
 Table = Sequence[Moves]
+
+Randomness = np.random.Generator | Callable[[], np.random.Generator]
+"""Or what makes one if there is a choice: to make it takes longer than to solve a small labyrinth."""
 
 
 def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]:
@@ -57,7 +60,7 @@ def _choices(table: Table, distance: Sequence[int], state: int) -> list[int]:
     return [action for action, after in enumerate(table[state]) if distance[after] == nearer]
 
 
-def shortest_route(labyrinth: Labyrinth, rng: np.random.Generator) -> list[int]:
+def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
     """Return the actions of one shortest route, each such route being equally likely."""
     table = transition_table(labyrinth)
     distance = distances(labyrinth, table)
@@ -71,6 +74,7 @@ def shortest_route(labyrinth: Labyrinth, rng: np.random.Generator) -> list[int]:
         action = after.index(nearer)
         if after.count(nearer) > 1:
             routes = routes or _count_shortest_routes(table, distance, state)
+            rng = rng() if callable(rng) else rng
             # A choice weighs as much as the number of routes behind it.
             ticket = _uniform_below(routes[state], rng)
             for action in _choices(table, distance, state):

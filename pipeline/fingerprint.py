@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -34,10 +34,11 @@ class Fingerprint:
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
-    def update(self, row: Row) -> None:
-        """Add a row."""
-        numbers = _NUMBERS.pack(row.actions, row.rewards, row.episode_starts)
-        self._hash.update(row.picture_digest + numbers + _text_digest(row.info))
+    def update(self, rows: Iterable[Row]) -> None:
+        """Add rows."""
+        pack = _NUMBERS.pack
+        for _, _, action, reward, starts, info, digest in rows:
+            self._hash.update(digest + pack(action, reward, starts) + _text_digest(info))
 
     def hexdigest(self) -> str:
         """Return the hash of the rows so far, in hexadecimal digits."""

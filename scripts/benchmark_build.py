@@ -24,10 +24,11 @@ import re
 import tempfile
 import time
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
@@ -52,6 +53,7 @@ from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
 from pipeline.manifest import Manifest
+from pipeline.prefetch import batched
 from pipeline.schema import SAMPLED_SPLITS, Row
 
 STAGES = {
@@ -97,6 +99,11 @@ class PillowPictures(dict[State, Picture]):
         file = io.BytesIO()
         Image.fromarray(self._painter.array(state)).save(file, "PNG")
         return Picture(file.getvalue(), bytes(16))
+
+    def draw(self, states: Sequence[State]) -> tuple[Sequence[bytes], Sequence[bytes]]:
+        """Return files and digests."""
+        pngs, digests = zip(*[self[state] for state in states], strict=True)
+        return pngs, digests
 
 
 Way = Callable[[Labyrinth], dict[State, Picture]]
@@ -166,15 +173,16 @@ def make_episodes(
 ) -> Iterator[list[Row]]:
     """Yield the rows of each episode as `build.make_shard` does, adding up the time by stage."""
 
-    def place() -> Iterator[tuple[Labyrinth, np.random.Generator]]:
+    def place() -> Iterator[tuple[Labyrinth, Callable[[], np.random.Generator]]]:
         for structure in structures:
             labyrinth = labyrinth_of(config, split, structure)
             if places == "anywhere":
                 labyrinth = change_start_and_goal(labyrinth, item_rng(config, split, structure))
-            yield labyrinth, item_rng(config, split, structure, ACTING)
+            yield labyrinth, partial(item_rng, config, split, structure, ACTING)
 
-    labyrinths = timed(place(), "sample", seconds)
-    solutions = timed(solve(config, split, labyrinths), "solve", seconds)
+    count = max(1, build.CELLS_PER_BATCH // (config.height * config.width))
+    labyrinths = batched(timed(place(), "sample", seconds), count)
+    solutions = batched(timed(solve(config, split, labyrinths), "solve", seconds), count)
     for number, solution in enumerate(solutions):
         yield from timed(render(split, number, solution.episodes), "render", seconds)
 

@@ -16,6 +16,7 @@ import io
 import os
 import platform
 import time
+from functools import partial
 from collections.abc import Iterator
 from importlib.metadata import version
 from statistics import median
@@ -63,8 +64,8 @@ def episodes_of(size: str, labyrinths: int, split: str) -> list[list[Row]]:
     options = RunConfig(stages=["build"], size=size, labyrinths=labyrinths, data_dir="unused")
     config = resolve(options).dataset
     items = (
-        (labyrinth_of(config, split, structure), item_rng(config, split, structure, ACTING))
-        for structure in sample(config)["train"]
+        (labyrinth_of(config, split, each), partial(item_rng, config, split, each, ACTING))
+        for each in sample(config)["train"]
     )
     solutions = enumerate(solve(config, split, items))
     return [rows for n, solution in solutions for rows in render(split, n, solution.episodes)]

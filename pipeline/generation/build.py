@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 from labyrinth_core.labyrinth import Structure
@@ -31,12 +32,17 @@ from pipeline.manifest import (
     file_sha256,
     write_text,
 )
+from pipeline.prefetch import batched
 from pipeline.schema import SAMPLED_SPLITS, SPLITS, Row
 from pipeline.storage import AnyPath, RemotePath, new_file
 from pipeline.terminal import console, summary, tracked
 
 CELLS_PER_SHARD = 400_000
 """Cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
+
+
+CELLS_PER_BATCH = 2_000
+"""Cells of the labyrinths that are sampled, then solved, then drawn: 80 labyrinths at 5x5."""
 
 
 @dataclass(frozen=True)
@@ -168,10 +174,12 @@ def make_shard(job: ShardJob) -> Shard:
         nonlocal cut
         config, split = job.config, job.split
         labyrinths = (
-            (labyrinth_of(config, split, structure), item_rng(config, split, structure, ACTING))
-            for structure in job.structures
+            (labyrinth_of(config, split, each), partial(item_rng, config, split, each, ACTING))
+            for each in job.structures
         )
-        for number, solution in enumerate(solve(config, split, labyrinths), start=job.first):
+        count = max(1, CELLS_PER_BATCH // (config.height * config.width))
+        solutions = batched(solve(config, split, batched(labyrinths, count)), count)
+        for number, solution in enumerate(solutions, start=job.first):
             cut += solution.cut
             yield from render(split, number, solution.episodes)
 

@@ -245,7 +245,7 @@ class _ShardCheck:
                 digest = decoded_picture_digest(picture)
             elif self.job.same_bytes:
                 self.report.problem(number, "obs", "the right pixels, but not the encoder's bytes")
-        self.fingerprint.update(row._replace(picture_digest=digest))
+        self.fingerprint.update([row._replace(picture_digest=digest)])
 
     @staticmethod
     def meant(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain, repeat
 from typing import NamedTuple
 
 from labyrinth_core.dynamics import State
@@ -29,14 +30,25 @@ def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Ro
     labyrinth = episodes[0].labyrinth
     pictures, info = Pictures(labyrinth), dump(labyrinth)
     for place, episode in enumerate(episodes):
-        actions = [*episode.actions.tolist(), NO_ACTION]
-        rewards = [*episode.rewards.tolist(), 0.0]
-        rows = []
-        for step, state in enumerate(episode.states):
-            png, digest = pictures[state]
-            name = picture_name(split, number, place, step)
-            rows.append(Row(png, name, actions[step], rewards[step], step == 0, info, digest))
-        yield rows
+        states = episode.states
+        pngs: Sequence[bytes]
+        digests: Sequence[bytes]
+        if len(episodes) == 1 and len(set(states)) == len(states):  # None is needed twice.
+            pngs, digests = pictures.draw(states)
+        else:
+            pngs, digests = zip(*[pictures[state] for state in states], strict=True)
+        yield list(
+            map(
+                Row,
+                pngs,
+                [picture_name(split, number, place, step) for step in range(len(pngs))],
+                [*episode.actions.tolist(), NO_ACTION],
+                [*episode.rewards.tolist(), 0.0],
+                chain([True], repeat(False)),
+                repeat(info),
+                digests,
+            )
+        )
 
 
 class Picture(NamedTuple):
@@ -57,12 +69,16 @@ class Pictures(dict[State, Picture]):
         self._mosaic, self._digests = Mosaic(strips, PICTURE_SIZE), PictureDigest(strips)
 
     def __missing__(self, state: State) -> Picture:
-        changes = self._painter.changes(state)
-        picture = Picture(self._mosaic.encode(changes), self._digests.digest(changes))
+        (png,), (digest,) = self.draw([state])
         if len(self) == REMEMBERED_PICTURES:
             self.clear()
-        self[state] = picture
+        picture = self[state] = Picture(png, digest)
         return picture
+
+    def draw(self, states: Sequence[State]) -> tuple[list[bytes], list[bytes]]:
+        """Return the PNG files of some states, and their digests, and keep neither."""
+        changes = list(map(self._painter.changes, states))
+        return list(map(self._mosaic.encode, changes)), list(map(self._digests.digest, changes))
 
 
 def picture_name(split: str, number: int, episode: int, step: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -23,29 +23,32 @@ class Solution(NamedTuple):
 
 
 def solve(
-    config: DatasetConfig, split: str, labyrinths: Iterable[tuple[Labyrinth, np.random.Generator]]
+    config: DatasetConfig,
+    split: str,
+    labyrinths: Iterable[tuple[Labyrinth, Callable[[], np.random.Generator]]],
 ) -> Iterator[Solution]:
     """Yield the episodes of each labyrinth, in order.
 
     Args:
         config: Says which routes.
         split: In `random` a random policy acts instead.
-        labyrinths: Each with the randomness for its episodes.
+        labyrinths: Each with what makes the randomness for its episodes.
     """
-    for labyrinth, rng in labyrinths:
+    for labyrinth, make_rng in labyrinths:
         if split == "random":
-            yield Solution(labyrinth, list(_random_episodes(labyrinth, rng, config)), cut=False)
+            episodes = list(_random_episodes(labyrinth, make_rng(), config))
+            yield Solution(labyrinth, episodes, cut=False)
             continue
-        routes = _routes(config, labyrinth, rng)
+        routes = _routes(config, labyrinth, make_rng)
         cut = config.solutions != "shortest" and len(routes) == config.solutions_limit
         yield Solution(labyrinth, [replay(labyrinth, route) for route in routes], cut)
 
 
 def _routes(
-    config: DatasetConfig, labyrinth: Labyrinth, rng: np.random.Generator
+    config: DatasetConfig, labyrinth: Labyrinth, make_rng: Callable[[], np.random.Generator]
 ) -> list[list[int]]:
     if config.solutions == "shortest":
-        return [shortest_route(labyrinth, rng)]
+        return [shortest_route(labyrinth, make_rng)]
     if config.solutions == "all_shortest":
         return shortest_routes(labyrinth, config.solutions_limit)
     return simple_routes(labyrinth, config.solutions_limit)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import gc
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -60,12 +62,14 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
     fingerprint = Fingerprint()
     rows = count = longest = 0
     try:
-        with pq.ParquetWriter(temporary, written_schema(), **WRITER_OPTIONS) as writer:
+        with (
+            _uncollected(),
+            pq.ParquetWriter(temporary, written_schema(), **WRITER_OPTIONS) as writer,
+        ):
             writer.add_key_value_metadata(arrow_schema().metadata)
             group: list[Row] = []
             for episode in episodes:
-                for row in episode:
-                    fingerprint.update(row)
+                fingerprint.update(episode)
                 group += episode
                 count += 1
                 rows += len(episode)
@@ -87,6 +91,18 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
     finally:
         temporary.unlink(missing_ok=True)
     return written
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Keep the collector of cycles away; rows have none, and it would walk all that is loaded."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def table_of(rows: list[Row]) -> pa.Table:

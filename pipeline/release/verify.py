@@ -91,7 +91,7 @@ def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str) 
             row = next(iterator, None)
             if row is None:
                 raise DatasetError(f"{what}: it ends after {seen} rows")
-            fingerprint.update(_row(row))
+            fingerprint.update([_row(row)])
             seen += 1
         if fingerprint.hexdigest() != shard.fingerprint:
             raise DatasetError(f"{what}: the rows of {shard.path} are not those published")

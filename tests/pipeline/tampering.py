@@ -79,7 +79,7 @@ def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
         if png not in digests:
             digests[png] = picture_digest_of(png)
         values = (row["actions"], row["rewards"], row["episode_starts"], row["info"])
-        fingerprint.update(Row(b"", "", *values, digests[png]))
+        fingerprint.update([Row(b"", "", *values, digests[png])])
     return fingerprint.hexdigest()
 
 

@@ -31,8 +31,7 @@ rows = st.builds(
 
 def fingerprint(some_rows: list[Row]) -> str:
     fingerprint = Fingerprint()
-    for row in some_rows:
-        fingerprint.update(row)
+    fingerprint.update(some_rows)
     return fingerprint.hexdigest()
 
 
