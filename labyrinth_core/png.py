@@ -103,13 +103,14 @@ class Mosaic:
         parts = self._parts.copy()
         a, b = self._sums
         for place, strip in changes.items():
-            piece, old = _strip_piece(strip), self._pieces[place]
-            if piece.length != old.length:
-                raise ValueError(f"strip {place}: {piece.length} bytes of rows, not {old.length}")
+            compressed, new_a, new_b, new_length = _strip_piece(strip)
+            _, old_a, old_b, old_length = self._pieces[place]
+            if new_length != old_length:
+                raise ValueError(f"strip {place}: {new_length} bytes of rows, not {old_length}")
             # Each byte counts once in a, and in b as often as there are bytes from it to the end.
-            a += piece.a - old.a
-            b += piece.b - old.b + (piece.a - old.a) * self._below[place]
-            parts[place + 1] = piece.compressed
+            a += new_a - old_a
+            b += new_b - old_b + (new_a - old_a) * self._below[place]
+            parts[place + 1] = compressed
         parts.append(_LAST_BLOCK)
         parts.append(_SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS))
         data = b"".join(parts)

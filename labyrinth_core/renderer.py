@@ -131,14 +131,14 @@ class Painter:
     def changes(self, state: State) -> dict[int, Strip]:
         """Return the strips that show a state, by their place among those of the labyrinth."""
         labyrinth, grid, style = self._labyrinth, self._grid, self._style
+        cell, has_key, door_open = state
         codes: dict[int, int] = {}
-        if state.has_key and labyrinth.key is not None:
+        if has_key and labyrinth.key is not None:
             codes[labyrinth.key] = _FLOOR
-        if state.door_open and labyrinth.door is not None:
+        if door_open and labyrinth.door is not None:
             codes[labyrinth.door] = _OPEN_DOOR
-        under = codes.get(state.agent, self._codes.get(state.agent, _FLOOR))
-        agent = _AGENT_WITH_KEY if state.has_key and not state.door_open else _AGENT
-        codes[state.agent] = under + agent
+        under = codes.get(cell, self._codes.get(cell, _FLOOR))
+        codes[cell] = under + (_AGENT_WITH_KEY if has_key and not door_open else _AGENT)
         if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
             return dict(enumerate(self._draw_seen(state, self._codes | codes)))
         strips: dict[int, Strip] = {}

@@ -18,7 +18,7 @@ from labyrinth_core.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_firs
 Table = Sequence[Moves]
 
 Randomness = np.random.Generator | Callable[[], np.random.Generator]
-"""Or what makes one if there is a choice: to make it takes longer than to solve a small labyrinth."""
+"""Or what makes one, if there is a choice: making it takes longer than a small labyrinth."""
 
 
 def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]:

@@ -16,8 +16,8 @@ import io
 import os
 import platform
 import time
-from functools import partial
 from collections.abc import Iterator
+from functools import partial
 from importlib.metadata import version
 from statistics import median
 from typing import Any, NamedTuple
