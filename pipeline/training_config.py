@@ -12,6 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from pipeline.config_error import check, check_choice, listed
+
 ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 """Encoder -> what it looks at."""
 
@@ -137,29 +139,34 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
     """Return the options of a configuration.
 
     Raises:
-        ValueError: One is impossible; the text is one line that says what is allowed.
+        ConfigError: One is impossible.
     """
     settings = dict(config.method)
     name = str(settings.pop("name", ""))
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name, re.ASCII):
-        raise ValueError(f"method.name={name}: give the name of a method, such as bc")
-    _choose("encoder", config.encoder, ENCODERS)
-    _choose("pool_stride", config.pool_stride, POOL_STRIDES)
-    _choose("observation", config.observation, sorted(set(ENCODERS.values())))
-    _choose("protocol", config.protocol, PROTOCOLS)
-    _choose("device", config.device, DEVICES)
-    if ENCODERS[config.encoder] != config.observation:
-        fitting = [name for name, sees in ENCODERS.items() if sees == config.observation]
-        raise ValueError(
-            f"encoder={config.encoder} looks at observation={ENCODERS[config.encoder]}: for "
-            f"observation={config.observation} choose one of [{', '.join(fitting)}]"
-        )
-    if name in OWN_NETWORKS and config.observation != "image":
-        raise ValueError(f"method={name} learns from pictures: leave observation=image")
-    if config.threads is not None and not 1 <= config.threads <= MAX_THREADS:
-        raise ValueError(f"threads={config.threads}: give a number from 1 to {MAX_THREADS:,}")
-    if not config.results_dir.strip():
-        raise ValueError("results_dir is empty: give a folder")
+    check(
+        re.fullmatch(r"[a-z][a-z0-9_]*", name, re.ASCII) is not None,
+        f"method.name={name}: give the name of a method, such as bc",
+    )
+    check_choice("encoder", config.encoder, ENCODERS)
+    check_choice("pool_stride", config.pool_stride, POOL_STRIDES)
+    check_choice("observation", config.observation, sorted(set(ENCODERS.values())))
+    check_choice("protocol", config.protocol, PROTOCOLS)
+    check_choice("device", config.device, DEVICES)
+    fitting = [encoder for encoder, sees in ENCODERS.items() if sees == config.observation]
+    check(
+        config.encoder in fitting,
+        f"encoder={config.encoder} looks at observation={ENCODERS[config.encoder]}: for "
+        f"observation={config.observation} choose one of {listed(fitting)}",
+    )
+    check(
+        name not in OWN_NETWORKS or config.observation == "image",
+        f"method={name} learns from pictures: leave observation=image",
+    )
+    check(
+        config.threads is None or 1 <= config.threads <= MAX_THREADS,
+        f"threads={config.threads}: give a number from 1 to {MAX_THREADS:,}",
+    )
+    check(config.results_dir.strip() != "", "results_dir is empty: give a folder")
     return TrainingOptions(
         method=name,
         settings=MappingProxyType(settings),
@@ -176,8 +183,3 @@ def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> Traini
         tensorboard=config.tensorboard,
         seed=seed,
     )
-
-
-def _choose(name: str, value: object, allowed: Any) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name}={value}: choose one of [{', '.join(map(str, allowed))}]")

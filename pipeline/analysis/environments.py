@@ -25,7 +25,8 @@ from pipeline.analysis.summaries import Summary
 from pipeline.analysis.variation import Variation, corrected, measure
 from pipeline.analysis.variation_report import check_can_draw, write_report
 from pipeline.analysis.worlds import World, world_of
-from pipeline.config import LABYRINTH, AnalysisOptions, DatasetConfig, Run
+from pipeline.analysis_config import LABYRINTH, AnalysisOptions
+from pipeline.config import DatasetConfig, Run
 from pipeline.executor import ordered_map
 from pipeline.manifest import file_sha256, write_text
 from pipeline.terminal import console, tracked

@@ -16,7 +16,8 @@ from labyrinth_core.rollout import replay
 from labyrinth_core.solver import shortest_route
 from labyrinth_core.vector import vector_observation
 from pipeline.analysis.experts import expert_of
-from pipeline.config import LABYRINTH, ConfigError, DatasetConfig
+from pipeline.analysis_config import LABYRINTH
+from pipeline.config import ConfigError, DatasetConfig
 from pipeline.manifest import DatasetError
 
 Floats = NDArray[np.float64]

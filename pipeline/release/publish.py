@@ -22,8 +22,9 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, ge
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from pipeline import front_matter
-from pipeline.config import PublishOptions, Run
+from pipeline.config import Run
 from pipeline.manifest import DatasetError
+from pipeline.publish_config import PublishOptions
 from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
 from pipeline.release.readme import PICTURES

@@ -17,7 +17,8 @@ from torch import nn
 from pipeline.analysis.experts import expert_of, source_of, stable_baselines
 from pipeline.analysis.experts.stable_baselines import read_archive
 from pipeline.analysis.worlds import world_of
-from pipeline.config import LABYRINTH, RunConfig, resolve
+from pipeline.analysis_config import LABYRINTH
+from pipeline.config import RunConfig, resolve
 from pipeline.manifest import DatasetError
 
 DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
