@@ -43,5 +43,5 @@ if __name__ == "__main__":
             raise
         sys.exit(f"error: {error}")
     except KeyboardInterrupt:
-        print("\ninterrupted: the same command goes on from the finished shards", file=sys.stderr)
+        print("\ninterrupted: the same command goes on from what is finished", file=sys.stderr)
         sys.exit(130)

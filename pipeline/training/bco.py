@@ -79,6 +79,8 @@ class Method(Learner):
         """Return new steps of the policy, an array (N, 3)."""
         worlds, count = self.problem.worlds, self.settings.alpha * len(self.before)
         steps = -(-round(count) // len(worlds.initial))
+        if not steps:  # BCO(0): the model learns from the random policy alone.
+            return self.before[:0]
         probabilities = softmax(self.outputs(self.policy))
         taken = walk(worlds, probabilities, self.where, self.taken, steps, self.problem.rng)
         return np.stack([taken.states, taken.actions, taken.next_states], axis=2).reshape(-1, 3)

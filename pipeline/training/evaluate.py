@@ -16,7 +16,6 @@ from rich.table import Table
 from pipeline.config import Run
 from pipeline.manifest import DatasetError, Manifest, write_text
 from pipeline.prefetch import prefetched
-from pipeline.source import locate
 from pipeline.terminal import console, tracked
 from pipeline.training.baselines import BASELINES, compare
 from pipeline.training.bootstrap import interval
@@ -25,7 +24,7 @@ from pipeline.training.method import find
 from pipeline.training.policy import Policy, load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.scores import Scores, evaluate
-from pipeline.training.train import choose_device, spec_of, worlds_of
+from pipeline.training.train import choose_device, locate_dataset, spec_of, worlds_of
 from pipeline.training.worlds import Worlds
 
 
@@ -33,7 +32,7 @@ def run(run: Run) -> None:
     """Evaluate the policy of a run.
 
     Raises:
-        ConfigError: There is no such device.
+        ConfigError: There is no such device, or a folder is given with a revision.
         DatasetError: There is no finished run, or it is of another dataset than the one that is
             there; or the dataset lacks a split.
     """
@@ -47,8 +46,7 @@ def run(run: Run) -> None:
     method, settings = find(record["run"]["method"], record["run"]["settings"])
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(run), device, make)
-    located = locate(options.source, run.dataset.name, "train", options.revision)
-    fingerprint = Manifest.read(located).fingerprint
+    fingerprint = Manifest.read(locate_dataset(run)).fingerprint
     if fingerprint != record["run"]["fingerprint"]:
         raise DatasetError(
             f"{folder} was trained on another dataset than {options.source}: their fingerprints "

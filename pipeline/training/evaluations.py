@@ -40,6 +40,8 @@ class Evaluation:
     seed: int
     fingerprint: str
     """Of the dataset."""
+    settings: dict[str, Any]
+    """Of the method."""
     content: dict[str, Any]
 
 
@@ -73,7 +75,7 @@ def read_all(results_dir: Path) -> list[Evaluation]:
 
     Raises:
         DatasetError: There are none, or one cannot be read, or two of the same config are of
-            different datasets.
+            different datasets, or two seeds of one method have different settings.
     """
     found = [read(path) for path in sorted((results_dir / "runs").glob("*/*.json"))]
     if not found:
@@ -81,15 +83,34 @@ def read_all(results_dir: Path) -> list[Evaluation]:
             f"{results_dir} holds no evaluation, and neither does run_dir: "
             "stages=[train,evaluate] makes one"
         )
-    first: dict[str, Evaluation] = {}
+    first: dict[tuple[str, ...], Evaluation] = {}
     for each in found:
-        other = first.setdefault(each.config, each)
+        other = first.setdefault((each.config,), each)
         if other.fingerprint != each.fingerprint:
             raise DatasetError(
                 f"{each.path} and {other.path} are of different datasets, and not to be compared: "
                 "remove one, or choose another results_dir"
             )
+        other = first.setdefault((each.config, each.setup, each.method), each)
+        differing = _differences(each, other)
+        if differing:
+            raise DatasetError(
+                f"{each.path} and {other.path} are of different settings, {differing}, and not to "
+                "be averaged: remove one, or choose another results_dir"
+            )
     return sorted(found, key=_order)
+
+
+def _differences(one: Evaluation, other: Evaluation) -> str:
+    """Return in words in which settings two evaluations differ; empty if in none.
+
+    Those that only one has are left out: they came later, and do nothing by default.
+    """
+    left, right = one.settings, other.settings
+    common = [name for name in left if name in right]
+    return ", ".join(
+        f"{name}={left[name]} and {right[name]}" for name in common if left[name] != right[name]
+    )
 
 
 def _order(each: Evaluation) -> tuple[Any, ...]:
@@ -119,6 +140,7 @@ def read(path: Path) -> Evaluation:
             setup="-".join(setup),
             seed=int(about["seed"]),
             fingerprint=str(about["fingerprint"]),
+            settings=dict(about["settings"]),
             content=content,
         )
         for split in SPLITS:

@@ -49,9 +49,9 @@ class Settings(BaseSettings):
     """Of the agent in each labyrinth, in an epoch."""
     buffer: int = setting(50_000, 1)
     """Most steps of its own that are remembered, the last ones."""
-    gamma: float = setting(0.9, 0, 1)
-    """Discount."""
-    temperature: float = setting(0.1, 0)
+    gamma: float = setting(0.9, 0, 0.999)
+    """Discount; with 1 the goal would be worth more than any number."""
+    temperature: float = setting(0.1, 0.001)
     """tau."""
 
 

@@ -19,6 +19,7 @@ import torch
 from pipeline.config import ConfigError, Run
 from pipeline.manifest import MANIFEST, DatasetError, Manifest
 from pipeline.source import locate
+from pipeline.storage import AnyPath
 from pipeline.terminal import console, progress
 from pipeline.training.checkpoint import Progress, differences
 from pipeline.training.following import success_rate
@@ -86,28 +87,42 @@ def choose_device(options: TrainingOptions) -> torch.device:
     return torch.device("cuda" if there and options.device != "cpu" else "cpu")
 
 
-def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
-    """Return all that determines the weights of a run, in plain types.
+def locate_dataset(run: Run) -> AnyPath:
+    """Return the folder of the dataset that a run learns from.
 
     Raises:
+        ConfigError: A folder is given with a revision.
         DatasetError: There is no dataset.
     """
     options = run.training
     assert options is not None
-    config = run.dataset.name
     if options.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
         size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
         raise DatasetError(
             f"{run.folder} holds no dataset: python run.py {size} data_dir={run.data_dir} makes it"
         )
-    located = locate(options.source, config, "train", options.revision)
+    try:
+        return locate(options.source, run.dataset.name, "train", options.revision)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
+    """Return all that determines the weights of a run, in plain types.
+
+    Raises:
+        ConfigError: As for `locate_dataset`.
+        DatasetError: There is no dataset.
+    """
+    options = run.training
+    assert options is not None
     return {
         **options.what,
         "settings": asdict(settings),
-        "config": config,
+        "config": run.dataset.name,
         "dataset": options.source,
         "revision": options.revision,
-        "fingerprint": Manifest.read(located).fingerprint,
+        "fingerprint": Manifest.read(locate_dataset(run)).fingerprint,
     }
 
 

@@ -248,7 +248,7 @@ def undisturbed(build: Build, tmp_path_factory: pytest.TempPathFactory) -> dict[
 @pytest.mark.parametrize(
     ("sent", "status", "lines"),
     [
-        (signal.SIGINT, 130, ["interrupted: the same command goes on from the finished shards"]),
+        (signal.SIGINT, 130, ["interrupted: the same command goes on from what is finished"]),
         (signal.SIGKILL, -signal.SIGKILL, []),
     ],
     ids=["SIGINT", "SIGKILL"],

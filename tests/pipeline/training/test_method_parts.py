@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.training import dagger, gail, iupe, sqil
+from pipeline.training import bco, dagger, gail, iupe, sqil
 from pipeline.training.acting import Walk, draw, softmax, walk
 from pipeline.training.method import Problem
 
@@ -181,6 +181,17 @@ def test_a_gain_is_clipped_and_a_loss_is_not() -> None:
     ratio = float(softmax(outputs[:1, :4])[0, 0]) / 0.25
     assert ratio > 1.2
     assert losses.tolist() == pytest.approx([-1.2, ratio])
+
+
+# BCO.
+
+
+def test_with_alpha_0_the_model_learns_from_the_random_policy_alone(problem_of: Problems) -> None:
+    settings = bco.Settings(alpha=0, epochs_a_round=1, model_epochs=1, batch_size=64)
+    learner = bco.Method(problem_of(), settings)
+    for _ in range(2):
+        learner.epoch()
+    assert np.array_equal(learner.experience, learner.before)
 
 
 # IUPE.

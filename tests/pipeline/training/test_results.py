@@ -108,6 +108,7 @@ def evaluated(small_dataset, tmp_path_factory):
                 "seed": seed,
                 "config": "3x3",
                 "fingerprint": "0" * 64,
+                "settings": {"epochs": 7},
             },
             "epochs": 7,
             "seconds": 90.0,
@@ -211,4 +212,17 @@ def test_without_evaluations_or_with_bad_ones_there_is_one_clear_line(evaluated,
         assert "\n" not in str(error.value)
     path.write_text(text.replace("0" * 64, "1" * 64), encoding="utf-8")
     with pytest.raises(DatasetError, match="are of different datasets"):
+        results.run(run_of(runs))
+
+
+def test_seeds_of_other_settings_have_no_common_mean_but_new_settings_do_no_harm(
+    evaluated, run_of, tmp_path
+):
+    runs = shutil.copytree(evaluated, tmp_path / "runs")
+    path = runs / "3x3" / "bc-cnn-seed1" / "evaluation.json"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('"epochs": 7}', '"epochs": 7, "later": 1}'), encoding="utf-8")
+    results.run(run_of(runs))
+    path.write_text(text.replace('"epochs": 7}', '"epochs": 8}'), encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"bc-cnn-seed1\.json .* epochs=8 and 7, and not to be"):
         results.run(run_of(runs))

@@ -216,9 +216,12 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
         ({"method": {"epochs": 1.5}}, "method.epochs=1.5: give a whole number"),
         ({"method": {"learning_rate": "x"}}, "method.learning_rate=x: give a number"),
         ({"method": {"speed": 1}}, "method.speed is no option: choose from [epochs"),
+        ({"method": {"name": "sqil", "gamma": 1}}, "method.gamma=1: give a number, 0 to 0.999"),
+        ({"method": {"name": "sqil", "temperature": 0}}, "give a number, 0.001 or more"),
+        ({"revision": "v1"}, "is a folder, which has no revisions"),
     ],
 )
-def test_an_impossible_setting_of_a_method_is_refused_in_one_line(
+def test_an_impossible_setting_is_refused_in_one_line(
     run_of: Callable[..., Run], tmp_path: Path, options: dict[str, Any], told: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
