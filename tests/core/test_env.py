@@ -11,6 +11,8 @@ from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import PassiveEnvChecker, TimeLimit
 from hypothesis import given, settings
+from known_labyrinths import OPEN
+from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.dynamics import State, is_terminal, reward, state_index, transition
@@ -27,25 +29,6 @@ NAME = "labyrinth_core.env:Labyrinth-v0"
 KINDS = ["image", "vector", "state"]
 UP, RIGHT, DOWN, LEFT = Action
 
-OPEN = """
-labyrinth:
----------
-|     E |
-|   +   |
-| S     |
----------
-end
-"""
-KEY_AND_DOOR = """
-key_and_lock: True
-labyrinth:
--------------
-| K | D   E |
-|   +   + - |
-| S         |
--------------
-end
-"""
 ICY_FLOOR = """
 icy_floor: True
 labyrinth:
@@ -448,7 +431,7 @@ def test_a_window_shows_each_step_and_closes():
 def test_a_window_without_pygame_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     monkeypatch.delitem(sys.modules, "labyrinth_core.window", raising=False)
-    with pytest.raises(DependencyNotInstalled, match=r"pip install 'labyrinth-datasets\[play\]'"):
+    with pytest.raises(DependencyNotInstalled, match=r"pip install -e '.\[play\]'"):
         LabyrinthEnv(render_mode="human").reset()
 
 

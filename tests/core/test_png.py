@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from known_labyrinths import KEY_AND_DOOR
 from PIL import Image
 
 from labyrinth_core import png
@@ -24,21 +25,7 @@ from labyrinth_core.language import parse
 from labyrinth_core.png import Mosaic, encode
 from labyrinth_core.renderer import PICTURE_SIZE, Painter
 
-LABYRINTH = parse(
-    """
-key_and_lock: True
-
-labyrinth:
--------------
-|   | D   E |
-|   +   + - |
-|           |
-|   + - +   |
-| S     | K |
--------------
-end
-"""
-)
+LABYRINTH = parse(KEY_AND_DOOR)
 WHITE, BLACK = b"\xff\xff\xff", b"\0\0\0"
 
 

@@ -22,6 +22,7 @@ from brute_force import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_labyrinths import KEY_AND_DOOR
 from PIL import Image
 from strategies import labyrinths, randoms, structures
 
@@ -62,19 +63,6 @@ labyrinth:
 |           |
 |   + - +   |
 | S     |   |
--------------
-end
-"""
-KEY_AND_DOOR = """
-key_and_lock: True
-
-labyrinth:
--------------
-|   | D   E |
-|   +   + - |
-|           |
-|   + - +   |
-| S     | K |
 -------------
 end
 """

@@ -4,23 +4,13 @@ import numpy as np
 from brute_force import sees
 from hypothesis import given
 from hypothesis import strategies as st
+from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.dynamics import State, initial, state_at, state_count
 from labyrinth_core.labyrinth import Task
 from labyrinth_core.language import parse
 from labyrinth_core.vector import grid_index, grid_indices, tile_count, vector_observation
-
-KEY_AND_DOOR = """
-key_and_lock: True
-labyrinth:
--------------
-| K | D   E |
-|   +   + - |
-| S         |
--------------
-end
-"""
 
 
 def grid_of(vector, labyrinth):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from known_labyrinths import OPEN
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.labyrinth import Task
@@ -12,15 +13,6 @@ from labyrinth_core.language import parse
 from labyrinth_core.vector_env import LabyrinthVectorEnv
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
-OPEN = """
-labyrinth:
----------
-|     E |
-|   +   |
-| S     |
----------
-end
-"""
 CLOSER = OPEN.replace("|     E |", "| E     |")
 KEY_AND_DOOR = """
 key_and_lock: True
