@@ -58,6 +58,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
 def _introduction(datasets: Sequence[DatasetStatistics], default: str) -> str:
     names = ", ".join(f"`{dataset.name}`" for dataset in datasets)
     rows = sum(dataset.rows for dataset in datasets)
+    named = f"{names}; `{default}` is the default" if len(datasets) > 1 else names
     return f"""# Labyrinth
 
 ![A labyrinth of train, of validation and of test, each with a way from start to goal]({BANNER})
@@ -66,7 +67,7 @@ Pictures of grid labyrinths with the actions that solve them, for imitation lear
 memorising from generalising: an agent learns on the structures of `train` and is judged on those
 of `test`, and no structure is in both, not even as a mirror image.
 
-- **{rows:,} rows** in {count(len(datasets), "config")}: {names}; `{default}` is the default.
+- **{rows:,} rows** in {count(len(datasets), "config")}: {named}.
 - **Counted, not assumed:** [which structures two splits share](#no-structure-in-two-splits): none.
 - **Self-sufficient rows:** `info` holds the labyrinth as a text that loads it again.
 
@@ -239,11 +240,17 @@ def _closeness(datasets: Sequence[DatasetStatistics]) -> str:
     )
     return f"""
 
-They can be alike all the same. Of the labyrinths of the second split, so many have in the first
-one a structure that any rotation or reflection makes the same; one that differs in at most 1, 2
-or 3 walls, without being turned; and an optimal route that is theirs too. The last column is how
-many walls the nearest structure of the first split is away, least and median. `{ANALYSIS}` in each
-config's folder has the ids, and the shift between the splits with its p-values.
+Structures of two splits can be alike all the same. Of the labyrinths of the second split, so many
+have in the first one
+
+- *turned*: a structure that any rotation or reflection makes the same;
+- *1 wall away*, *2 walls*, *3 walls*: one that differs in at most so many walls, without being
+  turned;
+- *same route*: a labyrinth in which an optimal route of theirs is optimal, too.
+
+The last column is how many walls the nearest structure of the first split is away, least and
+median. `{ANALYSIS}` in each config's folder has the ids, and the shift between the splits with its
+p-values.
 
 {counts}"""
 
@@ -252,9 +259,9 @@ def _statistics(datasets: Sequence[DatasetStatistics], default: str) -> str:
     parts = [
         """## Statistics
 
-*Moves* and *return* are means over episodes; *optimal* is the share of the actions that begin a
-shortest route; *choices* is how many actions do, in a state that is acted in; *loops* is how many
-passages a structure has beyond those of a tree (passages - cells + 1)."""
+*Loops* is how many passages a structure has beyond those of a tree (passages - cells + 1), on
+average; *moves* and *return* are means over episodes. *Optimal* is the share of the actions that
+begin a shortest route; *choices* is how many actions do, in a state that is acted in."""
     ]
     for dataset in sorted(datasets, key=lambda dataset: dataset.name != default):
         section = f"{_numbers(dataset)}\n\n{_pictures(dataset)}"
@@ -267,27 +274,35 @@ passages a structure has beyond those of a tree (passages - cells + 1)."""
 
 
 def _numbers(dataset: DatasetStatistics) -> str:
-    actions = [action.name.lower() for action in Action]
-    return table(
-        (
-            *("split", "labyrinths", "episodes", "rows", "moves", "longest", "return"),
-            *(*actions, "optimal", "choices", "loops"),
-        ),
+    episodes = table(
+        ("split", "labyrinths", "loops", "episodes", "rows", "moves", "longest", "return"),
         (
             (
                 f"`{split.split}`",
-                *(f"{n:,}" for n in (split.labyrinths, split.episodes, split.rows)),
+                f"{split.labyrinths:,}",
+                f"{split.loops:.2f}",
+                f"{split.episodes:,}",
+                f"{split.rows:,}",
                 f"{split.mean_moves:.2f}",
                 f"{split.longest:,}",
                 f"{split.mean_return:.3f}",
-                *(f"{share:.1%}" for share in split.action_shares),
-                f"{split.optimal:.1%}",
-                f"{split.choices:.2f}",
-                f"{split.loops:.2f}",
             )
             for split in dataset.splits
         ),
     )
+    actions = table(
+        ("split", *(action.name.lower() for action in Action), "optimal", "choices"),
+        (
+            (
+                f"`{split.split}`",
+                *(f"{share:.1%}" for share in split.action_shares),
+                f"{split.optimal:.1%}",
+                f"{split.choices:.2f}",
+            )
+            for split in dataset.splits
+        ),
+    )
+    return f"{episodes}\n\n{actions}"
 
 
 def _pictures(dataset: DatasetStatistics) -> str:

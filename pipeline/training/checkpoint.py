@@ -93,11 +93,19 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
 
 def differences(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """Return in words where what a run is differs from what it is to be; empty if nowhere."""
+    there, wanted = _flat(there), _flat(wanted)
     return "; ".join(
         f"{name}={there.get(name)}, not {wanted.get(name)}"
         for name in {**wanted, **there}
         if there.get(name) != wanted.get(name)
     )
+
+
+def _flat(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run is, its method's settings by the names that they have as options."""
+    settings = identity.get("settings", {})
+    rest = {name: value for name, value in identity.items() if name != "settings"}
+    return rest | {f"method.{name}": value for name, value in settings.items()}
 
 
 def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:

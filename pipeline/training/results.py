@@ -13,6 +13,7 @@ from rich.table import Table
 
 from pipeline.config import Run
 from pipeline.manifest import write_text
+from pipeline.markdown import count
 from pipeline.terminal import console
 from pipeline.training.evaluations import EVALUATION, SPLITS, Figures, read_all, summarise
 from pipeline.training.paper import METHODS
@@ -33,7 +34,9 @@ def run(run: Run) -> None:
     write_tables(options.results_dir, evaluations, figures)
     console.print(overview(figures))
     console.print(
-        f"{len(evaluations)} runs: {options.results_dir}", highlight=False, soft_wrap=True
+        f"{count(len(evaluations), 'run')}: {options.results_dir}",
+        highlight=False,
+        soft_wrap=True,
     )
 
 

@@ -216,7 +216,7 @@ def _train(
 
         def report(done: Progress) -> None:
             figures = done.history[-1]
-            best = "" if done.best is None else f", SR {done.best['validation_sr']:.0%}"
+            best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
             told = f"{options.method} loss {figures['loss']:.3f}{best}"
             bars.update(bar, completed=done.epoch, description=told)
             if board is not None:

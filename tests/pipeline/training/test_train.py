@@ -125,7 +125,7 @@ def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
     changed = run_of(method={"epochs": 4})
     with pytest.raises(DatasetError, match="overwrite=true") as caught:
         train.run(changed)
-    assert "'epochs': 3" in str(caught.value)
+    assert "a run with method.epochs=3, not 4: choose" in str(caught.value)
     assert {path: path.stat().st_mtime_ns for path in folder_of(run).iterdir()} == before
     train.run(replace(changed, overwrite=True))
     assert json.loads((folder_of(run) / RECORD).read_text())["epochs"] == 4
