@@ -116,7 +116,10 @@ def load_policy(
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is not there: stages=[train] makes it") from error
     except (OSError, SafetensorError, ValueError) as error:
-        raise DatasetError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+        reason = " ".join(str(error).split())
+        raise DatasetError(
+            f"{path} cannot be read: {reason}; remove it, and stages=[train] makes it anew"
+        ) from error
     wanted = spec.to_json()
     if there != wanted:
         differing = [

@@ -200,7 +200,7 @@ def _is_finished(folder: Path, identity: dict[str, Any]) -> bool:
             f"{folder} holds a run with {differing}: choose another run_dir, or give "
             "overwrite=true to replace it"
         )
-    return True
+    return (folder / POLICY).is_file()
 
 
 def _train(

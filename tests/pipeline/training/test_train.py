@@ -131,6 +131,15 @@ def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
     assert json.loads((folder_of(run) / RECORD).read_text())["epochs"] == 4
 
 
+def test_a_policy_that_was_removed_is_made_again(run_of: Callable[..., Run]) -> None:
+    run = run_of()
+    train.run(run)
+    weights = weights_of(run)
+    (folder_of(run) / POLICY).unlink()
+    train.run(run)
+    assert weights_of(run) == weights
+
+
 def test_the_labyrinths_of_test_are_never_opened(
     run_of: Callable[..., Run], small_dataset: Run, tmp_path: Path
 ) -> None:
