@@ -91,6 +91,9 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     options = {"log_to_driver": False, "logging_level": logging.ERROR, **own}
     ray.init(address=address or "local", **options)
     stack.callback(ray.shutdown)
+    processors = int(ray.cluster_resources().get("CPU", 0))
+    if workers > processors:
+        raise ValueError(f"workers={workers}: the cluster has room for {processors}")
     register_ray()
     return {}
 
@@ -197,9 +200,9 @@ def _losses(backend: str) -> tuple[type[Exception], ...]:
 
         return (KilledWorker,)
     if backend == "ray":
-        from ray.exceptions import RayActorError, WorkerCrashedError
+        from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
 
-        return (RayActorError, WorkerCrashedError)
+        return (OutOfMemoryError, RayActorError, WorkerCrashedError)
     from concurrent.futures.process import BrokenProcessPool
 
     return (BrokenProcessPool,)

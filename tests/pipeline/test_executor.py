@@ -15,6 +15,7 @@ import dask
 import distributed
 import pytest
 from joblib.externals.loky import get_reusable_executor
+from ray import cluster_utils as ray_cluster
 
 from pipeline import executor as executors
 from pipeline.config import ConfigError, Run, RunConfig, resolve
@@ -144,6 +145,18 @@ def test_dask_makes_the_bytes_that_one_process_makes(
     assert problems == []
 
 
+def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    one_process = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+    with (
+        distributed.LocalCluster(**one_process, dashboard_address=None) as started,
+        cluster("dask", 2, started.scheduler_address),
+    ):
+        folder = build(tmp_path).folder
+    assert content_of(folder) == content_of(small_dataset.folder)
+
+
 def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
     tmp_path: Path, dask_address: str
 ) -> None:
@@ -153,12 +166,45 @@ def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
     assert function.marker.exists()
 
 
+@pytest.fixture(scope="module")
+def ray_address() -> Iterator[str]:
+    own = {"num_cpus": 2, "object_store_memory": 80 << 20, "include_dashboard": False}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # For the functions of this module.
+        started = ray_cluster.Cluster(initialize_head=True, head_node_args=own)
+        yield started.address
+        started.shutdown()
+
+
 def test_ray_makes_the_bytes_that_one_process_makes(
-    build: Build, tmp_path: Path, small_dataset: Run
+    build: Build, tmp_path: Path, small_dataset: Run, ray_address: str
 ) -> None:
-    with cluster("ray", 2):
+    with cluster("ray", 2, ray_address):
         folder = build(tmp_path, workers=2).folder
     assert content_of(folder) == content_of(small_dataset.folder)
+
+
+def test_a_shard_of_a_ray_worker_that_is_killed_is_made_by_another(
+    tmp_path: Path, ray_address: str
+) -> None:
+    function = DiesOnce(tmp_path / "died", 5)
+    with cluster("ray", 2, ray_address):
+        assert list(ordered_map(function, range(12), 2)) == [-item for item in range(12)]
+    assert function.marker.exists()
+
+
+def test_more_workers_than_a_cluster_has_room_for_are_answered_with_one_line(
+    ray_address: str,
+) -> None:
+    place = f"executor=ray executor_address={ray_address}"
+    with pytest.raises(ConfigError) as caught, cluster("ray", 3, ray_address):
+        pass
+    assert str(caught.value) == f"{place}: workers=3: the cluster has room for 2"
+
+
+def test_ray_is_started_for_the_run_where_no_address_is_given() -> None:
+    with cluster("ray", 2):
+        assert list(ordered_map(abs, range(-12, 0), 2)) == list(range(12, 0, -1))
 
 
 def test_a_cluster_that_is_not_there_is_answered_with_one_line() -> None:
