@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -84,6 +85,9 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]
 
 def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address and ":" in address:  # Ray itself would try for minutes.
+        host, _, port = address.rpartition(":")
+        socket.create_connection((host.removeprefix("ray://"), int(port)), timeout=10).close()
     import ray
     from ray.util.joblib import register_ray
 

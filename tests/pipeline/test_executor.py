@@ -207,11 +207,16 @@ def test_ray_is_started_for_the_run_where_no_address_is_given() -> None:
         assert list(ordered_map(abs, range(-12, 0), 2)) == list(range(12, 0, -1))
 
 
-def test_a_cluster_that_is_not_there_is_answered_with_one_line() -> None:
+@pytest.mark.parametrize(
+    ("executor", "address"), [("dask", "tcp://127.0.0.1:9"), ("ray", "127.0.0.1:9")]
+)
+def test_a_cluster_that_is_not_there_is_answered_with_one_line(executor: str, address: str) -> None:
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "300ms"}),
-        pytest.raises(ConfigError, match="executor=dask executor_address=tcp://127") as caught,
-        cluster("dask", 2, "tcp://127.0.0.1:9"),
+        pytest.raises(
+            ConfigError, match=f"executor={executor} executor_address={address}"
+        ) as caught,
+        cluster(executor, 2, address),
     ):
         pass
     assert "\n" not in str(caught.value)
