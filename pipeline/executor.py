@@ -87,7 +87,8 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     if address and ":" in address:  # Ray itself would try for minutes.
         host, _, port = address.rpartition(":")
-        socket.create_connection((host.removeprefix("ray://"), int(port)), timeout=10).close()
+        host = host.removeprefix("ray://").strip("[]")
+        socket.create_connection((host, int(port)), timeout=10).close()
     import ray
     from ray.util.joblib import register_ray
 
