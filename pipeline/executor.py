@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -84,6 +85,10 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]
 
 def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address and ":" in address:  # Ray itself would try for minutes.
+        host, _, port = address.rpartition(":")
+        host = host.removeprefix("ray://").strip("[]")
+        socket.create_connection((host, int(port)), timeout=10).close()
     import ray
     from ray.util.joblib import register_ray
 
@@ -91,6 +96,9 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     options = {"log_to_driver": False, "logging_level": logging.ERROR, **own}
     ray.init(address=address or "local", **options)
     stack.callback(ray.shutdown)
+    processors = int(ray.cluster_resources().get("CPU", 0))
+    if workers > processors:
+        raise ValueError(f"workers={workers}: the cluster has room for {processors}")
     register_ray()
     return {}
 
@@ -197,9 +205,9 @@ def _losses(backend: str) -> tuple[type[Exception], ...]:
 
         return (KilledWorker,)
     if backend == "ray":
-        from ray.exceptions import RayActorError, WorkerCrashedError
+        from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
 
-        return (RayActorError, WorkerCrashedError)
+        return (OutOfMemoryError, RayActorError, WorkerCrashedError)
     from concurrent.futures.process import BrokenProcessPool
 
     return (BrokenProcessPool,)

@@ -95,3 +95,19 @@ def arrow_schema() -> pyarrow.Schema:
         [(column.name, types[column.name]) for column in COLUMNS],
         metadata={"huggingface": json.dumps(features)},
     )
+
+
+def texts(column: pyarrow.ChunkedArray) -> list[str | None]:
+    """Return a column of texts, equal ones as one object if it was read as a dictionary.
+
+    A text of 250x250 has half a megabyte, and hundreds of rows have the same.
+    """
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(column.type):
+        return column.to_pylist()  # type: ignore[no-any-return]
+    found: list[str | None] = []
+    for chunk in column.chunks:
+        values = [*chunk.dictionary.to_pylist(), None]
+        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
+    return found

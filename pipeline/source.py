@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pipeline.manifest import MANIFEST, DatasetError, Shard, file_sha256
+from pipeline.schema import texts
 from pipeline.storage import AnyPath, folder_at, local_copy
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
             with local_copy(path) as local:
                 if file_sha256(local) != shard.sha256:
                     raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
-                with pq.ParquetFile(local) as file:
+                with pq.ParquetFile(local, read_dictionary=["info"]) as file:
                     for group in range(file.num_row_groups):
                         table = file.read_row_group(group, columns=columns)
                         yield from _rows(table, pictures=pictures)
@@ -186,8 +187,9 @@ def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
     import pyarrow.compute as pc
 
     def values(name: str) -> list[Any]:
-        there = name in table.column_names
-        return table[name].to_pylist() if there else [None] * table.num_rows
+        if name not in table.column_names:
+            return [None] * table.num_rows
+        return texts(table[name]) if name == "info" else table[name].to_pylist()
 
     columns = {name: values(name) for name in _TYPES}
     for name, kind in _TYPES.items():

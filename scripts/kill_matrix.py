@@ -1,17 +1,23 @@
 """Kill builds at random moments, run each again, and compare what is finished byte for byte.
 
-    python scripts/kill_matrix.py --kills 200
-    python scripts/kill_matrix.py --kills 30 --executor dask
+    python scripts/kill_matrix.py --kills 200 --results local.jsonl
+    python scripts/kill_matrix.py --kills 30 --executor dask --workers 2 --results dask.jsonl
 
-A build of 30 shards is forked off and gets SIGKILL: every second time the whole process group, as
-when a machine is switched off, every other time its first process alone, whose workers then live
-on for a while. Then the same build is run to its end in the same folder. Ends with status 1 if a
-dataset differs from that of an undisturbed build in anything.
+A build of 30 shards is forked off and gets SIGKILL, then the same build is run to its end in the
+same folder. Half of the kills hit the whole process group, as when a machine is switched off, the
+others the first process alone, whose workers live on while the build is run again. A third of the
+builds replaces another dataset. The moment lies between two of those at which an undisturbed build
+begins, has finished another shard, and ends; a quarter of the kills is aimed before the first
+shard and a quarter after the last. One that comes after the end is repeated. With a file for the
+results, the same command goes on where it was stopped.
+
+Ends with status 1 if a dataset differs from that of an undisturbed build in anything.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import shutil
@@ -21,9 +27,14 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import joblib  # noqa: F401  Before builds are forked off, so that each begins at once.
+import pyarrow.parquet  # noqa: F401
 
 from pipeline.config import Run, RunConfig, resolve
 from pipeline.executor import cluster
@@ -31,18 +42,63 @@ from pipeline.generation import build
 
 LABYRINTHS, SHARDS = 40, 5
 """Of each split."""
+ALL_SHARDS = 6 * SHARDS
+
+PHASES = (
+    "before the first shard",
+    *(f"after {n} to {min(n + 9, ALL_SHARDS - 1)} of {ALL_SHARDS} shards" for n in (1, 11, 21)),
+    "after the last shard, before the dataset was in place",
+    "with the dataset in place, before all was cleared away",
+)
+TOO_LATE = "after the end, not counted"
 
 
-def start(run: Run) -> int:
-    """Build in a process group of its own; return the id of its first process."""
+class Undisturbed(NamedTuple):
+    """What a build makes that nobody kills, and when."""
+
+    files: dict[str, str]
+    """Path -> SHA-256."""
+    times: list[float]
+    """Seconds after which there were so many shards, from 0; then the end."""
+
+
+class Result(NamedTuple):
+    """What came of a kill."""
+
+    number: int
+    workers: int
+    came_to: str
+    """One of PHASES, or TOO_LATE."""
+    same: bool
+    """Whether the dataset became that of an undisturbed build."""
+
+    @property
+    def outcome(self) -> str:
+        """What to print."""
+        return "the same in the end" if self.same else "DIFFERENT in the end"
+
+
+@contextmanager
+def started(run: Run) -> Iterator[int]:
+    """Build in a process group of its own, lend the id of its first process, and end the group."""
     process = os.fork()
-    if process:
-        return process
+    if not process:
+        perform(run)
+    os.setpgid(process, process)
+    try:
+        yield process
+    finally:  # Workers that live on would wait for minutes.
+        os.killpg(process, signal.SIGKILL)
+        os.waitpid(process, 0)  # Not before: its id would be free for others.
+
+
+def perform(run: Run) -> None:
+    """Build in a process that was forked off, and end it."""
     status = 1
     try:
-        os.setsid()
+        os.setpgid(0, 0)
         # joblib's processes complain when they are killed; an error is the last thing said.
-        log = os.open(f"{run.data_dir}.log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        log = os.open(log_of(run), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
         os.dup2(log, 2)
         build.CELLS_PER_SHARD = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
@@ -57,18 +113,27 @@ def start(run: Run) -> int:
         os._exit(status)
 
 
+def log_of(run: Run) -> Path:
+    """Return the file of all that a build says."""
+    return Path(f"{run.data_dir}.log")
+
+
 def finish(run: Run) -> None:
     """Build to the end."""
-    _, status = os.waitpid(start(run), 0)
-    if status:
-        print(Path(f"{run.data_dir}.log").read_text())
+    with started(run) as process:
+        ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
+    if ended is None or ended.si_status:
+        print(log_of(run).read_text())
         raise SystemExit(f"a build in {run.data_dir} failed")
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file below a folder."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    return {str(p.relative_to(folder)): sha256(p.read_bytes()).hexdigest() for p in files}
+    """Return the SHA-256 of each file below a folder, in which others may be at work."""
+    try:
+        files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+        return {str(p.relative_to(folder)): sha256(p.read_bytes()).hexdigest() for p in files}
+    except FileNotFoundError:
+        return hashes(folder)
 
 
 def finished_shards(run: Run) -> int:
@@ -76,33 +141,128 @@ def finished_shards(run: Run) -> int:
     return len(list(run.data_dir.glob(".*.building/*-of-*.json")))
 
 
-def progress(run: Run) -> str:
-    """Return how far a build had come."""
-    if (run.folder / "manifest.json").exists():
-        return "the end, with the dataset in place"
-    first = finished_shards(run) // 10 * 10
-    return f"{first:2} to {min(first + 9, 6 * SHARDS)} of {6 * SHARDS} shards"
-
-
-def kill_and_finish(run: Run, shards: int, delay: float, *, whole_group: bool) -> str:
-    """Begin a build, kill it after some shards and a delay, build to the end.
-
-    Returns:
-        How far it had come.
-    """
-    process, ended = start(run), 0
-    while not ended and finished_shards(run) < shards:
-        time.sleep(0.001)
-        ended, _ = os.waitpid(process, os.WNOHANG)
-    time.sleep(delay)
-    if not ended:
-        (os.killpg if whole_group else os.kill)(process, signal.SIGKILL)
-        os.waitpid(process, 0)
-    came_to = progress(run)
+def build_undisturbed(run: Run) -> Undisturbed:
+    """Build twice with nobody killed: once to see what is made, once to see when."""
     finish(run)
-    with suppress(ProcessLookupError):  # Workers that live on would wait for minutes.
-        os.killpg(process, signal.SIGKILL)
-    return came_to
+    files = hashes(run.data_dir)
+    shutil.rmtree(run.data_dir)
+    began, times = time.monotonic(), [0.0]
+    with started(run):
+        while len(times) <= ALL_SHARDS:
+            in_place = (run.folder / "manifest.json").exists()
+            shards = ALL_SHARDS if in_place else finished_shards(run)
+            times += [time.monotonic() - began] * (shards + 1 - len(times))
+            time.sleep(0.0005)
+        while hashes(run.data_dir) != files:
+            time.sleep(0.0005)
+        return Undisturbed(files, [*times, time.monotonic() - began])
+
+
+def phase(run: Run, undisturbed: Undisturbed) -> str:
+    """Return how far a build had come that was killed."""
+    there = hashes(run.data_dir)
+    manifest = f"{run.folder.name}/manifest.json"
+    if there == undisturbed.files:
+        return TOO_LATE
+    if there.get(manifest) == undisturbed.files[manifest]:
+        return PHASES[-1]
+    shards = finished_shards(run)
+    if shards == ALL_SHARDS:
+        return PHASES[-2]
+    return PHASES[(shards + 9) // 10]
+
+
+def kill(run: Run, process: int, moment: tuple[int, float], whole_group: bool) -> None:
+    """Kill a build a while after it has finished some shards, unless it has ended before."""
+    shards, delay = moment
+    while finished_shards(run) < shards:
+        if os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG):
+            return
+        time.sleep(0.0005)
+    time.sleep(delay)
+    (os.killpg if whole_group else os.kill)(process, signal.SIGKILL)
+    os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
+
+
+def random_moment(rng: random.Random, times: list[float]) -> tuple[int, float]:
+    """Return after how many shards to kill, and how many seconds after that."""
+    at_an_end = ALL_SHARDS / 2
+    weights = [at_an_end, *[1.0] * (ALL_SHARDS - 1), at_an_end]
+    (shards,) = rng.choices(range(ALL_SHARDS + 1), weights)
+    return shards, rng.uniform(0, times[shards + 1] - times[shards])
+
+
+class Matrix:
+    """Builds to be killed, in a folder of their own."""
+
+    def __init__(self, folder: Path, executor: str, workers: Sequence[int]) -> None:
+        self.folder, self.executor = folder, executor
+        self.other = self.run_in("other", 1, executor="local", labyrinths=2)
+        finish(self.other)
+        self.undisturbed = {
+            n: build_undisturbed(self.run_in(f"undisturbed-{n}", n)) for n in workers
+        }
+
+    def run_in(self, name: str, workers: int, **options: Any) -> Run:
+        """Return the run of a build."""
+        fixed = {"stages": ["build"], "size": "4", "labyrinths": LABYRINTHS, "workers": workers}
+        where = {"data_dir": str(self.folder / name), "executor": self.executor}
+        return resolve(RunConfig(**fixed | where | options))
+
+    def print_times(self) -> None:
+        """Print what undisturbed builds take."""
+        for workers, (_, times) in self.undisturbed.items():
+            print(
+                f"workers={workers}, undisturbed: the first shard after {times[1]:.2f} s, "
+                f"the last after {times[-2]:.2f} s, the end after {times[-1]:.2f} s",
+                flush=True,
+            )
+
+    def kill_in_time(self, number: int, seed: int) -> Iterator[Result]:
+        """Kill until a kill comes before the end; yield the results."""
+        rng = random.Random(f"{seed} {number}")
+        came_to = TOO_LATE
+        while came_to == TOO_LATE:
+            result = self.kill_once(number, rng)
+            came_to = result.came_to
+            yield result
+
+    def kill_once(self, number: int, rng: random.Random) -> Result:
+        """Kill a build and run it to its end."""
+        workers = rng.choice(sorted(self.undisturbed))
+        undisturbed = self.undisturbed[workers]
+        whole_group, overwrite = rng.random() < 1 / 2, rng.random() < 1 / 3
+        run = self.run_in("killed", workers, overwrite=overwrite)
+        if overwrite:
+            shutil.copytree(self.other.data_dir, run.data_dir)
+        with started(run) as process:
+            kill(run, process, random_moment(rng, undisturbed.times), whole_group)
+            came_to = phase(run, undisturbed)
+            finish(run)
+        same = hashes(run.data_dir) == undisturbed.files
+        shutil.rmtree(run.data_dir)
+        return Result(number, workers, came_to, same)
+
+
+def read_results(path: Path | None) -> list[Result]:
+    """Return the results of an earlier run."""
+    if path is None or not path.exists():
+        return []
+    return [Result(*json.loads(line)) for line in path.read_text().splitlines()]
+
+
+def report(results: list[Result], executor: str) -> None:
+    """Print the results."""
+    counted = [result for result in results if result.came_to != TOO_LATE]
+    workers = sorted({result.workers for result in counted})
+    print(
+        f"{len(counted)} kills, executor={executor}, "
+        + ", ".join(f"{sum(r.workers == n for r in counted)} with workers={n}" for n in workers)
+    )
+    places = Counter(result.came_to for result in results)
+    for place in (*PHASES, TOO_LATE):
+        print(f"{places[place]:5} {place}")
+    print(f"{sum(not result.same for result in results)} datasets differ from the undisturbed one")
 
 
 def main() -> None:
@@ -110,45 +270,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--executor", default="local", help="local or dask")
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="one of these")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--results", type=Path, help="file that keeps them, to go on from")
     arguments = parser.parse_args()
-    rng = random.Random(arguments.seed)
-    places: Counter[str] = Counter()
-    differing = 0
-    began = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="labyrinth-kills-") as temporary:
-
-        def run_in(name: str) -> Run:
-            options = {"stages": ["build"], "size": "4", "labyrinths": LABYRINTHS}
-            where = {"data_dir": f"{temporary}/{name}", "executor": arguments.executor}
-            return resolve(RunConfig(**options, **where, workers=arguments.workers))
-
-        undisturbed = run_in("undisturbed")
-        finish(undisturbed)
-        seconds = time.monotonic() - began
-        expected = hashes(undisturbed.data_dir)
-        try:
-            for number in range(arguments.kills):
-                run = run_in(str(number))
-                shards, delay = rng.randint(0, 6 * SHARDS), rng.expovariate(100 / seconds)
-                places[kill_and_finish(run, shards, delay, whole_group=number % 2 == 0)] += 1
-                if hashes(run.data_dir) != expected:
-                    differing += 1
-                    print(
-                        f"kill {number}: the dataset differs from the undisturbed one", flush=True
-                    )
-                shutil.rmtree(run.data_dir)
-        except KeyboardInterrupt:
-            print("stopped early")
-    print(
-        f"{places.total()} kills, executor={arguments.executor} workers={arguments.workers}, "
-        f"in {time.monotonic() - began:.0f} s; an undisturbed build took {seconds:.1f} s"
-    )
-    for place, count in sorted(places.items()):
-        print(f"{count:5} killed at {place}")
-    print(f"{differing} datasets differ from the undisturbed one")
-    sys.exit(differing > 0)
+    results = read_results(arguments.results)
+    done = {result.number for result in results if result.came_to != TOO_LATE}
+    with (
+        tempfile.TemporaryDirectory(prefix="labyrinth-kills-") as folder,
+        suppress(KeyboardInterrupt),
+    ):
+        matrix = Matrix(Path(folder), arguments.executor, arguments.workers)
+        matrix.print_times()
+        for number in sorted(set(range(arguments.kills)) - done):
+            for result in matrix.kill_in_time(number, arguments.seed):
+                results.append(result)
+                print(f"kill {result.number}, {result.came_to}: {result.outcome}", flush=True)
+                if arguments.results:
+                    with arguments.results.open("a") as file:
+                        file.write(json.dumps(result) + "\n")
+    report(results, arguments.executor)
+    sys.exit(any(not result.same for result in results))
 
 
 if __name__ == "__main__":

@@ -21,8 +21,9 @@ from pipeline.executor import ordered_map
 from pipeline.generation.render import render
 from pipeline.generation.sample import ACTING, check_capacity, item_rng, labyrinth_of, stream
 from pipeline.generation.solve import solve
-from pipeline.generation.workplace import Workplace, held
+from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
+from pipeline.locks import held
 from pipeline.manifest import (
     MANIFEST,
     DatasetError,
@@ -73,8 +74,8 @@ def run(run: Run) -> None:
         manifest = None if run.overwrite else _finished(run)
         if manifest is not None:
             console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
-            if workplace.is_for(run.dataset):  # Left by a run that was killed at the very end.
-                workplace.clear()
+            if workplace.is_for(run.dataset) or not workplace.has_begun:
+                workplace.clear()  # What a run left that was killed at the very end.
         else:
             check_capacity(run.dataset)
             front_matter.check_replaceable(run.data_dir)

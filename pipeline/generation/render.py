@@ -15,12 +15,15 @@ from labyrinth_core.rollout import Episode
 from pipeline.fingerprint import PictureDigest
 from pipeline.schema import NO_ACTION, Row
 
-REMEMBERED_PICTURES = 1_024
-"""Of a labyrinth whose episodes come back to the same states; some 20 MB at 100x100."""
+REMEMBERED_BYTES = 32 << 20
+"""Pictures of a labyrinth whose episodes come back to the same states; 1,200 at 100x100."""
+
+DRAWN_AT_ONCE = 128
+"""Rows of an episode; 20 MB of pictures at 250x250."""
 
 
 def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Row]]:
-    """Yield the rows of each episode of one labyrinth.
+    """Yield the rows of each episode of one labyrinth, those of a long one in parts.
 
     Args:
         split: The split it is in.
@@ -31,24 +34,29 @@ def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Ro
     pictures, info = Pictures(labyrinth), dump(labyrinth)
     for place, episode in enumerate(episodes):
         states = episode.states
-        pngs: Sequence[bytes]
-        digests: Sequence[bytes]
-        if len(episodes) == 1 and len(set(states)) == len(states):  # None is needed twice.
-            pngs, digests = pictures.draw(states)
-        else:
-            pngs, digests = zip(*[pictures[state] for state in states], strict=True)
-        yield list(
-            map(
-                Row,
-                pngs,
-                [picture_name(split, number, place, step) for step in range(len(pngs))],
-                [*episode.actions.tolist(), NO_ACTION],
-                [*episode.rewards.tolist(), 0.0],
-                chain([True], repeat(False)),
-                repeat(info),
-                digests,
+        actions = [*episode.actions.tolist(), NO_ACTION]
+        rewards = [*episode.rewards.tolist(), 0.0]
+        drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
+        for first in range(0, len(states), DRAWN_AT_ONCE):
+            part = slice(first, first + DRAWN_AT_ONCE)
+            pngs: Sequence[bytes]
+            digests: Sequence[bytes]
+            if drawn_once:
+                pngs, digests = pictures.draw(states[part])
+            else:
+                pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)
+            yield list(
+                map(
+                    Row,
+                    pngs,
+                    [picture_name(split, number, place, first + n) for n in range(len(pngs))],
+                    actions[part],
+                    rewards[part],
+                    chain([first == 0], repeat(False)),
+                    repeat(info),
+                    digests,
+                )
             )
-        )
 
 
 class Picture(NamedTuple):
@@ -70,7 +78,7 @@ class Pictures(dict[State, Picture]):
 
     def __missing__(self, state: State) -> Picture:
         (png,), (digest,) = self.draw([state])
-        if len(self) == REMEMBERED_PICTURES:
+        if len(self) * len(png) >= REMEMBERED_BYTES:
             self.clear()
         picture = self[state] = Picture(png, digest)
         return picture

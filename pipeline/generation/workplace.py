@@ -1,21 +1,17 @@
-"""Where a dataset is built, who builds it, and how it becomes whole in one moment."""
+"""Where a dataset is built, and how it becomes whole in one moment."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-import socket
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.config import DatasetConfig
-from pipeline.locks import locked
 from pipeline.manifest import MANIFEST, DatasetError, Manifest, current_versions, write_text
 from pipeline.storage import AnyPath, RemotePath
-from pipeline.terminal import console
 
 _CONFIG = "config.json"
 
@@ -54,6 +50,9 @@ class Workplace:
             for path in self.shards.glob("*.parquet"):
                 path.unlink()
         self.shards.mkdir(parents=True, exist_ok=True)
+        if isinstance(self.shards, Path):
+            for path in self.shards.glob(".*.tmp"):  # A run was killed while it wrote the manifest.
+                path.unlink()
         if not self.is_for(config):
             write_text(self.building / _CONFIG, _content(config))
 
@@ -86,7 +85,10 @@ class Workplace:
             raise DatasetError(f"another run has begun another dataset in {self.building}")
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
+            for path in [*self.shards.iterdir(), self.shards]:
+                _wait_for_disk(path)
             _move_into_place(self.shards, self.folder)
+            _wait_for_disk(self.folder.parent)
         else:
             manifest.write(self.folder)
         self.clear()
@@ -113,6 +115,20 @@ def _content(config: DatasetConfig) -> str:
     return json.dumps({"config": config.to_json(), "versions": current_versions()})
 
 
+def _wait_for_disk(path: Path) -> None:
+    """Return when a file or folder would be there after the power has failed, too."""
+    if sys.platform == "win32":
+        return  # It opens no folders.
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        if not path.is_dir():  # Not every file system can do it for those.
+            raise
+    finally:
+        os.close(descriptor)
+
+
 def _replaced(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.replaced")
 
@@ -126,41 +142,3 @@ def _move_into_place(shards: Path, folder: Path) -> None:
         shutil.rmtree(replaced)
     else:
         shards.replace(folder)
-
-
-@contextmanager
-def held(folder: AnyPath, name: str) -> Iterator[None]:
-    """Be the only process that changes something in a folder; wait for another, and say which.
-
-    An object store has no locks, nor have some file systems; there nobody waits.
-
-    Args:
-        folder: Made if need be, and removed again if it is empty at the end.
-        name: Of what is changed.
-    """
-    if isinstance(folder, RemotePath):
-        yield
-        return
-    path = folder / f".{name}.lock"
-    made = [each for each in [folder, *folder.parents] if not each.exists()]
-
-    def say_who() -> None:
-        holder = path.read_text(encoding="utf-8", errors="replace") or "another process"
-        console.print(f"waiting for {holder}, which works on {folder / name}", highlight=False)
-
-    with ExitStack() as stack:
-        for each in reversed(made):  # Callbacks are called last one first.
-            stack.callback(_remove_if_empty, each)
-        with suppress(OSError):  # Whoever cannot make a file here will soon say so.
-            folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(locked(path, say_who))
-            stack.callback(path.unlink, missing_ok=True)
-            file.truncate(0)
-            file.write(f"process {os.getpid()} on {socket.gethostname()}".encode())
-            file.flush()
-        yield
-
-
-def _remove_if_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()

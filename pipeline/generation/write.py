@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.fingerprint import Fingerprint
 from pipeline.manifest import file_sha256
-from pipeline.schema import Row, arrow_schema
+from pipeline.schema import NO_ACTION, Row, arrow_schema
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROW_GROUP = 256
 """Rows after which a group ends, at the next end of an episode."""
+
+GROUP_BYTES = 64 << 20
+"""Bytes of pictures after which a group ends, within an episode if need be: the Hub's viewer reads
+no group of more than 286 MiB, and several times its bytes are in memory. One of 256 rows has 7 MB
+at 100x100, 41 MB at 250x250."""
 
 WRITER_OPTIONS = {
     # Chosen by scripts/benchmark_parquet.py; see docs/performance.md.
@@ -51,7 +59,8 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
 
     Args:
         path: Where to; the folder exists.
-        episodes: The rows of each; never divided between row groups.
+        episodes: The rows of each, of a long one in parts. An episode is divided between row
+            groups only if it has `GROUP_BYTES` of pictures.
 
     Raises:
         OSError: The file cannot be written, say because the disk is full; nothing is left.
@@ -60,7 +69,7 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
 
     temporary = path.with_name(f".{path.name}.tmp")
     fingerprint = Fingerprint()
-    rows = count = longest = 0
+    rows = count = length = longest = 0
     try:
         with (
             _uncollected(),
@@ -68,13 +77,19 @@ def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
         ):
             writer.add_key_value_metadata(arrow_schema().metadata)
             group: list[Row] = []
-            for episode in episodes:
-                fingerprint.update(episode)
-                group += episode
-                count += 1
-                rows += len(episode)
-                longest = max(longest, len(episode) - 1)
-                if len(group) >= ROW_GROUP:
+            for part in episodes:
+                fingerprint.update(part)
+                group += part
+                rows += len(part)
+                last = part[-1]
+                length += len(part)
+                ended = last.actions == NO_ACTION
+                if ended:
+                    count += 1
+                    longest = max(longest, length - 1)
+                    length = 0
+                is_full = len(group) >= ROW_GROUP and ended
+                if is_full or len(group) * len(last.obs) >= GROUP_BYTES:
                     writer.write_table(table_of(group))
                     group = []
             if group:
@@ -110,19 +125,43 @@ def table_of(rows: list[Row]) -> pa.Table:
     import pyarrow as pa
 
     schema = written_schema()
-    pngs, names, *values, infos, _ = zip(*rows, strict=True)
+    pngs, names, actions, rewards, starts, infos, _ = zip(*rows, strict=True)
     pictures = pa.StructArray.from_arrays(
-        [pa.array(pngs, pa.binary()), pa.array(names, pa.string())],
+        [_texts(pa.binary(), pngs), _texts(pa.string(), [name.encode() for name in names])],
         fields=list(schema.field("obs").type),
     )
+    numbers: tuple[NDArray[Any], ...] = (
+        np.array(actions, np.int64),
+        np.array(rewards, np.float32),
+        np.packbits(starts, bitorder="little"),
+    )
     columns = [
-        pa.array(of_rows, type_) for of_rows, type_ in zip(values, schema.types[1:4], strict=True)
+        _values(type_, len(rows), values)
+        for type_, values in zip(schema.types[1:4], numbers, strict=True)
     ]
     places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
     texts = pa.DictionaryArray.from_arrays(
-        pa.array([places[info] for info in infos], pa.int32()), pa.array(places, pa.string())
+        _values(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
+        _texts(pa.string(), [info.encode() for info in places]),
     )
     return pa.Table.from_arrays([pictures, *columns, texts], schema=schema)
+
+
+# `pa.array` would import pandas for every list that it is given: half a second, and 60 MB.
+
+
+def _texts(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:
+    """Return texts or bytes as an array."""
+    ends = np.zeros(len(values) + 1, np.int32)
+    np.cumsum([len(value) for value in values], out=ends[1:])
+    return _values(type_, len(values), ends, b"".join(values))
+
+
+def _values(type_: pa.DataType, count: int, *content: NDArray[Any] | bytes) -> pa.Array:
+    """Return an array of some values, none of them null, from its content as Arrow has it."""
+    import pyarrow as pa
+
+    return pa.Array.from_buffers(type_, count, [None, *map(pa.py_buffer, content)])
 
 
 @lru_cache(maxsize=1)

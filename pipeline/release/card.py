@@ -14,6 +14,7 @@ import yaml
 
 from pipeline import front_matter
 from pipeline.config import Run
+from pipeline.locks import held
 from pipeline.manifest import ANALYSIS, MANIFEST, DatasetError, Manifest, file_sha256, write_text
 from pipeline.release import readme
 from pipeline.release.changelog import updated
@@ -83,6 +84,9 @@ def write_card(
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
 
+    Who writes to the README.md at the same time, a build of another size say, waits or is waited
+    for, since one of the two would not know of the other's dataset.
+
     Args:
         data_dir: The folder.
         repo_id: Of the dataset on the Hub, such as `user/labyrinth`, if it is known.
@@ -94,7 +98,11 @@ def write_card(
             or the README.md is somebody else's.
         OSError: The folder cannot be written.
     """
-    release = Release(repo_id, version)
+    with held(data_dir, "README.md"):
+        return _write_card(data_dir, Release(repo_id, version), workers)
+
+
+def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / "README.md")
     manifests = front_matter.finished(data_dir)
     if not manifests:
@@ -105,7 +113,7 @@ def write_card(
     texts = {
         "croissant.json": croissant(datasets, release),
         "CITATION.cff": citation_file(release),
-        "CHANGELOG.md": updated(_changelog(data_dir / "CHANGELOG.md"), manifests, version),
+        "CHANGELOG.md": updated(_changelog(data_dir / "CHANGELOG.md"), manifests, release.version),
         "README.md": _with_front_matter(values, manifests, text),
     }
     _draw(data_dir, datasets, default)

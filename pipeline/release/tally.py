@@ -165,19 +165,25 @@ def _episodes(path: Path) -> Iterator[tuple[str, list[int], float]]:
         ValueError: It is no Parquet file (ArrowInvalid is one), or its rows make no episodes.
         LookupError: A column is missing.
     """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path) as file:
+    with pq.ParquetFile(path, read_dictionary=["info"]) as file:
+        rest = []
         for group in range(file.num_row_groups):
-            table = file.read_row_group(group, columns=_COLUMNS)
+            table = pa.concat_tables([*rest, file.read_row_group(group, columns=_COLUMNS)])
             starts = np.flatnonzero(table["episode_starts"].to_numpy())
             if not len(starts) or starts[0]:
-                raise ValueError("a group of rows does not begin with an episode")
+                raise ValueError("the rows do not begin with an episode")
             infos = table["info"].take(starts).to_pylist()
             actions = table["actions"].to_numpy().tolist()
             sums = np.add.reduceat(table["rewards"].to_numpy().astype(np.float64), starts)
             ends = [*starts[1:].tolist(), len(actions)]
-            for info, start, end, paid in zip(infos, starts.tolist(), ends, sums, strict=True):
+            episodes = list(zip(infos, starts.tolist(), ends, sums, strict=True))
+            rest = []
+            if actions[-1] != NO_ACTION and group + 1 < file.num_row_groups:  # It goes on there.
+                rest = [table.slice(episodes.pop()[1])]
+            for info, start, end, paid in episodes:
                 taken = actions[start : end - 1]
                 if actions[end - 1] != NO_ACTION or NO_ACTION in taken or not taken:
                     raise ValueError("an episode does not end with its last row, actions=-1")

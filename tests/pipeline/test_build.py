@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,10 @@ from pipeline.executor import ordered_map
 from pipeline.generation import build as generation
 from pipeline.generation import render, workplace, write
 from pipeline.generation.validate import validate
+from pipeline.loader import load_episodes
 from pipeline.manifest import MANIFEST, DatasetError, Manifest, Shard, current_versions
-from pipeline.schema import SAMPLED_SPLITS, SPLITS, arrow_schema
+from pipeline.release.statistics import measure
+from pipeline.schema import NO_ACTION, SAMPLED_SPLITS, SPLITS, Row, arrow_schema
 
 Build = Callable[..., Run]
 
@@ -216,6 +219,32 @@ def test_row_groups_never_divide_an_episode(small_dataset: Run) -> None:
     assert groups > len(SPLITS)
 
 
+def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like_any_other(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write, "GROUP_BYTES", 20_000)
+    monkeypatch.setattr(render, "DRAWN_AT_ONCE", 3)
+    run = build(tmp_path)
+    (shard,) = Manifest.read(run.folder).of("random")
+    with pq.ParquetFile(run.folder / shard.path) as file:
+        sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
+    assert shard.longest == 100
+    assert max(sizes) < 20
+    assert rows_by_split(run.folder) == rows_by_split(small_dataset.folder)
+    divided, whole = (Manifest.read(each.folder) for each in (run, small_dataset))
+    for part, same in zip(divided.shards, whole.shards, strict=True):
+        assert replace(part, bytes=same.bytes, sha256=same.sha256) == same
+    assert validate(run.folder, divided) == []
+    found = [
+        measure(*each).splits for each in ((run.folder, divided), (small_dataset.folder, whole))
+    ]
+    assert str(found[0]) == str(found[1])
+    loaded = [load_episodes(each.data_dir, "3x3", split="random") for each in (run, small_dataset)]
+    for one, other in zip(*loaded, strict=True):
+        assert one.info == other.info
+        assert np.array_equal(one.observations, other.observations)
+
+
 def test_pictures_can_be_skipped_without_reading_statistics_of_them(small_dataset: Run) -> None:
     path = small_dataset.folder / "train-00000-of-00001.parquet"
     actions = [row["actions"] for row in read_rows(path)]
@@ -240,7 +269,7 @@ def test_a_text_is_stored_once_in_a_row_group(small_dataset: Run) -> None:
 
 def test_a_file_that_cannot_be_finished_leaves_nothing(tmp_path: Path) -> None:
     def episodes() -> Iterator[Any]:
-        yield []
+        yield [Row(b"", "", NO_ACTION, 0.0, True, "", bytes(16))]
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):

@@ -15,12 +15,15 @@ import dask
 import distributed
 import pytest
 from joblib.externals.loky import get_reusable_executor
+from ray import cluster_utils as ray_cluster
 
 from pipeline import executor as executors
 from pipeline.config import ConfigError, Run, RunConfig, resolve
 from pipeline.executor import cluster, ordered_map
+from pipeline.generation import build as generation
+from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
-from pipeline.manifest import DatasetError, Manifest
+from pipeline.manifest import DatasetError, Manifest, Shard
 
 Build = Callable[..., Run]
 
@@ -54,6 +57,18 @@ class DiesOnce:
         if item == self.fatal:
             die_once(self.marker)
         return -item
+
+
+class MakesShardsAndDiesOnce:
+    """`make_shard`, but the worker that has the one of `s0` dies, the first time."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __call__(self, job: generation.ShardJob) -> Shard:
+        if job.split == "s0":
+            die_once(self.marker)
+        return make_shard(job)
 
 
 def always_die(_item: int) -> None:
@@ -144,6 +159,18 @@ def test_dask_makes_the_bytes_that_one_process_makes(
     assert problems == []
 
 
+def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    one_process = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+    with (
+        distributed.LocalCluster(**one_process, dashboard_address=None) as started,
+        cluster("dask", 2, started.scheduler_address),
+    ):
+        folder = build(tmp_path).folder
+    assert content_of(folder) == content_of(small_dataset.folder)
+
+
 def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
     tmp_path: Path, dask_address: str
 ) -> None:
@@ -153,19 +180,55 @@ def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
     assert function.marker.exists()
 
 
-def test_ray_makes_the_bytes_that_one_process_makes(
-    build: Build, tmp_path: Path, small_dataset: Run
+@pytest.fixture(scope="module")
+def ray_address() -> Iterator[str]:
+    own = {"num_cpus": 2, "object_store_memory": 80 << 20, "include_dashboard": False}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # For the functions of this module.
+        started = ray_cluster.Cluster(initialize_head=True, head_node_args=own)
+        yield started.address
+        started.shutdown()
+
+
+def test_a_running_ray_that_loses_a_worker_makes_the_bytes_that_one_process_makes(
+    build: Build,
+    tmp_path: Path,
+    small_dataset: Run,
+    ray_address: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with cluster("ray", 2):
-        folder = build(tmp_path, workers=2).folder
+    function = MakesShardsAndDiesOnce(tmp_path / "died")
+    monkeypatch.setattr(generation, "make_shard", function)
+    with cluster("ray", 2, ray_address):
+        folder = build(tmp_path / "data", workers=2).folder
+    assert function.marker.exists()
     assert content_of(folder) == content_of(small_dataset.folder)
 
 
-def test_a_cluster_that_is_not_there_is_answered_with_one_line() -> None:
+def test_more_workers_than_a_cluster_has_room_for_are_answered_with_one_line(
+    ray_address: str,
+) -> None:
+    place = f"executor=ray executor_address={ray_address}"
+    with pytest.raises(ConfigError) as caught, cluster("ray", 3, ray_address):
+        pass
+    assert str(caught.value) == f"{place}: workers=3: the cluster has room for 2"
+
+
+def test_ray_is_started_for_the_run_where_no_address_is_given() -> None:
+    with cluster("ray", 2):
+        assert list(ordered_map(abs, range(-12, 0), 2)) == list(range(12, 0, -1))
+
+
+@pytest.mark.parametrize(
+    ("executor", "address"), [("dask", "tcp://127.0.0.1:9"), ("ray", "127.0.0.1:9")]
+)
+def test_a_cluster_that_is_not_there_is_answered_with_one_line(executor: str, address: str) -> None:
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "300ms"}),
-        pytest.raises(ConfigError, match="executor=dask executor_address=tcp://127") as caught,
-        cluster("dask", 2, "tcp://127.0.0.1:9"),
+        pytest.raises(
+            ConfigError, match=f"executor={executor} executor_address={address}"
+        ) as caught,
+        cluster(executor, 2, address),
     ):
         pass
     assert "\n" not in str(caught.value)

@@ -41,6 +41,12 @@ def test_the_nearest_is_the_one_that_comparing_all_finds(height, width):
     assert found.which.tolist() == apart.argmin(axis=1).tolist()
 
 
+def test_large_structures_have_a_nearest_one_too():
+    structures = draw(60, 60, 4)
+    found = nearest(*map(passage_table, (structures[:2], structures[2:])))
+    assert found.walls.tolist() == distances(structures[:2], structures[2:]).min(axis=1).tolist()
+
+
 @settings(max_examples=30)
 @given(st.integers(0, 2**32), st.integers(1, 4), st.sampled_from(SIZES))
 def test_a_neighbourhood_knows_who_is_near(seed, walls, size):

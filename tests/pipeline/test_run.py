@@ -141,9 +141,12 @@ def limit_of(size: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
-def test_a_full_disk_is_answered_with_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("size", [0, 2_000])
+def test_a_full_disk_is_answered_with_one_line_and_leaves_nothing(
+    tmp_path: Path, size: int
+) -> None:
     arguments = ["size=3", "labyrinths=8", "data_dir=new/data"]
-    error = error_of(run(tmp_path, *arguments, preexec_fn=limit_of(2_000)))
+    error = error_of(run(tmp_path, *arguments, preexec_fn=limit_of(size)))
     assert "new/data" in error
     assert "File too large" in error
     assert list(tmp_path.iterdir()) == []
@@ -304,4 +307,5 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one() -> None:
         timeout=300,
     )
     assert (result.returncode, result.stderr) == (0, "")
+    assert "3 kills, executor=local, 3 with workers=1" in result.stdout
     assert "0 datasets differ" in result.stdout

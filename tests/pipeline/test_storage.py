@@ -206,6 +206,22 @@ def test_another_configuration_leaves_nothing_of_the_one_before(
     assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
 
 
+def test_in_a_store_a_dataset_that_is_being_replaced_is_none_until_the_new_one_is_whole(
+    build: Build, memory: str, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_job: generation.ShardJob) -> Any:
+        raise OSError("no quota left")
+
+    build(memory, labyrinths=2, random_steps=5)
+    with monkeypatch.context() as patch:
+        patch.setattr(generation, "make_shard", fail)
+        with pytest.raises(DatasetError, match="no quota left"):
+            build(memory, overwrite=True)
+    assert not (folder_at(memory) / "3x3" / MANIFEST).exists()
+    run = build(memory)
+    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+
+
 def denied(part: str, times: int) -> Callable[[str, str], bool]:
     """Return a fault for uploads of names with `part`, after `times` of them went well."""
     seen: list[str] = []

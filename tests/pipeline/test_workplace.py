@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from pipeline import locks
 from pipeline.config import ConfigError, Run
 from pipeline.generation import build as generation
 from pipeline.generation import sample as sampling
 from pipeline.generation import workplace
-from pipeline.generation.workplace import held
+from pipeline.locks import held
 from pipeline.manifest import MANIFEST, DatasetError
 
 Build = Callable[..., Run]
@@ -82,7 +86,7 @@ def test_where_there_are_no_locks_nobody_waits(
     def no_locks(*_: object) -> None:
         raise OSError("this system has no flock")
 
-    monkeypatch.setattr(workplace, "locked", no_locks)
+    monkeypatch.setattr(locks, "locked", no_locks)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 
 
@@ -101,9 +105,10 @@ def test_an_error_while_a_folder_is_held_leaves_no_empty_folder(tmp_path: Path) 
 
 
 def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
-    build: Build, tmp_path: Path, small_dataset: Run
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     build(tmp_path)
+    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
     folder, replaced = tmp_path / "3x3", tmp_path / ".3x3.replaced"
     folder.rename(replaced)  # The crash came between the two renames.
     build(tmp_path)
@@ -111,6 +116,10 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
     shutil.copytree(folder, replaced)  # The crash came after them.
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+class CrashError(BaseException):
+    """The end of a process, as far as the build is concerned."""
 
 
 @pytest.mark.parametrize("moment", ["before", "after"])
@@ -121,9 +130,6 @@ def test_a_crash_around_the_move_into_place_costs_no_shard(
     moment: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    class CrashError(BaseException):
-        pass
-
     move = workplace._move_into_place
 
     def crash(shards: Path, folder: Path) -> None:
@@ -136,6 +142,89 @@ def test_a_crash_around_the_move_into_place_costs_no_shard(
         with pytest.raises(CrashError):
             build(tmp_path)
     assert (tmp_path / "3x3" / MANIFEST).exists() == (moment == "after")
+    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+@pytest.mark.parametrize("name", [MANIFEST, "README.md"])
+def test_a_crash_while_a_file_is_written_leaves_nothing_of_it_in_the_end(
+    build: Build, tmp_path: Path, small_dataset: Run, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = Path.replace
+
+    def crash(self: Path, target: Path) -> Path:
+        if target.name == name:
+            raise CrashError
+        return replace(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", crash)
+        patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    assert [path.name[: len(name) + 2] for path in tmp_path.rglob("*.tmp")] == [f".{name}."]
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rmtree = shutil.rmtree
+
+    def crash(folder: str | Path, **options: Any) -> None:
+        config = Path(folder) / "config.json"
+        if config.exists():
+            config.unlink()
+            raise CrashError
+        rmtree(folder, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", crash)
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    assert list(tmp_path.glob(".3x3.building/*-of-*.json"))
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_all_is_on_the_disk_before_it_becomes_a_dataset(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: set[int] = set()
+    fsync, move = os.fsync, workplace._move_into_place
+
+    def note(descriptor: int) -> None:
+        fsync(descriptor)
+        synced.add(os.fstat(descriptor).st_ino)
+
+    def check(shards: Path, folder: Path) -> None:
+        files = [shards, *shards.iterdir()]
+        assert len(files) == 1 + 6 + 1
+        assert {path.stat().st_ino for path in files} <= synced
+        move(shards, folder)
+
+    monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr(workplace, "_move_into_place", check)
+    assert build(tmp_path).folder.parent.stat().st_ino in synced
+
+
+def test_a_clock_that_jumps_changes_nothing(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(*_: Path) -> None:
+        raise CrashError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workplace, "_move_into_place", crash)
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    for number, path in enumerate(sorted(tmp_path.rglob("*"))):
+        moment = number % 2 * 4e9  # In 1970 and in 2096.
+        os.utime(path, (moment, moment))
+    moments = itertools.cycle([0.0, 4e9])
+    monkeypatch.setattr(time, "time", lambda: next(moments))
     monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import datasets
@@ -271,6 +272,26 @@ def test_a_dataset_that_is_built_later_joins_the_card(folder, build_dataset):
     rows = table(text(folder), "config", "train", "rows")
     assert [row["config"] for row in rows] == ["2x3", DEFAULT, OTHER]
     assert (folder / "pictures" / "2x3-visits.png").is_file()
+
+
+def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(
+    folder, build_dataset, monkeypatch
+):
+    options = {"labyrinths": 1, "random_steps": 5}
+    other = threading.Thread(target=build_dataset, args=(folder, "2x3"), kwargs=options)
+    measured = card._measured
+
+    def measure(*arguments):
+        if not other.ident:
+            other.start()
+            other.join(0.5)
+            assert (folder / "2x3" / "manifest.json").exists()
+        return measured(*arguments)
+
+    monkeypatch.setattr(card, "_measured", measure)
+    card.write_card(folder)
+    other.join()
+    assert "2x3" in [config["config_name"] for config in front(folder)["configs"]]
 
 
 def test_what_a_person_wrote_around_it_and_into_the_front_matter_is_kept(folder):
