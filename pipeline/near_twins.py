@@ -137,7 +137,7 @@ def _cut(
 
     def cost(blocks: int) -> float:
         # Each passage of a random structure tells less than a bit: about 0.7, measured at 5x5.
-        shared_by_chance = structures * 2.0 ** (-0.7 * passages * (blocks - walls) / blocks)
+        shared_by_chance: float = structures * 2.0 ** (-0.7 * passages * (blocks - walls) / blocks)
         # To compare a pair takes about a tenth of what it takes to make and look up a key.
         return comb(blocks, walls) * (1 + shared_by_chance / 10)
 

@@ -169,7 +169,7 @@ def _episodes(path: Path) -> Iterator[tuple[str, list[int], float]]:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path, read_dictionary=["info"]) as file:
-        rest = []
+        rest: list[pa.Table] = []
         for group in range(file.num_row_groups):
             table = pa.concat_tables([*rest, file.read_row_group(group, columns=_COLUMNS)])
             starts = np.flatnonzero(table["episode_starts"].to_numpy())
