@@ -17,9 +17,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from conftest import make_both
 from huggingface_hub import DatasetCard, DatasetCardData
 from hydra import compose, initialize_config_dir
+from making import make_both
 from omegaconf import OmegaConf
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
