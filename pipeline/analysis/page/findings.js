@@ -182,12 +182,10 @@ function resultsOf(config) {
   const results = figure(
     `${config}-results`, `Success rate, ${config}`,
     "Share of the labyrinths that one greedy episode solves, the mean over seeds, with its 95% " +
-    "interval over seeds and labyrinths.",
+    "interval over seeds and labyrinths. In the table, the average return and its standard " +
+    "deviation stand below; in grey, what needs no learning.",
     panels,
-    table(
-      "SR, below it AER with its standard deviation; in grey, what needs no learning",
-      ["method", "seeds", ...splits], [...rows, ...others],
-    ),
+    table("Success rate and return", ["method", "seeds", ...splits], [...rows, ...others]),
   );
   results.querySelector("details").open = true;
   return [results, ...methods.map(methodDetails)];

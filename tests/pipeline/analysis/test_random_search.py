@@ -80,14 +80,14 @@ def test_training_that_was_stopped_ends_as_if_it_had_not_been(tmp_path):
     spec.loader.exec_module(script)
 
     def train(folder: str, iterations: int, **given: float) -> Search:
-        options = ("step_size", "directions", "noise", "top")
+        options = ("step_size", "directions", "noise", "top", "bonus")
         script.train(
             argparse.Namespace(
                 environment="Hopper-v5",
                 folder=tmp_path / folder,
                 seed=0,
                 iterations=iterations,
-                every=1,
+                every=3,
                 horizon=50,
                 **dict.fromkeys(options) | {"after": 0} | given,
             )
@@ -103,7 +103,8 @@ def test_training_that_was_stopped_ends_as_if_it_had_not_been(tmp_path):
     assert np.array_equal(stopped.weights, whole.weights)
     assert stopped.iteration == 3
     # Settings that are given take effect after so many iterations, and are written down.
-    early, late = (train(f"after {count}", 3, after=count, noise=0.01) for count in (1, 3))
-    assert not np.array_equal(early.weights, whole.weights)
-    assert np.array_equal(late.weights, whole.weights)
-    assert "--noise 0.01 --after 1" in kept("after 1")["provenance"]["command"]
+    train("stopped again", 1)
+    again, once = (train(f, 3, after=1, noise=0.01) for f in ("stopped again", "at once"))
+    assert np.array_equal(again.weights, once.weights)
+    assert not np.array_equal(once.weights, whole.weights)
+    assert "--noise 0.01 --after 1" in kept("at once")["provenance"]["command"]
