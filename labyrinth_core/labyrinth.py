@@ -121,6 +121,16 @@ class Structure:
             if beside != cell:
                 yield cell, beside
 
+    @property
+    def loops(self) -> int:
+        """Passages beyond those of a tree."""
+        return self.up.bit_count() + self.right.bit_count() - self.cells + 1
+
+    @property
+    def junctions(self) -> int:
+        """Cells where ways part: three passages or four lead from them."""
+        return sum(ways.count(cell) < 2 for cell, ways in enumerate(self.moves))
+
     def distances(self, source: int, blocked: Collection[int] = ()) -> list[int]:
         """Return how many moves each cell is from `source`, never entering `blocked` cells.
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.training.bootstrap import interval
+from pipeline.bootstrap import interval
 
 INGREDIENTS = ("augment", "relabel", "average", "path_prior", "grid_prior", "colour_prior")
 WITHOUT_GRID = "method.iterations=64"

@@ -4,7 +4,8 @@
     python scripts/benchmark_report.py --size 25 --labyrinths 20000
 
 A dataset of so many pictures would take long to make, so the labyrinths are sampled here and
-packed by the report's own functions. The times are those that Chromium gives: from the start of
+packed by the report's own functions; so are evaluations of runs that failed on half of them. The
+times are those that Chromium gives: from the start of
 the navigation to the first contentful paint, and to where the gallery shows labyrinths and
 answers; medians of several openings, each in a context of its own.
 """
@@ -12,11 +13,13 @@ answers; medians of several openings, each in a context of its own.
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +33,17 @@ from labyrinth_core.rollout import random_episode
 from labyrinth_core.sampling import sample_structures
 from labyrinth_core.solver import shortest_route
 from labyrinth_core.tasks import default_start_and_goal
-from pipeline.analysis.packing import PackedSplit, pack_episodes
+from pipeline.analysis.findings import EVALUATED, FIGURES, read_results
+from pipeline.analysis.packing import PackedSplit, pack_walks
 from pipeline.analysis.report import PACKED_BYTES, PAGE, describe, page
+from pipeline.analysis.walks import walks
 from pipeline.config import RunConfig, resolve
-from pipeline.manifest import Manifest
+from pipeline.manifest import Manifest, Shard
 from pipeline.schema import SPLITS
 
 RANDOM_STEPS = 100
+METHODS, SEEDS = 7, 3
+"""Of the runs: each method with so many seeds."""
 
 TIMES = """async () => {
   const paint = await new Promise((resolve) => {
@@ -72,7 +79,36 @@ def packed(size: tuple[int, int], labyrinths: int) -> dict[str, PackedSplit]:
     """Return six splits that hold so many labyrinths together."""
     each = labyrinths // len(SPLITS)
     cells = size[0] * size[1]
-    return {split: pack_episodes(episodes(split, size, each), cells) for split in SPLITS}
+    return {split: pack_walks(walks(episodes(split, size, each)), cells) for split in SPLITS}
+
+
+def shard_of(split: str, labyrinths: int) -> Shard:
+    """Return what a manifest would say of a split."""
+    path = f"{split}-00000-of-00001.parquet"
+    return Shard(path, split, labyrinths, labyrinths, 0, 0, 0, 0, "", split)
+
+
+def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dict[str, Any]]:
+    """Return what the page is told of runs of which each failed on half of the labyrinths."""
+    rng = np.random.default_rng(0)
+    about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint}
+    figures = dict.fromkeys(FIGURES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
+    rates = {"random": {"sr": 0.9, "aer": -0.5, "aer_std": 1.0}}
+    with tempfile.TemporaryDirectory() as folder:
+        for method, seed in product(range(METHODS), range(SEEDS)):
+            told = {}
+            for split in EVALUATED:
+                ids = bytes(splits[split].fixed["id"])
+                solved = rng.random(splits[split].labyrinths) < 0.5
+                failed = [ids[8 * at : 8 * at + 8].hex() for at in np.flatnonzero(~solved)]
+                outcomes = "".join("ls"[won] for won in solved.tolist())
+                told[split] = figures | {"outcomes": outcomes, "failed": failed}
+            path = Path(folder) / "config" / f"method{method}-seed{seed}" / "evaluation.json"
+            path.parent.mkdir(parents=True)
+            content = {"run": about | {"seed": seed}, "splits": told}
+            content["baselines"] = dict.fromkeys(EVALUATED, rates)
+            path.write_text(json.dumps(content), encoding="utf-8")
+        return read_results(Path(folder), [manifest])
 
 
 def opened(browser: Browser, path: Path) -> dict[str, Any]:
@@ -98,8 +134,10 @@ def main() -> None:
     splits = packed(parse_size(options.size), labyrinths)
     config = resolve(RunConfig(stages=["report"], size=options.size, data_dir="-")).dataset
     limit = PACKED_BYTES // len(SPLITS)
-    told = describe(Manifest(config, {}, ()), splits, limit)
-    text = page([told])
+    shards = tuple(shard_of(name, split.labyrinths) for name, split in splits.items())
+    manifest = Manifest(config, {}, shards)
+    told = describe(manifest, splits, limit)
+    text = page([told], evaluated(manifest, splits))
     seconds = time.perf_counter() - began
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = Path(folder) / PAGE
@@ -114,6 +152,7 @@ def main() -> None:
     print(
         f"{held:,} labyrinths of {config.name}, {shown:,} of them in the page; Chromium {version}"
     )
+    print(f"  {METHODS * SEEDS} runs of {METHODS} methods on them")
     print(f"  sampled, solved, packed  {seconds:8.1f} s")
     print(f"  index.html               {megabytes:8.1f} MB")
     print(f"  first contentful paint   {median['paint']:8.0f} ms")

@@ -26,9 +26,9 @@ from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.renderer import PICTURE_SIZE, render
 from labyrinth_core.sampling import default_open_walls, sample_structures
 from labyrinth_core.tasks import change_start_and_goal, default_start_and_goal, place
+from pipeline.bootstrap import interval
 from pipeline.config import RunConfig, TaskConfig, resolve
 from pipeline.manifest import write_text
-from pipeline.training.bootstrap import interval
 from pipeline.training.journeys import Journey, travel
 from pipeline.training.method import find
 from pipeline.training.policy import NetworkPolicy, load_policy

@@ -18,7 +18,7 @@ from rich.table import Table
 from pipeline.analysis.content import Content, ReadJob, read
 from pipeline.analysis.elsewhere import Files, labyrinths_of
 from pipeline.analysis.leakage import NEAR, Certificate, certify
-from pipeline.analysis.measures import MEASURES, Shift, compare
+from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config import Run
 from pipeline.executor import ordered_map
@@ -40,25 +40,28 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or it is damaged.
         OSError: The result cannot be written.
     """
-    if run.leakage.source is not None:
-        source = run.leakage.source
-        splits, files = labyrinths_of(source, run.leakage.config)
-        certificate = certify(splits)
-        name = re.sub(r"[^\w.-]+", "-", source).strip("-")
-        path: AnyPath = run.data_dir / "analysis" / f"{name}.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
-        shifts: list[Shift] = []
-    else:
-        files = {}
-        certificate, shifts = _analyse(run.folder, run.workers)
+    if run.leakage.source is None:
         path = run.folder / ANALYSIS
-    console.print(_leakage_table(certificate))
-    for line in _leaks(certificate, files):
+        certificate, shifts = _analyse(run.folder, run.workers)
+        lines = [*_leaks(certificate, {}), *_near(certificate), *_shifted(shifts)]
+        lines.append(f"{path} has all of it; stages=[report] shows it as tables.")
+    else:
+        certificate, files, path = _certified(run.leakage.source, run)
+        lines = [*_leaks(certificate, files), f"{path} has all of it."]
+        console.print(_leakage_table(certificate))
+    for line in lines:
         console.print(line, highlight=False, soft_wrap=True)
-    if shifts:
-        console.print(_shift_table(shifts))
-    console.print(f"{path} has all of it.", highlight=False, soft_wrap=True)
+
+
+def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
+    """Return the certificate of a dataset from elsewhere, the files it is in, and where it lies."""
+    splits, files = labyrinths_of(source, run.leakage.config)
+    certificate = certify(splits)
+    name = re.sub(r"[^\w.-]+", "-", source).strip("-")
+    path = run.data_dir / "analysis" / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
+    return certificate, files, path
 
 
 def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
@@ -123,6 +126,23 @@ def _leakage_table(certificate: Certificate) -> Table:
 
 def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
     """Yield what ought not to be, a line for each, the first `LEAKS_SHOWN` of a kind."""
+    found = list(_shared(certificate, files))
+    for split, count in certificate.repeated.items():
+        if count and split not in certificate.strangers:
+            found.append(f"{split} repeats {count:,} structures")
+    for split, ids in certificate.strangers.items():
+        if ids:
+            found.append(f"{split} has {len(ids):,} structures that train has not, as {ids[0]}")
+    if found:
+        yield "Leakage:"
+        yield from found
+    else:
+        yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
+    if certificate.cut:
+        yield f"{certificate.cut:,} labyrinths have more optimal routes than were compared"
+
+
+def _shared(certificate: Certificate, files: Files) -> Iterator[str]:
     for pair in certificate.pairs:
         mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
         for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
@@ -131,38 +151,26 @@ def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
                 yield f"{_named(pair.second, number, files)} has {relation} of {other}"
             if len(found) > LEAKS_SHOWN:
                 yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
-    for split, count in certificate.repeated.items():
-        if count and split not in certificate.strangers:
-            yield f"{split} repeats {count:,} structures"
-    for split, ids in certificate.strangers.items():
-        if ids:
-            yield f"{split} has {len(ids):,} structures that are not in train, such as {ids[0]}"
-    if certificate.cut:
-        yield f"{certificate.cut:,} labyrinths have more optimal routes than were compared"
 
 
 def _named(split: str, number: str, files: Files) -> str:
     return files[split][number] if files else f"{split} {number}"
 
 
-def _shift_table(shifts: Sequence[Shift]) -> Table:
-    table = Table(
-        title=f"shift between splits, {PERMUTATIONS} permutations of whole labyrinths",
-        caption=f"d: Cohen's; p: Holm's, over all {len(shifts)} tests, * {SIGNIFICANT} or less",
-        box=SIMPLE_HEAD,
-        padding=0,
-    )
-    table.add_column("splits, N")
-    table.add_column("")
-    for measure in MEASURES:
-        table.add_column(measure.replace(" ", "\n"), justify="right")
-    pairs = groupby(shifts, lambda shift: (shift.first, shift.second, *shift.labyrinths))
-    for (first, second, *counts), of_pair in pairs:
-        cells = [
-            f"{shift.distance:.3f} \n{shift.effect:.2f} \n{shift.corrected:.3f}"
-            + ("*" if shift.corrected <= SIGNIFICANT else " ")
-            for shift in of_pair
-        ]
-        numbers = ", ".join(f"{count:,}" for count in counts)
-        table.add_row(f"{first}\n{second}\n{numbers}", "distance\nd\np", *cells)
-    return table
+def _near(certificate: Certificate) -> Iterator[str]:
+    """Yield how near the splits come to one another, a line a pair."""
+    for pair in certificate.pairs:
+        least, most = NEAR[0], NEAR[-1]
+        yield (
+            f"  {pair.first}, {pair.second}: {pair.within(least):,} of "
+            f"{certificate.labyrinths[pair.second]:,} within {least} wall, "
+            f"{pair.within(most):,} within {most}, {len(pair.same_route):,} share a best route"
+        )
+
+
+def _shifted(shifts: Sequence[Shift]) -> Iterator[str]:
+    """Yield the measures in which splits differ by more than chance, a line a pair."""
+    yield f"Shift that is not chance, by Holm's p of {SIGNIFICANT} or less:"
+    for splits, of_pair in groupby(shifts, lambda shift: (shift.first, shift.second)):
+        measures = [shift.measure for shift in of_pair if shift.corrected <= SIGNIFICANT]
+        yield f"  {', '.join(splits)}: {', '.join(measures) or 'none'}"

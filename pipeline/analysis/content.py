@@ -8,14 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.dynamics import initial, state_index, transition_table
 from labyrinth_core.grid import Action
 from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import parse
-from labyrinth_core.solver import distances
-from pipeline.episodes import grouped
+from pipeline.analysis.walks import walks_of
 from pipeline.manifest import DatasetError, Shard
-from pipeline.source import read_rows
 from pipeline.storage import AnyPath
 
 
@@ -57,34 +53,17 @@ def read(job: ReadJob) -> Content:
     """
     labyrinths: list[Labyrinth] = []
     moves, actions, visits = [], [], []
-    before = None
-    for rows in grouped(read_rows(job.folder, [job.shard], pictures=False)):
-        if rows[0].info != before:
-            before = rows[0].info
-            labyrinth = _parsed(before, job.shard.path)
-            table = transition_table(labyrinth)
-            cells = labyrinth.structure.cells
-            start = state_index(labyrinth, initial(labyrinth))
-            labyrinths.append(labyrinth)
-            moves.append(distances(labyrinth, table)[start])
-            actions.append([0] * len(Action))
-            visits.append([0] * cells)
-        state = start
-        for row in rows[:-1]:
-            visits[-1][state % cells] += 1
-            actions[-1][row.actions] += 1
-            state = table[state][row.actions]
-        visits[-1][state % cells] += 1
+    for walk in walks_of(job.folder, job.shard):
+        cells = walk.labyrinth.structure.cells
+        if walk.is_first:
+            labyrinths.append(walk.labyrinth)
+            moves.append(walk.moves)
+            actions.append(np.zeros(len(Action), np.int64))
+            visits.append(np.zeros(cells, np.int64))
+        actions[-1] += np.bincount(walk.actions, minlength=len(Action))
+        visits[-1] += np.bincount(np.array(walk.states) % cells, minlength=cells)
     sizes = {(each.structure.height, each.structure.width) for each in labyrinths}
     if len(sizes) != 1:
         raise DatasetError(f"{job.shard.path} holds labyrinths of {len(sizes)} sizes, not of one")
-    counts = np.array(visits, np.int64).reshape(len(labyrinths), *sizes.pop())
-    return Content(tuple(labyrinths), np.array(moves), np.array(actions, np.int64), counts)
-
-
-def _parsed(info: str, place: str) -> Labyrinth:
-    try:
-        return parse(info)
-    except ValueError as error:
-        reason = str(error).partition("\n")[0]
-        raise DatasetError(f"{place}: a labyrinth cannot be read: {reason}") from error
+    counts = np.stack(visits).reshape(len(labyrinths), *sizes.pop())
+    return Content(tuple(labyrinths), np.array(moves), np.stack(actions), counts)

@@ -9,9 +9,15 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from statistics import mean
+from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.bootstrap import interval
 from pipeline.manifest import ANALYSIS, DatasetError, Manifest
+from pipeline.schema import SPLITS
 
 EVALUATIONS = "*/*/evaluation.json"
 """In the folder of runs, by the stage `evaluate`."""
@@ -20,6 +26,9 @@ EXAMPLES = 20
 """Labyrinths named that two splits have in common, of each kind."""
 MOST_FAILED = 2_000
 """Labyrinths named on which a run failed, in each split."""
+EVALUATED = [split for split in SPLITS if split != "random"]
+SOLVED = "s"
+"""The letter of an episode that reached the goal."""
 
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
 """What two labyrinths may have in common."""
@@ -66,19 +75,20 @@ def _analysis(manifest: Manifest, content: Mapping[str, Any]) -> dict[str, Any] 
 
 
 def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
-    walls = sorted(apart for _, apart in pair["nearest"].values())
     return {
         "first": pair["first"],
         "second": pair["second"],
         "counts": {kind: len(pair[kind]) for kind in KINDS},
         "examples": {kind: list(pair[kind].items())[:EXAMPLES] for kind in KINDS},
         "within": pair["within"],
-        "walls": [walls[0], walls[len(walls) // 2]] if walls else None,
+        "spread": pair["spread"],
     }
 
 
-def read_runs(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
-    """Return what the page shows of the evaluated runs of datasets.
+def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
+    """Return what the page shows of the methods evaluated on datasets, each with its runs.
+
+    A method is all that a run's name says but its seed, such as `bc-resnet18`.
 
     Args:
         run_dir: Folder of the runs; there need not be one.
@@ -87,30 +97,77 @@ def read_runs(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, An
     Raises:
         DatasetError: A file cannot be read.
     """
-    fingerprints = {manifest.config.name: manifest.fingerprint for manifest in manifests}
-    runs = [
-        _read(path, partial(_run, path.parent.name, fingerprints))
-        for path in sorted(run_dir.glob(EVALUATIONS))
-    ]
-    return [run for run in runs if run is not None]
+    of = {manifest.config.name: manifest for manifest in manifests}
+    methods: dict[tuple[str, str], list[_Run]] = {}
+    for path in sorted(run_dir.glob(EVALUATIONS)):
+        run = _read(path, partial(_run, path.parent.name, of))
+        if run is not None:
+            methods.setdefault((run.config, run.method), []).append(run)
+    return [_method(sorted(runs, key=lambda run: run.seed)) for runs in methods.values()]
 
 
-def _run(
-    name: str, fingerprints: Mapping[str, str], content: Mapping[str, Any]
-) -> dict[str, Any] | None:
+class _Run(NamedTuple):
+    """One run's evaluation."""
+
+    config: str
+    """Of the dataset, such as `5x5`."""
+    method: str
+    seed: int
+    told: Mapping[str, Any]
+    """What the page shows of it alone."""
+    solved: Mapping[str, NDArray[np.float64]]
+    """Split -> 1 for each labyrinth that was solved, else 0, shape (labyrinths,)."""
+    failed: Mapping[str, Sequence[str]]
+    """Split -> ids of those that were not."""
+    baselines: Mapping[str, Any]
+
+
+def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _Run | None:
+    """Return the run that an evaluation tells of, None if it is of no dataset that is there."""
     run = content["run"]
-    if fingerprints.get(run["config"]) != run["fingerprint"]:
+    manifest = of.get(run["config"])
+    if manifest is None or manifest.fingerprint != run["fingerprint"]:
         return None
+    seed, told, solved, failed = int(run["seed"]), {}, {}, {}
+    for split in EVALUATED:
+        scores = content["splits"][split]
+        solved[split] = np.array([letter == SOLVED for letter in scores["outcomes"]], np.float64)
+        failed[split] = scores["failed"]
+        held = sum(shard.labyrinths for shard in manifest.of(split))
+        if len(solved[split]) != held:
+            raise ValueError(f"{split} has {held} labyrinths, not {len(solved[split])}")
+        told[split] = {figure: scores[figure] for figure in FIGURES} | _named(failed[split])
+    method = name.replace(f"-seed{seed}", "", 1)
+    shown = {"name": name, "splits": told}
+    return _Run(run["config"], method, seed, shown, solved, failed, content["baselines"])
+
+
+def _method(runs: Sequence[_Run]) -> dict[str, Any]:
+    """Return what the page shows of a method: means over its runs, and each run."""
+    splits = {}
+    for split in EVALUATED:
+        told = [run.told["splits"][split] for run in runs]
+        solved = np.stack([run.solved[split] for run in runs])
+        by_all = set.intersection(*(set(run.failed[split]) for run in runs))
+        splits[split] = {
+            "sr": float(solved.mean()),
+            "sr_interval": interval(solved),
+            "aer": mean(each["aer"] for each in told),
+            "aer_std": mean(each["aer_std"] for each in told),
+            **_named([number for number in runs[0].failed[split] if number in by_all]),
+        }
     return {
-        "name": name,
-        "config": run["config"],
-        "baselines": content["baselines"],
-        "splits": {
-            split: {figure: scores[figure] for figure in FIGURES}
-            | {"failed": scores["failed"][:MOST_FAILED], "unsolved": len(scores["failed"])}
-            for split, scores in content["splits"].items()
-        },
+        "config": runs[0].config,
+        "name": runs[0].method,
+        "splits": splits,
+        "baselines": runs[0].baselines,
+        "runs": [run.told for run in runs],
     }
+
+
+def _named(failed: Sequence[str]) -> dict[str, Any]:
+    """Return the ids of labyrinths that were not solved, up to a limit, and how many there are."""
+    return {"failed": failed[:MOST_FAILED], "unsolved": len(failed)}
 
 
 def _read(path: Path, tell: Callable[[Any], Told]) -> Told:

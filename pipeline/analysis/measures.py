@@ -32,9 +32,6 @@ from pipeline.analysis.shift import (
 )
 from pipeline.near_twins import passage_table
 
-PARTING = 3
-"""Passages of a cell, from which on ways part there."""
-
 
 class Sample(NamedTuple):
     """One measure of a split."""
@@ -177,23 +174,11 @@ def _route_length(content: Content, most: int) -> Sample:
 
 
 def _branching(content: Content, most: int) -> Sample:
-    return _numbers(
-        np.array(
-            [
-                sum(
-                    sum(after != cell for after in ways) >= PARTING
-                    for cell, ways in enumerate(labyrinth.structure.moves)
-                )
-                for labyrinth in content.labyrinths
-            ]
-        ),
-        most,
-    )
+    return _numbers(np.array([each.structure.junctions for each in content.labyrinths]), most)
 
 
 def _loops(content: Content, most: int) -> Sample:
-    passages = passage_table([labyrinth.structure for labyrinth in content.labyrinths])
-    return _numbers(passages.sum(axis=1) - content.visits[0].size + 1, most)
+    return _numbers(np.array([each.structure.loops for each in content.labyrinths]), most)
 
 
 MEASURES: dict[str, Callable[[Content, int], Sample]] = {

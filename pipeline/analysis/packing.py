@@ -16,19 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.dynamics import initial, state_index, transition_table
 from labyrinth_core.grid import Action
 from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import labyrinth_id, parse
-from labyrinth_core.solver import distances
-from pipeline.episodes import grouped
+from labyrinth_core.language import labyrinth_id
+from pipeline.analysis.walks import Walk, walks_of
 from pipeline.executor import ordered_map
 from pipeline.manifest import DatasetError, Manifest, Shard
 from pipeline.schema import SPLITS
-from pipeline.source import read_rows
 
-_JUNCTION = 3
-"""Passages of a cell, from which on it is one where ways part."""
 _NUMBER_BYTES = 4
 """What a number is counted as; in the page it takes as little as the largest of its column."""
 
@@ -75,14 +70,10 @@ class PackedSplit:
     def add_labyrinth(self, labyrinth: Labyrinth, moves: int) -> None:
         """Add a labyrinth, whose shortest route has so many moves; its episodes are to follow."""
         structure = labyrinth.structure
-        passages = [
-            sum(after != cell for after in ways) for cell, ways in enumerate(structure.moves)
-        ]
-        loops = sum(passages) // 2 - structure.cells + 1
         self.labyrinths += 1
         self.moves[moves] += 1
-        self.loops[loops] += 1
-        self.junctions[sum(ways >= _JUNCTION for ways in passages)] += 1
+        self.loops[structure.loops] += 1
+        self.junctions[structure.junctions] += 1
         wide = (structure.cells + 7) // 8
         for name, value in {
             "id": bytes.fromhex(labyrinth_id(labyrinth)),
@@ -95,25 +86,21 @@ class PackedSplit:
             ice = sum(1 << cell for cell in labyrinth.ice)
             self.fixed.setdefault("ice", bytearray()).extend(ice.to_bytes(wide, "little"))
         numbers = {"start": labyrinth.start, "goal": labyrinth.goal, "moves": moves}
-        numbers |= {"loops": loops, "episodes": 0}
+        numbers |= {"loops": structure.loops, "episodes": 0}
         if labyrinth.key is not None and labyrinth.door is not None:
             numbers |= {"key": labyrinth.key, "door": labyrinth.door}
         for name, number in numbers.items():
             self.numbers.setdefault(name, []).append(number)
 
-    def add_episode(self, states: Sequence[int], actions: Sequence[int]) -> None:
-        """Add an episode of the labyrinth added last.
-
-        Args:
-            states: The numbers of the states visited, as in `dynamics`.
-            actions: What was done in all but the last of them.
-        """
+    def add_episode(self, walk: Walk) -> None:
+        """Add an episode of the labyrinth added last."""
         self.episodes += 1
         self.numbers["episodes"][-1] += 1
-        self.numbers.setdefault("length", []).append(len(actions))
-        self.route.extend(actions)
-        self.actions += np.bincount(actions, minlength=len(Action))
-        np.add.at(self.visits, np.array(states) % len(self.visits), 1)
+        self.numbers.setdefault("length", []).append(len(walk.actions))
+        self.route.extend(walk.actions)
+        self.actions += np.bincount(walk.actions, minlength=len(Action))
+        cells = len(self.visits)
+        self.visits += np.bincount(np.array(walk.states) % cells, minlength=cells)
 
     def add(self, other: PackedSplit, limit: int) -> None:
         """Add the shard that follows, packed only while there is room for `limit` bytes."""
@@ -184,32 +171,24 @@ def _quarters(actions: bytes | bytearray) -> bytes:
     return packed.tobytes()
 
 
-def pack_episodes(episodes: Iterable[tuple[str, Sequence[int]]], cells: int) -> PackedSplit:
+def pack_walks(walks: Iterable[Walk], cells: int) -> PackedSplit:
     """Return episodes packed.
 
     Args:
-        episodes: The text of its labyrinth, and the actions, of each; those of a labyrinth
-            follow one another.
+        walks: The episodes; those of a labyrinth follow one another.
         cells: Of each labyrinth.
 
     Raises:
-        ValueError: A text is no labyrinth, or one of another size.
+        DatasetError: A labyrinth is of another size.
     """
     packed = PackedSplit(visits=np.zeros(cells, np.int64))
-    before = None
-    for info, actions in episodes:
-        if info != before:
-            labyrinth = parse(info)
-            table = transition_table(labyrinth)
-            start = state_index(labyrinth, initial(labyrinth))
-            if labyrinth.structure.cells != cells:
-                raise ValueError(f"a labyrinth has {labyrinth.structure.cells} cells, not {cells}")
-            packed.add_labyrinth(labyrinth, distances(labyrinth, table)[start])
-            before = info
-        states = [start]
-        for action in actions:
-            states.append(table[states[-1]][action])
-        packed.add_episode(states, actions)
+    for walk in walks:
+        if walk.is_first:
+            if walk.labyrinth.structure.cells != cells:
+                held = walk.labyrinth.structure.cells
+                raise DatasetError(f"a labyrinth has {held} cells, not {cells}")
+            packed.add_labyrinth(walk.labyrinth, walk.moves)
+        packed.add_episode(walk)
     return packed
 
 
@@ -219,13 +198,7 @@ def pack_shard(job: PackJob) -> PackedSplit:
     Raises:
         DatasetError: The file is missing, damaged, or its rows do not make episodes.
     """
-    rows = grouped(read_rows(job.folder, [job.shard], pictures=False))
-    episodes = ((group[0].info, [row.actions for row in group[:-1]]) for group in rows)
-    try:
-        return pack_episodes(episodes, job.cells)
-    except (ValueError, IndexError) as error:
-        reason = str(error).partition("\n")[0]
-        raise DatasetError(f"{job.folder / job.shard.path} cannot be read: {reason}") from error
+    return pack_walks(walks_of(job.folder, job.shard), job.cells)
 
 
 def pack(

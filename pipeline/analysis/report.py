@@ -19,7 +19,7 @@ from typing import Any
 from labyrinth_core import __version__
 from labyrinth_core.renderer import DEFAULT_STYLE
 from pipeline import front_matter
-from pipeline.analysis.findings import read_analysis, read_runs
+from pipeline.analysis.findings import read_analysis, read_results
 from pipeline.analysis.packing import PackedSplit, pack
 from pipeline.analysis.report_figures import ACTION_COLOURS, FIGURES, draw_figures
 from pipeline.config import Run
@@ -91,11 +91,11 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
             datasets.append(describe(manifest, splits, limit, read_analysis(folder, manifest)))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)
-    runs = read_runs(run_dir, manifests)
-    has_figures = draw_figures(datasets, runs, folder)
+    results = read_results(run_dir, manifests)
+    has_figures = draw_figures(datasets, results, folder)
     if not has_figures:
-        console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
-    write_text(folder / PAGE, page(datasets, runs, FIGURES if has_figures else None))
+        console.print("No figures as files: pip install -e '.[analysis]' for them.")
+    write_text(folder / PAGE, page(datasets, results, FIGURES if has_figures else None))
     return folder / PAGE
 
 
@@ -134,7 +134,7 @@ def page(
 
     Args:
         datasets: As from `describe`.
-        results: As from `findings.read_runs`.
+        results: As from `findings.read_results`.
         figures: Folder, from where the page is, in which its figures are as files.
     """
     data = {

@@ -45,13 +45,13 @@ Split = Mapping[str, Any]
 
 
 def draw_figures(
-    datasets: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]], folder: Path
+    datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]], folder: Path
 ) -> bool:
     """Replace the figures in the folder of a report; return whether there is matplotlib to do so.
 
     Args:
         datasets: What the page is told of each.
-        runs: What it is told of each evaluated run.
+        results: What it is told of each method that was evaluated.
         folder: Of the report.
 
     Raises:
@@ -69,7 +69,7 @@ def draw_figures(
             for dataset in datasets:
                 for name, (title, draw) in _KINDS.items():
                     _save(_figure(dataset, title, draw), new / f"{dataset['name']}-{name}")
-                of_dataset = [run for run in runs if run["config"] == dataset["name"]]
+                of_dataset = [each for each in results if each["config"] == dataset["name"]]
                 if of_dataset:
                     _save(_results(of_dataset), new / f"{dataset['name']}-results")
         shutil.rmtree(old, ignore_errors=True)
@@ -155,23 +155,23 @@ def _visits(panel: Axes, split: Split, dataset: Mapping[str, Any]) -> None:
         panel.text(column, row, f"{share:.1f}", ha="center", va="center", color=ink, fontsize=size)
 
 
-def _results(runs: Sequence[Mapping[str, Any]]) -> Figure:
-    """Return the success rates of runs on one dataset, a panel for each split."""
+def _results(methods: Sequence[Mapping[str, Any]]) -> Figure:
+    """Return the success rates of methods on one dataset, a panel for each split."""
     from matplotlib.figure import Figure
 
-    splits = list(runs[0]["splits"])
-    tall = 1.1 + 0.28 * len(runs)
+    splits = list(methods[0]["splits"])
+    tall = 1.1 + 0.28 * len(methods)
     figure = Figure(figsize=(2 + 1.5 * len(splits), tall), layout="constrained")
     panels = figure.subplots(1, len(splits), sharey=True, squeeze=False)[0]
     for panel, split in zip(panels, splits, strict=True):
-        scores = [run["splits"][split] for run in runs]
+        scores = [method["splits"][split] for method in methods]
         rates = [100 * each["sr"] for each in scores]
         bounds = [[100 * bound for bound in each["sr_interval"]] for each in scores]
         away = [
             [max(0, rate - low) for rate, (low, _) in zip(rates, bounds, strict=True)],
             [max(0, high - rate) for rate, (_, high) in zip(rates, bounds, strict=True)],
         ]
-        names = [run["name"] for run in runs]
+        names = [method["name"] for method in methods]
         panel.barh(names, rates, xerr=away, color=_rgb(DEFAULT_STYLE.goal), ecolor="black")
         panel.set(xlim=(0, 105), xlabel="SR, %")
         panel.set_title(split, loc="left", fontweight="bold")

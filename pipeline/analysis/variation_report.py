@@ -18,8 +18,20 @@ from pipeline.analysis.variation import Variation
 from pipeline.analysis.worlds import FACTS
 from pipeline.config import ConfigError
 from pipeline.manifest import write_text
+from pipeline.markdown import table
 
 Visits = NDArray[np.int64]
+
+_LIKE_THEIRS = (
+    *("environment", "average reward", "actions differ", "trajectories differ"),
+    *("p-value", "Holm", "effect size"),
+)
+_MORE = (
+    *("environment", "episodes", "steps", "reward, sd", "least reward"),
+    *("actions' p-value", "Holm", "effect size", "two episodes: actions", "trajectories"),
+)
+_FIRST = ("environment", "Manhattan distance", "share of the range")
+"""Headings of the three tables."""
 
 MAPS = "visits"
 """Name of the pictures, before `.png` and `.svg`."""
@@ -77,12 +89,7 @@ def _csv(values: Sequence[dict[str, Any]]) -> str:
 
 
 def _markdown(results: Sequence[Variation]) -> str:
-    headings = ["environment", "average reward", "actions differ", "trajectories differ"]
-    like_theirs = [[*headings, "p-value", "Holm", "effect size"]]
-    headings = ["environment", "episodes", "steps", "reward, sd", "least reward"]
-    headings += ["actions' p-value", "Holm", "effect size"]
-    more = [[*headings, "two episodes: actions", "trajectories"]]
-    first = [["environment", "Manhattan distance", "share of the range"]]
+    like_theirs, more, first = [], [], []
     for each in results:
         reward, actions, trajectories, p_value = FACTS[each.name].reported
         like_theirs.append(
@@ -114,19 +121,13 @@ def _markdown(results: Sequence[Variation]) -> str:
     return "\n\n".join(
         [
             "## Episodes of even and of odd seeds\n\nIn brackets, the original's table 6.",
-            _table(like_theirs),
-            _table(more),
+            table(_LIKE_THEIRS, like_theirs),
+            table(_MORE, more),
             "## First states\n\nTwo of them, the mean of all pairs.",
-            _table(first),
+            table(_FIRST, first),
             f"## Visits\n\n![Where the episodes of even and of odd seeds were]({MAPS}.png)\n",
         ]
     )
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    headings, *others = rows
-    rule = ["---"] + ["---:"] * (len(headings) - 1)
-    return "\n".join("| " + " | ".join(row) + " |" for row in [headings, rule, *others])
 
 
 def draw_visits(folder: Path, maps: Mapping[str, tuple[Frame, Visits]]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.grid import Action
 from labyrinth_core.labyrinth import LabyrinthError
 from labyrinth_core.labyrinth_source import sample_labyrinth
 from labyrinth_core.rollout import replay
@@ -114,7 +115,7 @@ def _labyrinths(config: DatasetConfig) -> World:
         play(0)
     except LabyrinthError as error:  # Of a task that labyrinths of this size cannot hold.
         raise ConfigError(str(error)) from error
-    return World(play, 4, place)
+    return World(play, len(Action), place)
 
 
 def _gymnasium(name: str, archive: str | None) -> World:

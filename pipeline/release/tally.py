@@ -90,7 +90,7 @@ class Tally:
     def count_labyrinth(self, labyrinth: Labyrinth, first: Sequence[int]) -> None:
         """Count a labyrinth, whose first episode takes the actions `first`."""
         structure = labyrinth.structure
-        self.loops += sum(1 for _ in structure.passages()) - structure.cells + 1
+        self.loops += structure.loops
         self.ids.append(int(structure.structure_id, 16))
         self.canonical_ids.append(int(structure.canonical().structure_id, 16))
         if len(self.examples) < EXAMPLES:

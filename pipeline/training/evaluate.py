@@ -13,12 +13,12 @@ from typing import Any
 
 from rich.table import Table
 
+from pipeline.bootstrap import interval
 from pipeline.config import Run
 from pipeline.manifest import DatasetError, Manifest, write_text
 from pipeline.prefetch import prefetched
 from pipeline.terminal import console, tracked
 from pipeline.training.baselines import BASELINES, compare
-from pipeline.training.bootstrap import interval
 from pipeline.training.evaluations import EVALUATION, FORMAT, SPLITS
 from pipeline.training.method import find
 from pipeline.training.policy import Policy, load_policy

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.grid import parse_size
+from pipeline.bootstrap import interval
 from pipeline.manifest import DatasetError
-from pipeline.training.bootstrap import interval
 from pipeline.training.following import OUTCOMES
 from pipeline.training.paper import METHODS
 from pipeline.training.scores import episodes_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.training.bootstrap import interval
+from pipeline.bootstrap import interval
 from pipeline.training.following import OUTCOMES, Episodes, follow, greedy_actions
 from pipeline.training.worlds import Worlds
 

@@ -55,6 +55,9 @@ def test_passages_and_moves_show_the_bits_that_define_a_structure(structure):
         ),
     )
     assert led == Counter(dict.fromkeys(expected, 2))
+    assert structure.loops == len(expected) - structure.cells + 1
+    ways = Counter(place for pair in expected for place in pair)
+    assert structure.junctions == sum(count > 2 for count in ways.values())
 
 
 @given(structures())

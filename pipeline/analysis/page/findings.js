@@ -1,23 +1,31 @@
 // What was found out elsewhere: the certificate of leakage, the shift between splits, and the
 // results of training.
 
-let failuresByRun = null;
+const runName = ({ config }, { name }) => `${config} ${name}`;
+const methodName = ({ config, name }) => `${config} ${name}, every seed`;
 
-const runLabel = ({ config, name }) => `${config} ${name}`;
+/** Name -> where it failed: each run, and each method that has several, where all of them did. */
+const ATTEMPTS = new Map(
+  DATA.results.flatMap((method) => {
+    const attempt = (name, splits) => [name, { config: method.config, splits }];
+    const runs = method.runs.map((run) => attempt(runName(method, run), run.splits));
+    return runs.length > 1 ? [attempt(methodName(method), method.splits), ...runs] : runs;
+  }),
+);
 
-/** Return run -> the labyrinths that it failed on, by their keys. */
-function failures() {
-  failuresByRun ??= new Map(
-    DATA.results.map((run) => [
-      runLabel(run),
-      new Set(
-        Object.entries(run.splits).flatMap(([split, { failed }]) =>
-          failed.map((id) => `${run.config} ${split} ${id}`),
-        ),
-      ),
-    ]),
-  );
-  return failuresByRun;
+/** Return the labyrinths that one failed on, by their keys; null if there is no such name. */
+function failuresOf(name) {
+  const attempt = ATTEMPTS.get(name);
+  if (!attempt) return null;
+  const keys = ([split, { failed }]) => failed.map((id) => `${attempt.config} ${split} ${id}`);
+  return new Set(Object.entries(attempt.splits).flatMap(keys));
+}
+
+/** Return the names of those that failed on a labyrinth. */
+function whoFailed({ dataset, split }, id) {
+  const failed = ([, { config, splits }]) =>
+    config === dataset.name && splits[split.name]?.failed.includes(id);
+  return [...ATTEMPTS].filter(failed).map(([name]) => name);
 }
 
 const COMMON = {
@@ -41,7 +49,7 @@ function certificateOf(dataset) {
       " (with the options that it was built with) makes the certificate and writes it here.")];
   }
   const walls = Object.keys(analysis.pairs[0]?.within ?? {});
-  const rows = analysis.pairs.map(({ first, second, counts, within, walls: apart }) => [
+  const rows = analysis.pairs.map(({ first, second, counts, within, spread }) => [
     `${first}, ${second}`,
     grouped(analysis.labyrinths[second]),
     ...Object.keys(COMMON).map((kind) =>
@@ -49,7 +57,7 @@ function certificateOf(dataset) {
       [grouped(counts[kind]), counts[kind] && /equal|mirrored/.test(kind) ? "bad" : null],
     ),
     ...walls.map((count) => grouped(within[count])),
-    apart ? `${apart[0]}, ${apart[1]}` : "",
+    spread,
   ]);
   const headings = [
     "splits", "labyrinths", ...Object.values(COMMON), ...walls.map((count) => `≤ ${count} walls`),
@@ -155,42 +163,70 @@ function noResults() {
 }
 
 function resultsOf(config) {
-  const runs = DATA.results.filter((run) => run.config === config);
-  const splits = Object.keys(runs[0].splits);
-  const cell = ({ sr, aer, aer_std: deviation }) =>
-    `${percent(sr)}, ${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
-  const baselines = Object.keys(Object.values(runs[0].baselines)[0] ?? {}).map((name) => [
-    name.replaceAll("_", " "),
-    ...splits.map((split) => cell(runs[0].baselines[split][name])),
+  const methods = DATA.results.filter((method) => method.config === config);
+  const [{ baselines, splits: first }] = methods;
+  const splits = Object.keys(first);
+  const bars = (split) => methods.map(({ name, splits: { [split]: { sr, sr_interval } } }) => ({
+    name, share: sr, interval: sr_interval, colour: DATA.colours.goal,
+  }));
+  const panels = splits.map((split) =>
+    panel(split, "", barPicture(bars(split), 1, `Success rate on ${split}`)),
+  );
+  const rows = methods.map((method) => [
+    method.name, grouped(method.runs.length), ...splits.map((split) => ratesOf(method.splits[split])),
   ]);
-  const rows = runs.map((run) => [
-    run.name, ...splits.map((split) => cell(run.splits[split])),
+  const others = Object.keys(baselines[splits[0]]).map((name) => [
+    [name.replaceAll("_", " "), "muted"], "",
+    ...splits.map((split) => ratesOf(baselines[split][name])),
   ]);
-  const panels = splits.map((split) => {
-    const bars = runs.map((run) => ({
-      name: run.name, share: run.splits[split].sr, interval: run.splits[split].sr_interval,
-      colour: DATA.colours.goal,
-    }));
-    return panel(split, "", barPicture(bars, 1, `Success rate on ${split}`));
-  });
   const results = figure(
     `${config}-results`, `Success rate, ${config}`,
-    "Share of the labyrinths that one greedy episode solves, with its 95% interval.",
+    "Share of the labyrinths that one greedy episode solves, the mean over seeds, with its 95% " +
+    "interval over seeds and labyrinths. In the table, the average return and its standard " +
+    "deviation stand below; in grey, what needs no learning.",
     panels,
-    table("SR, and AER with its standard deviation", ["run", ...splits], [...rows, ...baselines]),
+    table("Success rate and return", ["method", "seeds", ...splits], [...rows, ...others]),
   );
   results.querySelector("details").open = true;
-  return [results, ...runs.map(runDetails)];
+  return [results, ...methods.map(methodDetails)];
 }
 
-function runDetails(run) {
-  const share = (value, digits = 1) => (value === null ? "" : percent(value, digits));
-  const rows = Object.entries(run.splits).map(([split, scores]) => [
+/** Return the cell of a table with both rates. */
+function ratesOf({ sr, aer, aer_std: deviation }) {
+  const below = `${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
+  return element("span", {}, percent(sr), element("br"), element("small", {}, below));
+}
+
+/** Return what a method did, to unfold: where all its seeds failed, and each run. */
+function methodDetails(method) {
+  const { name, runs, splits } = method;
+  const rows = Object.entries(splits).map(([split, scores]) => [
+    split,
+    percent(scores.sr),
+    intervalOf(scores),
+    failedButton(methodName(method), split, scores),
+    `${scores.aer.toFixed(3)} ± ${scores.aer_std.toFixed(2)}`,
+  ]);
+  const headings = ["split", "SR", "95%", "every seed failed on", "AER"];
+  return element(
+    "details", { open: DATA.results.length === 1 },
+    element("summary", {}, `${name}: ${plural(runs.length, "run")}, and what failed`),
+    runs.length > 1 ? table(`${name}, mean of ${runs.length} seeds`, headings, rows) : null,
+    ...runs.map((run) => runTable(run, runName(method, run))),
+  );
+}
+
+const intervalOf = ({ sr_interval: bounds }) =>
+  bounds.map((bound) => percent(bound, 0)).join(" to ");
+
+function runTable({ name, splits }, label) {
+  const share = (value) => (value === null ? "" : percent(value));
+  const rows = Object.entries(splits).map(([split, scores]) => [
     split,
     grouped(scores.labyrinths),
     share(scores.sr),
-    scores.sr_interval.map((bound) => percent(bound, 0)).join(" to "),
-    failedButton(run, split, scores),
+    intervalOf(scores),
+    failedButton(label, split, scores),
     [Object.entries(scores.failures).map(([kind, count]) => `${count} ${kind}`).join(", "), "text"],
     `${scores.aer.toFixed(3)} ± ${scores.aer_std.toFixed(2)}`,
     share(scores.path_efficiency),
@@ -201,16 +237,13 @@ function runDetails(run) {
     "split", "labyrinths", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
     "optimal where demonstrated", "optimal elsewhere",
   ];
-  return element(
-    "details", { open: DATA.results.length === 1 },
-    element("summary", {}, runLabel(run)), table(runLabel(run), headings, rows),
-  );
+  return table(name, headings, rows);
 }
 
-function failedButton(run, split, { failed, unsolved }) {
+function failedButton(failedWith, split, { failed, unsolved }) {
   if (!unsolved) return "none";
   const more = unsolved > failed.length ? `first ${grouped(failed.length)} of ` : "";
-  const show = () => showInGallery({ split, failed: runLabel(run) });
+  const show = () => showInGallery({ split, failed: failedWith });
   return element(
     "button", { type: "button", class: "quiet", click: show }, `${more}${grouped(unsolved)}: show`,
   );

@@ -17,7 +17,7 @@ function readFilters() {
     minLoops: number("minLoops", 0),
     maxLoops: number("maxLoops", Infinity),
     id: form.id.value.trim().toLowerCase(),
-    failed: failures().get(form.failed.value),
+    failed: failuresOf(form.failed.value),
   };
 }
 
@@ -143,7 +143,7 @@ function setUpGallery() {
   fill(form.elements.size, [["", "all"], ...distinct(DATA.datasets.map(sizeOf))]);
   const tasks = distinct(DATA.datasets.map(({ task }) => task));
   fill(form.elements.task, [["", "all"], ...tasks.map(([task]) => [task, words(task)])]);
-  const failed = [...failures().keys()].map((name) => [name, name]);
+  const failed = [...ATTEMPTS.keys()].map((name) => [name, name]);
   byId("method-filter").hidden = !failed.length;
   fill(form.elements.failed, [["", "any method"], ...failed]);
   const list = byId("list");

@@ -19,8 +19,8 @@ function openPlayer(place) {
     "Shortest route": plural(block.column("moves")[index], "move"),
     Loops: grouped(block.column("loops")[index]),
   };
-  const failed = [...failures()].filter(([, ids]) => ids.has(block.key(index)));
-  if (failed.length) facts["Failed with"] = failed.map(([name]) => name).join(", ");
+  const failed = whoFailed(block, id);
+  if (failed.length) facts["Failed with"] = failed.join("; ");
   byId("facts").replaceChildren(
     ...Object.entries(facts).flatMap(([name, value]) => [
       element("dt", {}, name), element("dd", {}, value),

@@ -79,21 +79,32 @@ def test_training_that_was_stopped_ends_as_if_it_had_not_been(tmp_path):
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
 
-    def train(folder: str, iterations: int) -> dict:
+    def train(folder: str, iterations: int, **given: float) -> Search:
+        options = ("step_size", "directions", "noise", "top", "bonus")
         script.train(
             argparse.Namespace(
                 environment="Hopper-v5",
                 folder=tmp_path / folder,
                 seed=0,
                 iterations=iterations,
-                every=1,
+                every=3,
                 horizon=50,
+                **dict.fromkeys(options) | {"after": 0} | given,
             )
         )
+        return script.load(tmp_path / folder / "Hopper-v5-seed0.npz")
+
+    def kept(folder: str) -> dict:
         return json.loads((tmp_path / folder / "Hopper-v5.json").read_text())
 
     train("stopped", 1)
-    assert train("stopped", 3) == train("whole", 3)
-    saved = [script.load(tmp_path / f / "Hopper-v5-seed0.npz") for f in ("stopped", "whole")]
-    assert np.array_equal(saved[0].weights, saved[1].weights)
-    assert saved[0].iteration == 3
+    stopped, whole = train("stopped", 3), train("whole", 3)
+    assert kept("stopped") == kept("whole")
+    assert np.array_equal(stopped.weights, whole.weights)
+    assert stopped.iteration == 3
+    # Settings that are given take effect after so many iterations, and are written down.
+    train("stopped again", 1)
+    again, once = (train(f, 3, after=1, noise=0.01) for f in ("stopped again", "at once"))
+    assert np.array_equal(again.weights, once.weights)
+    assert not np.array_equal(once.weights, whole.weights)
+    assert "--noise 0.01 --after 1" in kept("at once")["provenance"]["command"]

@@ -10,14 +10,15 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from reporting import RUN_NAME, analyse, evaluate
+from reporting import METHOD, analyse, evaluate
 
 from labyrinth_core.language import parse
 from labyrinth_core.solver import shortest_route
 from pipeline.analysis import report
-from pipeline.analysis.findings import read_analysis, read_runs
-from pipeline.analysis.packing import pack, pack_episodes
+from pipeline.analysis.findings import read_analysis, read_results
+from pipeline.analysis.packing import pack, pack_walks
 from pipeline.analysis.report import PAGE, page, write_report
+from pipeline.analysis.walks import walks
 from pipeline.loader import load_episodes
 from pipeline.manifest import ANALYSIS, DatasetError, Manifest
 from pipeline.release.card import published_files, write_card
@@ -81,9 +82,9 @@ def test_shards_add_up_to_what_they_are_together(small_dataset):
         (episode.info, episode.actions.tolist())
         for episode in load_episodes(small_dataset.data_dir, "3x3", observation="vector")
     ]
-    whole = pack_episodes(episodes, 9)
-    parts = pack_episodes(episodes[:3], 9)
-    parts.add(pack_episodes(episodes[3:], 9), ROOMY)
+    whole = pack_walks(walks(episodes), 9)
+    parts = pack_walks(walks(episodes[:3]), 9)
+    parts.add(pack_walks(walks(episodes[3:]), 9), ROOMY)
     assert parts.to_json(ROOMY) == whole.to_json(ROOMY)
     assert whole.to_json(ROOMY) == pack(small_dataset.folder, manifest, 0)["train"].to_json(ROOMY)
 
@@ -94,7 +95,7 @@ def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_datas
         (episode.info, episode.actions.tolist())
         for episode in load_episodes(small_dataset.data_dir, "3x3", observation="vector")
     ]
-    told = pack_episodes(episodes, 9).to_json(limit)
+    told = pack_walks(walks(episodes), 9).to_json(limit)
     assert told["labyrinths"] == 8
     assert told["shown"] == {0: 0, 100: 2, 300: 6, 10**6: 8}[limit]
     assert sum(len(column["data"]) for column in told["columns"].values()) * 3 / 4 <= limit + 30
@@ -143,22 +144,44 @@ def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
     found = read_analysis(folder, manifest)
     counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
     assert found["pairs"][0]["counts"] == counts
-    assert found["pairs"][0]["walls"] == [0, 4]
+    assert found["pairs"][0]["spread"] == "0, 4"
     (folder / ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
     assert read_analysis(folder, manifest) is None
 
 
-def test_runs_are_shown_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
-    folder = data_dir / "3x3"
+def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
+    folder, runs = data_dir / "3x3", tmp_path / "runs"
     manifest = Manifest.read(folder)
-    assert read_runs(tmp_path / "runs", [manifest]) == []
-    failed = evaluate(folder, tmp_path / "runs")
-    (run,) = read_runs(tmp_path / "runs", [manifest])
-    assert (run["name"], run["config"]) == (RUN_NAME, "3x3")
-    assert run["splits"]["test"]["failed"] == failed
-    path = tmp_path / "runs" / "3x3" / RUN_NAME / "evaluation.json"
-    path.write_text(path.read_text().replace(manifest.fingerprint, "another"))
-    assert read_runs(tmp_path / "runs", [manifest]) == []
+    assert read_results(runs, [manifest]) == []
+    failed = {seed: evaluate(folder, runs, seed) for seed in (10, 2)}
+    (method,) = read_results(runs, [manifest])
+    assert (method["name"], method["config"]) == (METHOD, "3x3")
+    told = {run["name"]: run["splits"]["test"]["failed"] for run in method["runs"]}
+    assert list(told.items()) == [(f"{METHOD}-seed{seed}", failed[seed]) for seed in (2, 10)]
+    for name in told:
+        path = runs / "3x3" / name / "evaluation.json"
+        path.write_text(path.read_text().replace(manifest.fingerprint, "another"))
+    assert read_results(runs, [manifest]) == []
+
+
+def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):
+    folder, runs = data_dir / "3x3", tmp_path / "runs"
+    failed = [evaluate(folder, runs, seed) for seed in (0, 1)]
+    (method,) = read_results(runs, [Manifest.read(folder)])
+    test = method["splits"]["test"]
+    assert (test["sr"], test["aer"], test["aer_std"]) == (0.75, -0.75, 2.0)
+    low, high = test["sr_interval"]
+    assert 0.25 <= low < 0.75 < high <= 1
+    assert (test["unsolved"], test["failed"]) == (1, [failed[0][1]])
+    assert method["splits"]["train"]["sr_interval"] == (1, 1)
+
+
+def test_an_evaluation_of_another_number_of_labyrinths_is_refused(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    (path,) = (tmp_path / "runs").glob("*/*/evaluation.json")
+    path.write_text(path.read_text().replace('"ss', '"s'))
+    with pytest.raises(DatasetError, match="train has 8 labyrinths, not 7"):
+        write_report(data_dir, tmp_path / "runs")
 
 
 @pytest.mark.parametrize("damage", ["{", "[]", '{"fingerprint": null}', "[" * 100_000])
@@ -186,7 +209,7 @@ def test_without_matplotlib_the_page_is_written_and_the_extra_named(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     path = write_report(data_dir, tmp_path / "runs")
     assert data_of(path.read_text())["figures"] is None
-    assert "labyrinth-datasets[analysis]" in capsys.readouterr().out
+    assert "'.[analysis]'" in capsys.readouterr().out
     assert [each.name for each in path.parent.iterdir()] == [PAGE]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
-from reporting import RUN_NAME, analyse, evaluate, ids_of
+from reporting import METHOD, analyse, evaluate, ids_of
 
 from labyrinth_core.__main__ import main
 from labyrinth_core.labyrinth import Labyrinth, LabyrinthError, Task
@@ -44,7 +44,8 @@ def reported(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
     build(data_dir, size="4", task="key_and_door", labyrinths=3)
     build(data_dir, size="4x5", task="icy_floor", labyrinths=2)
     analyse(first)
-    evaluate(first, data_dir.parent / "runs")
+    for seed in (0, 1):
+        evaluate(first, data_dir.parent / "runs", seed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report, "draw_figures", lambda *_: False)
         write_report(data_dir, data_dir.parent / "runs")
@@ -303,12 +304,17 @@ def test_what_was_found_out_leads_to_the_labyrinths(open_report, reported):
     assert page.locator("#matches").text_content() == "1 of 78 labyrinths"
     assert page.locator(".tile .name").text_content() == test[0][:8]
     page.locator("#tab-results").click()
-    assert RUN_NAME in page.locator("#runs").text_content()
-    page.get_by_role("button", name="2: show").click()
-    names = page.locator(".tile .name").all_text_contents()
-    assert names == [number[:8] for number in test[:2]]
-    page.locator(".tile").first.click()
-    assert f"3x3 {RUN_NAME}" in page.locator("#facts").text_content()
+    summary = page.locator("#runs > details > summary")
+    assert summary.text_content() == f"{METHOD}: 2 runs, and what failed"
+    # The method failed with every seed on one labyrinth, its first run on two.
+    for number, (failed, name) in enumerate([(test[1:2], "every seed"), (test[:2], "seed0")]):
+        page.locator("#tab-results").click()
+        page.locator("#runs button").nth(number).click()
+        names = page.locator(".tile .name").all_text_contents()
+        assert names == [each[:8] for each in failed]
+        page.locator(".tile").first.click()
+        assert name in page.locator("#facts").text_content()
+        page.keyboard.press("Escape")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
