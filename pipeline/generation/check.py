@@ -66,15 +66,13 @@ def check_shard(job: CheckJob) -> ShardReport:
     report = ShardReport(job.shard)
     path = job.folder / job.shard.path
     try:
-        with (
-            local_copy(path) as local,
-            pq.ParquetFile(local, read_dictionary=["info"]) as file,
-        ):
+        with local_copy(path) as local:
             digest, size = file_sha256(local), local.stat().st_size
             if not pq.read_schema(local).equals(arrow_schema(), check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
-            _ShardCheck(job, report).check(_rows(file, report))
+            with pq.ParquetFile(local, read_dictionary=["info"]) as file:
+                _ShardCheck(job, report).check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")
         return report

@@ -174,7 +174,7 @@ def _episodes(path: Path) -> Iterator[tuple[str, list[int], float]]:
             table = pa.concat_tables([*rest, file.read_row_group(group, columns=_COLUMNS)])
             starts = np.flatnonzero(table["episode_starts"].to_numpy())
             if not len(starts) or starts[0]:
-                raise ValueError("the rows do not begin with an episode")
+                raise ValueError("a group of rows does not begin with an episode")
             infos = table["info"].take(starts).to_pylist()
             actions = table["actions"].to_numpy().tolist()
             sums = np.add.reduceat(table["rewards"].to_numpy().astype(np.float64), starts)
