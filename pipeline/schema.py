@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labyrinth_core.grid import Action
 
 if TYPE_CHECKING:
     import pyarrow
+    import pyarrow.parquet
 
 SAMPLED_SPLITS = ("train", "validation", "test")
 """Splits with structures of their own."""
@@ -95,6 +97,19 @@ def arrow_schema() -> pyarrow.Schema:
         [(column.name, types[column.name]) for column in COLUMNS],
         metadata={"huggingface": json.dumps(features)},
     )
+
+
+def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
+    """Open a Parquet file; `info`, if it is a column, is read as a dictionary, see `texts`.
+
+    Raises:
+        OSError, ArrowException: It is no such file.
+    """
+    import pyarrow.parquet as pq
+
+    schema = pq.read_metadata(path).schema
+    names = {schema.column(number).path for number in range(len(schema))}
+    return pq.ParquetFile(path, read_dictionary=["info"] if "info" in names else [])
 
 
 def texts(column: pyarrow.ChunkedArray) -> list[str | None]:

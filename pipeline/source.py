@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pipeline.manifest import MANIFEST, DatasetError, Shard, file_sha256
-from pipeline.schema import texts
+from pipeline.schema import open_shard, texts
 from pipeline.storage import AnyPath, folder_at, local_copy
 
 if TYPE_CHECKING:
@@ -94,7 +94,6 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
         DatasetError: A shard is missing, damaged or another one.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     columns = [*_TYPES, "obs.bytes"] if pictures else [*_TYPES]
     for shard in shards:
@@ -103,7 +102,7 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
             with local_copy(path) as local:
                 if file_sha256(local) != shard.sha256:
                     raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
-                with pq.ParquetFile(local, read_dictionary=["info"]) as file:
+                with open_shard(local) as file:
                     for group in range(file.num_row_groups):
                         table = file.read_row_group(group, columns=columns)
                         yield from _rows(table, pictures=pictures)

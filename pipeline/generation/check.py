@@ -27,7 +27,7 @@ from pipeline.fingerprint import Fingerprint, decoded_picture_digest
 from pipeline.generation.render import Picture, Pictures, picture_name
 from pipeline.generation.rules import labyrinth_problems, route_problem
 from pipeline.manifest import Shard, file_sha256
-from pipeline.schema import NO_ACTION, Row, arrow_schema, texts
+from pipeline.schema import NO_ACTION, Row, arrow_schema, open_shard, texts
 from pipeline.storage import AnyPath, local_copy
 
 
@@ -71,7 +71,7 @@ def check_shard(job: CheckJob) -> ShardReport:
             if not pq.read_schema(local).equals(arrow_schema(), check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
-            with pq.ParquetFile(local, read_dictionary=["info"]) as file:
+            with open_shard(local) as file:
                 _ShardCheck(job, report).check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")

@@ -23,7 +23,7 @@ from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import parse
 from labyrinth_core.solver import optimal_actions
 from pipeline.manifest import DatasetError, Shard, file_sha256
-from pipeline.schema import NO_ACTION
+from pipeline.schema import NO_ACTION, open_shard
 from pipeline.storage import AnyPath, local_copy
 
 EXAMPLES = 5
@@ -166,9 +166,8 @@ def _episodes(path: Path) -> Iterator[tuple[str, list[int], float]]:
         LookupError: A column is missing.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path, read_dictionary=["info"]) as file:
+    with open_shard(path) as file:
         rest: list[pa.Table] = []
         for group in range(file.num_row_groups):
             table = pa.concat_tables([*rest, file.read_row_group(group, columns=_COLUMNS)])
