@@ -575,7 +575,8 @@ def edited(data_dir, folder, edit=lambda _: None):
     table = pq.read_table(path)
     rows = table.to_pylist()
     edit(rows)
-    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
+    schema = pa.schema([field for field in table.schema if field.name in rows[0]])
+    pq.write_table(pa.Table.from_pylist(rows, schema), path)
     for other in shards_of(folder, "3x3", "train")[1:]:
         other.unlink()
     manifest = Manifest.read(folder / "3x3")
@@ -599,6 +600,17 @@ def assert_refused(folder, message):
 @pytest.mark.parametrize(("edit", "message"), ROWS)
 def test_rows_that_make_no_episodes_are_refused(data_dir, tmp_path, edit, message):
     assert_refused(edited(data_dir, tmp_path / "damaged", edit), message)
+
+
+@pytest.mark.parametrize("column", ["actions", "info"])
+def test_a_shard_without_a_column_is_refused(data_dir, tmp_path, column):
+    def drop(rows):
+        for row in rows:
+            del row[column]
+
+    folder = edited(data_dir, tmp_path / "damaged", drop)
+    with pytest.raises(DatasetError, match=f"{column}=None: every row needs"):
+        load_transitions(folder, "3x3", image_size=8)
 
 
 @pytest.mark.parametrize(("edit", "message"), PICTURES)
