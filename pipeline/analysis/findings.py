@@ -27,6 +27,7 @@ EXAMPLES = 20
 MOST_FAILED = 2_000
 """Labyrinths named on which a run failed, in each split."""
 EVALUATED = [split for split in SPLITS if split != "random"]
+"""Splits on which policies are evaluated."""
 SOLVED = "s"
 """The letter of an episode that reached the goal."""
 
