@@ -223,7 +223,6 @@ function runTable({ name, splits }, label) {
   const share = (value) => (value === null ? "" : percent(value));
   const rows = Object.entries(splits).map(([split, scores]) => [
     split,
-    grouped(scores.labyrinths),
     share(scores.sr),
     intervalOf(scores),
     failedButton(label, split, scores),
@@ -232,10 +231,11 @@ function runTable({ name, splits }, label) {
     share(scores.path_efficiency),
     share(scores.accuracy_on_demonstrations),
     share(scores.accuracy_elsewhere),
+    grouped(scores.labyrinths),
   ]);
   const headings = [
-    "split", "labyrinths", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
-    "optimal where demonstrated", "optimal elsewhere",
+    "split", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
+    "optimal where demonstrated", "optimal elsewhere", "labyrinths",
   ];
   return table(name, headings, rows);
 }
