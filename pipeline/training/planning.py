@@ -126,8 +126,9 @@ class Planner(nn.Module):
         Args:
             cell_pixels: Of the side of a cell, in pictures.
             channels: Features of a position.
-            iterations: Of planning.
-            sharpness: Of `Bellman`, when acting.
+            iterations: Of planning, for each position on the side of a cell.
+            sharpness: Of `Bellman`, when acting, with `grid_prior`. Without, a way through a cell
+                has several positions, dear and cheap ones, and powers of costs add up to others.
             path_prior: Whether planning is `Bellman`, or else `Gated`.
             grid_prior: Whether the internal grid has one position a cell, or else one every
                 `POSITION_PIXELS`.
@@ -148,10 +149,11 @@ class Planner(nn.Module):
             nn.ReLU(),
         )
         positions = 1.0 if grid_prior else cell_pixels / POSITION_PIXELS
+        steps, power = round(iterations * positions), sharpness if grid_prior else 1.0
         self.planning = (
-            Bellman(channels, iterations, sharpness, FIRST_END + log(positions))
+            Bellman(channels, steps, power, FIRST_END + log(positions))
             if path_prior
-            else Gated(channels, iterations)
+            else Gated(channels, steps)
         )
         self.attention = None if colour_prior else nn.Conv2d(channels, 1, 1)
         self.colour: Tensor

@@ -79,6 +79,15 @@ def test_sharpness_makes_a_wall_dearer_than_many_steps() -> None:
     assert bellman(sharpness=3.0).eval()(around)[0, :, 1, 0].argmax() == 1
 
 
+def test_without_a_grid_the_policy_acts_by_the_costs_it_has_learnt(problem_of: Problems) -> None:
+    problem = problem_of(encoder="cnn")
+    for grid_prior in (True, False):
+        learner = toy(problem, grid_prior=grid_prior, average=False)
+        learnt = learner.policy.train()(problem.observations)
+        acted = learner.policy.eval()(problem.observations)
+        assert torch.allclose(learnt, acted, atol=1e-3) == (not grid_prior)
+
+
 @pytest.mark.parametrize("prior", ["path_prior", "grid_prior", "colour_prior"])
 def test_every_prior_can_be_taken_away(problem_of: Problems, prior: str) -> None:
     learner = toy(problem_of(encoder="cnn"), **{prior: False}, pictures=32)
