@@ -32,7 +32,8 @@ from pipeline.training.journeys import travel
 from pipeline.training.loop import fit
 from pipeline.training.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks import NetworkSpec
-from pipeline.training.policy import NetworkPolicy, Policy
+from pipeline.training.policy import NetworkPolicy, Policy, save_policy
+from pipeline.training.record import POLICY
 from pipeline.training.steps import load_steps
 from pipeline.training.trials import trials, write_trial
 from pipeline.training.worlds import load_worlds
@@ -131,7 +132,7 @@ def run(
         case: The run.
         source: Folder with the dataset that it is trained on.
         usual: Folder with the one that it is selected and tried on.
-        work: Folder for its checkpoint, while it is trained.
+        work: Folder for its checkpoint while it is trained, and for the policy.
     """
     began = time.process_time()
     learner = learner_of(case, source)
@@ -164,6 +165,7 @@ def run(
         "selected": done.best,
         "cpu_seconds": round(trained),
     }
+    save_policy(work / POLICY, done.weights, learner.problem.spec)
     checkpoint.unlink(missing_ok=True)
     return about, solved
 
