@@ -60,7 +60,8 @@ def main() -> None:
     if given.figures is not None:
         with mpl.rc_context(STYLE):
             save(draw_ingredients(usual), given.figures / "ingredients")
-            save(draw_samples(samples), given.figures / "samples")
+            if samples:
+                save(draw_samples(samples), given.figures / "samples")
 
 
 def grouped(trials: Iterable[Trial], *names: str) -> Groups:
