@@ -1,110 +1,202 @@
-"""What each ingredient of the planner is worth, and how many labyrinths it needs.
+"""What each ingredient of the planner is worth, how many labyrinths it needs, and other tasks.
 
-    python scripts/ablate.py ingredients --sizes 3 4 5 --seeds 0 1 2
-    python scripts/ablate.py samples --sizes 5 --seeds 0 1 2
+    python scripts/ablate.py --sizes 3 4 5
+    python scripts/ablate.py --variants planner bc --labyrinths 10 25 50 100 1000 10000
+    python scripts/ablate.py --variants planner --tasks partial_observability key_and_door icy_floor
 
-Trains one run a variant, size and seed, and tries it with scripts/generalise.py; all is kept under
-`--folder`, so that a call goes on where another was stopped. Then it prints success rates with 95%
-bootstrap intervals over seeds and labyrinths. Training sets of few labyrinths are the beginnings of
-those of many; all are tried on the same 100 of a dataset of its own.
+Trains one run a variant, size, task, number of labyrinths and seed, and keeps which labyrinths it
+solves in a file of `--results`, of which scripts/report_ablation.py makes tables and figures. What
+is there already is not done again. Few labyrinths are the first of many; whatever a run is trained
+on, it is selected and tried on the same labyrinths, those of the dataset with the usual number.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
+import time
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import torch
 
-from pipeline.bootstrap import interval
+from labyrinth_core.labyrinth import Task
+from pipeline.config import DatasetConfig, RunConfig, TaskConfig, resolve
+from pipeline.generation import build
+from pipeline.training.checkpoint import Progress
+from pipeline.training.following import success_rate
+from pipeline.training.journeys import travel
+from pipeline.training.loop import fit
+from pipeline.training.method import BaseSettings, Learner, Problem, find
+from pipeline.training.networks import NetworkSpec
+from pipeline.training.policy import NetworkPolicy, Policy, save_policy
+from pipeline.training.record import POLICY
+from pipeline.training.steps import load_steps
+from pipeline.training.trials import trials, write_trial
+from pipeline.training.worlds import load_worlds
+from pipeline.training_config import IMAGE_SIZE, PROTOCOLS
 
 INGREDIENTS = ("augment", "relabel", "average", "path_prior", "grid_prior", "colour_prior")
-WITHOUT_GRID = "method.iterations=64"
-"""Finer positions make longer ways."""
 
-VARIANTS: dict[str, list[str]] = {
-    "planner": ["method=planner"],
-    **{f"without {name}": ["method=planner", f"method.{name}=false"] for name in INGREDIENTS},
-    "without colour and grid": [
-        "method=planner",
-        "method.colour_prior=false",
-        "method.grid_prior=false",
-        WITHOUT_GRID,
-    ],
-    "bc": ["method=bc"],
-    # As many gradient steps, of as many pictures each, as the planner takes.
-    "bc with ingredients": [
-        "method=bc",
-        *(f"method.{name}=true" for name in ("augment", "relabel", "average")),
-        "method.epochs=30",
-        "method.batch_size=32",
-    ],
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "planner": ("planner", {}),
+    **{f"without {name}": ("planner", {name: False}) for name in INGREDIENTS},
+    "without grid and colour": ("planner", {"grid_prior": False, "colour_prior": False}),
+    "bc": ("bc", {}),
+    # 100 epochs of as many pictures as one of BC has at 5x5.
+    "bc with ingredients": (
+        "bc",
+        {"augment": True, "relabel": True, "average": True, "pictures": 18 * 64},
+    ),
 }
-VARIANTS["without grid_prior"].append(WITHOUT_GRID)
-SAMPLES = (10, 25, 50, 100, 1_000, 10_000)
+"""Method, and its settings that are not the defaults."""
+
+CLONING_STEPS = 1_800
+"""Gradient steps of plain BC, whatever the number of labyrinths; 100 epochs of 100 at 5x5."""
+
+SEED = 1_000_000
+"""Of the starts, goals and structures that runs are tried on."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run."""
+
+    variant: str
+    dataset: DatasetConfig
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Where it is kept."""
+        variant = self.variant.replace(" ", "-")
+        return f"{self.dataset.name}/{variant}-of-{self.dataset.labyrinths}-seed{self.seed}"
 
 
 def main() -> None:
-    """Run what is missing, and print the table."""
+    """Do what is missing."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("study", choices=("ingredients", "samples"))
+    tasks = [str(task) for task in Task]
+    parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
     parser.add_argument("--sizes", type=int, nargs="+", default=[5])
+    parser.add_argument("--tasks", nargs="+", choices=tasks, default=tasks[:1])
+    parser.add_argument("--labyrinths", type=int, nargs="+", default=[None], help="trained on")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--labyrinths", type=int, nargs="+", default=list(SAMPLES))
-    parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=None)
-    parser.add_argument("--folder", type=Path, default=Path("runs/ablation"))
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--folder", type=Path, default=Path("runs/ablation"), help="for datasets")
+    parser.add_argument("--results", type=Path, default=Path("results/ablation"))
     given = parser.parse_args()
-    chosen = given.variants or list(VARIANTS if given.study == "ingredients" else ["planner", "bc"])
-    counts = given.labyrinths if given.study == "samples" else [None]
-    for size in given.sizes:
-        for count in counts:
-            for name in chosen:
-                found = [solved_by(given.folder, name, size, count, seed) for seed in given.seeds]
-                report(f"{size}x{size} {name}" + (f", {count} labyrinths" if count else ""), found)
+    torch.set_num_threads(given.threads)
+    axes = (given.seeds, given.sizes, given.tasks, given.labyrinths, given.variants)
+    for seed, size, task, labyrinths, variant in product(*axes):
+        dataset = config_of(size, task, labyrinths)
+        case = Case(variant, dataset, seed)
+        kept = given.results / f"{case.name}.json"
+        if kept.exists():
+            continue
+        usual = built(given.folder / "data", config_of(size, task))
+        source = usual
+        if labyrinths not in (None, config_of(size, task).labyrinths):
+            source = built(given.folder / f"data-of-{dataset.labyrinths}", dataset)
+        about, solved = run(case, source, usual, given.folder / case.name)
+        write_trial(kept, {**about, "usual": source == usual}, solved)
+        told = (f"{name} {np.mean(which):.1%}" for name, which in solved.items())
+        print(f"{case.name}: {', '.join(told)}", flush=True)
 
 
-def solved_by(
-    folder: Path, name: str, size: int, count: int | None, seed: int
-) -> dict[str, list[bool]]:
-    """Return which labyrinths a run solves, by set; train and try it unless that was done."""
-    data = folder / "data" / (f"of-{count}" if count else "published")
-    runs = folder / name.replace(" ", "-") / data.name
-    kept = runs / f"{size}x{size}-seed{seed}.json"
-    if not kept.exists():
-        common = [f"size={size}", f"data_dir={data}"] + ([f"labyrinths={count}"] if count else [])
-        options = [*VARIANTS[name], f"run_dir={runs}", f"seed={seed}", "threads=1"]
-        published = f"data_dir={folder}/data/published"
-        python = [sys.executable]
-        run([*python, "run.py", f"size={size}", published, "stages=[build]"])
-        run([*python, "run.py", *common, "stages=[build]"])
-        # The dataset has the seed 0, whatever that of the run is.
-        run([*python, "run.py", f"size={size}", f"data_dir={data}", *options, "stages=[train]"])
-        method = VARIANTS[name][0].partition("=")[2]
-        run_name = f"{method}-cnn-seed{seed}" if method == "bc" else f"{method}-seed{seed}"
-        made = [str(runs / f"{size}x{size}" / run_name), "--data-dir", f"{folder}/data/published"]
-        run([*python, "scripts/generalise.py", *made, "--json", str(kept)])
-    solved: dict[str, list[bool]] = json.loads(kept.read_text())
-    return solved
+def config_of(size: int, task: str, labyrinths: int | None = None) -> DatasetConfig:
+    """Return the configuration of a dataset, else as `python run.py` has it."""
+    asked = RunConfig(stages=["build"], size=str(size), task=TaskConfig(task), data_dir="data")
+    if labyrinths is not None:  # The split random of so many is not needed, and would be long.
+        asked.labyrinths, asked.random_steps = labyrinths, 1
+    return resolve(asked).dataset
 
 
-def run(command: list[str]) -> None:
-    """Run a command; what it prints is kept back unless it fails."""
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
+@cache
+def built(folder: Path, dataset: DatasetConfig) -> Path:
+    """Return the folder of a dataset, which is built unless it is there."""
+    asked = resolve(RunConfig(stages=["build"], data_dir=str(folder)))
+    build.run(replace(asked, dataset=dataset))
+    return folder
 
 
-def report(name: str, found: list[dict[str, list[bool]]]) -> None:
-    """Print a line of success rates over seeds."""
-    cells = []
-    for which in found[0]:
-        values = np.array([each[which] for each in found], float)
-        low, high = interval(values)
-        cells.append(f"{which} {values.mean():.1%} [{100 * low:.0f}-{100 * high:.0f}]")
-    print(f"{name:40} " + "  ".join(cells), flush=True)
+def run(
+    case: Case, source: Path, usual: Path, work: Path
+) -> tuple[dict[str, Any], dict[str, list[bool]]]:
+    """Train a policy and try it; return what it is, and which labyrinths of each set it solves.
+
+    Args:
+        case: The run.
+        source: Folder with the dataset that it is trained on.
+        usual: Folder with the one that it is selected and tried on.
+        work: Folder for its checkpoint while it is trained, and for the policy.
+    """
+    began = time.process_time()
+    learner = learner_of(case, source)
+    validation = load_worlds(usual, case.dataset.name, "validation")
+
+    def judge(policy: Policy) -> dict[str, float]:
+        return {"validation_sr": success_rate(policy, validation)}
+
+    def report(done: Progress) -> None:
+        print(f"  epoch {done.epoch}: {done.history[-1]['loss']:.3f}", end="\r", flush=True)
+
+    work.mkdir(parents=True, exist_ok=True)
+    checkpoint = work / "checkpoint.safetensors"
+    done = fit(learner, judge, PROTOCOLS["default"], checkpoint, {"case": case.name}, report)
+    trained = time.process_time() - began
+    learner.policy.load_state_dict(done.weights)
+    rng = np.random.default_rng(SEED)
+    solved = {
+        name: [
+            each.solved for each in travel(NetworkPolicy(learner.policy), labyrinths, IMAGE_SIZE)
+        ]
+        for name, labyrinths in trials(usual, case.dataset.name, rng)
+    }
+    about = {
+        "config": case.dataset.name,
+        "variant": case.variant,
+        "labyrinths": case.dataset.labyrinths,
+        "seed": case.seed,
+        "settings": vars(learner.settings),
+        "selected": done.best,
+        "cpu_seconds": round(trained),
+    }
+    save_policy(work / POLICY, done.weights, learner.problem.spec)
+    checkpoint.unlink(missing_ok=True)
+    return about, solved
+
+
+def learner_of(case: Case, source: Path) -> Learner:
+    """Return the learner of a run, with the weights and the randomness it begins with."""
+    name, values = VARIANTS[case.variant]
+    config = case.dataset.name
+    worlds = load_worlds(source, config, "train")
+    demonstrations = load_steps(source, config, "train", worlds)
+    method, settings = find(name, values)
+    if case.variant == "bc":
+        settings = cloning(settings, len(demonstrations.states))
+    shape = (case.dataset.height, case.dataset.width, str(case.dataset.task))
+    torch.manual_seed(case.seed)
+    problem = Problem(
+        worlds=worlds,
+        observations=torch.from_numpy(worlds.observations),
+        demonstrations=demonstrations,
+        exploration=partial(load_steps, source, config, "random", worlds),
+        spec=NetworkSpec("planner" if name == "planner" else "cnn", 1, *shape),
+        rng=np.random.default_rng(case.seed),
+    )
+    return method(problem, settings)
+
+
+def cloning(settings: BaseSettings, demonstrated: int) -> BaseSettings:
+    """Return settings of BC with as many epochs as make `CLONING_STEPS`, selected among ten."""
+    batches = -(-demonstrated // settings.batch_size)
+    epochs = max(1, round(CLONING_STEPS / batches))
+    return replace(settings, epochs=epochs, evaluate_every=max(1, epochs // 10))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python scripts/generalise.py runs/5x5/planner-seed0 --data-dir data/labyrinth
 
-Prints success rates with 95% bootstrap intervals: on the split test; on the structures of
+Prints success rates with 95% bootstrap intervals: on the five splits; on the structures of
 validation and test with another start and goal; on fresh labyrinths of another seed, as a check on
 leaks; and, with `--sizes`, on larger ones. Pictures have the pixels a cell of those trained on.
 `--json FILE` keeps which were solved, `--pictures FOLDER` draws what is lost, and how.
@@ -11,31 +11,24 @@ leaks; and, with `--sizes`, on larger ones. Pictures have the pixels a cell of t
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from collections.abc import Iterator
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import torch
 from PIL import Image, ImageDraw
 
-from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.renderer import PICTURE_SIZE, render
-from labyrinth_core.sampling import default_open_walls, sample_structures
-from labyrinth_core.tasks import change_start_and_goal, default_start_and_goal, place
 from pipeline.bootstrap import interval
 from pipeline.config import RunConfig, TaskConfig, resolve
-from pipeline.manifest import write_text
 from pipeline.training.journeys import Journey, travel
 from pipeline.training.method import find
 from pipeline.training.policy import NetworkPolicy, load_policy
 from pipeline.training.record import POLICY, read_record
 from pipeline.training.symmetry import Averaged
 from pipeline.training.train import spec_of
-from pipeline.training.worlds import load_worlds
+from pipeline.training.trials import trials, write_trial
 from pipeline.training_config import IMAGE_SIZE
 
 
@@ -59,8 +52,15 @@ def main() -> None:
     policy, side = policy_of(given.run, record["run"], once=given.once)
     pixels = IMAGE_SIZE / side
     kept: dict[str, list[bool]] = {}
-    for name, labyrinths in drawn(given, record["run"]["config"]):
-        size = labyrinths[0].structure.height
+    sets = trials(
+        given.data_dir,
+        record["run"]["config"],
+        np.random.default_rng(given.seed),
+        sides=given.sizes,
+        labyrinths=given.labyrinths,
+    )
+    for name, labyrinths in sets:
+        size = max(labyrinths[0].structure.height, labyrinths[0].structure.width)
         began = time.process_time()
         journeys = travel(policy, labyrinths, round(pixels * size))
         kept[name] = [journey.solved for journey in journeys]
@@ -74,7 +74,8 @@ def main() -> None:
         if given.pictures is not None:
             draw_lost(given.pictures, name.replace(", ", "-").replace(" ", "-"), journeys)
     if given.json is not None:
-        write_text(given.json, json.dumps(kept) + "\n")
+        about = {"run": record["run"], "drawn_with_seed": given.seed, "in_one_view": given.once}
+        write_trial(given.json, about, kept)
 
 
 def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[NetworkPolicy, int]:
@@ -94,35 +95,6 @@ def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[Netw
     if once and isinstance(policy.network, Averaged):
         policy.network.symmetries = (0,)
     return policy, max(resolved.dataset.height, resolved.dataset.width)
-
-
-def drawn(given: argparse.Namespace, config: str) -> Iterator[tuple[str, list[Labyrinth]]]:
-    """Yield the labyrinths to try, by name."""
-    rng = np.random.default_rng(given.seed)
-    splits = {
-        split: load_worlds(given.data_dir, config, split, observation="vector").labyrinths
-        for split in ("train", "validation", "test")
-    }
-    yield "test", list(splits["test"])
-    for split in ("validation", "test"):
-        yield f"{split}, new ends", [change_start_and_goal(each, rng) for each in splits[split]]
-    known = {each.structure.canonical() for each in splits["train"]}
-    like = splits["train"][0]
-    for side in [like.structure.height, *given.sizes]:
-        fresh = fresh_labyrinths(side, like, rng)
-        unknown = (each for each in fresh if each.structure.canonical() not in known)
-        yield f"fresh {side}x{side}", list(islice(unknown, given.labyrinths))
-
-
-def fresh_labyrinths(side: int, like: Labyrinth, rng: np.random.Generator) -> Iterator[Labyrinth]:
-    """Yield labyrinths of a size, of the task of another one."""
-    walls = default_open_walls(side, side)
-    start, goal = default_start_and_goal(side, side)
-    for structure in sample_structures(side, side, rng, algorithm="wilson", open_walls=walls):
-        try:
-            yield place(structure, start, goal, like.task, rng)
-        except ValueError:  # It cannot hold the task.
-            continue
 
 
 def draw_lost(folder: Path, name: str, journeys: list[Journey]) -> None:

@@ -60,9 +60,10 @@ class Settings(bc.Settings):
     colour_prior: bool = setting(True)
     channels: int = setting(32, 1, 1024)
     iterations: int = setting(20, 1, 1000)
-    """Of planning; with `path_prior` only while learning, else as many as it takes."""
+    """Of planning, in cells; with `path_prior` only while learning, else as many as it takes."""
     sharpness: float = setting(3.0, 0)
-    """Power to which costs are raised when acting: ways grow with a labyrinth, walls have to."""
+    """Power to which costs are raised when acting: ways grow with a labyrinth, walls have to.
+    With `grid_prior` only."""
 
 
 class Method(bc.Method):

@@ -79,6 +79,33 @@ def test_sharpness_makes_a_wall_dearer_than_many_steps() -> None:
     assert bellman(sharpness=3.0).eval()(around)[0, :, 1, 0].argmax() == 1
 
 
+@pytest.mark.parametrize("grid_prior", [True, False])
+def test_costs_of_cells_are_sharpened_and_those_of_parts_of_cells_are_not(
+    problem_of: Problems, grid_prior: bool
+) -> None:
+    problem = problem_of(encoder="cnn")
+    plain, sharp = (
+        toy(problem_of(encoder="cnn"), grid_prior=grid_prior, sharpness=sharpness)
+        for sharpness in (1.0, 3.0)
+    )
+    scores = [each.outputs(each.policy) for each in (plain, sharp)]
+    assert torch.equal(*scores) == (not grid_prior)
+    training = [each.policy.train()(problem.observations) for each in (plain, sharp)]
+    assert torch.equal(*training)
+
+
+def test_without_the_grid_prior_the_network_is_not_told_how_large_a_cell_is() -> None:
+    pictures = torch.randint(256, (4, 64, 64, 3), dtype=torch.uint8)
+    for grid_prior in (True, False):
+        scores = []
+        for side in (3, 5):
+            torch.manual_seed(0)
+            spec = NetworkSpec("planner", 1, side, side, "navigation")
+            settings = planner.Settings(grid_prior=grid_prior, colour_prior=False)
+            scores.append(planner.Method.plain(spec, settings)(pictures))
+        assert torch.equal(*scores) == (not grid_prior)
+
+
 @pytest.mark.parametrize("prior", ["path_prior", "grid_prior", "colour_prior"])
 def test_every_prior_can_be_taken_away(problem_of: Problems, prior: str) -> None:
     learner = toy(problem_of(encoder="cnn"), **{prior: False}, pictures=32)
