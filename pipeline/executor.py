@@ -76,7 +76,7 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]
             distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # None is a port that may be taken.
                 silence_logs=logging.ERROR,
             )
         )

@@ -145,7 +145,7 @@ def test_workers_that_are_lost_again_and_again_are_answered_with_one_line(
 @pytest.fixture(scope="module")
 def dask_address() -> Iterator[str]:
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
     ) as started:
         yield started.scheduler_address
 
@@ -165,7 +165,7 @@ def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
 ) -> None:
     one_process = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
     with (
-        distributed.LocalCluster(**one_process, dashboard_address=None) as started,
+        distributed.LocalCluster(**one_process, dashboard_address="127.0.0.1:0") as started,
         cluster("dask", 2, started.scheduler_address),
     ):
         folder = build(tmp_path).folder

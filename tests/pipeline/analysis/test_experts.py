@@ -40,7 +40,7 @@ def test_the_car_is_up_the_mountain_in_110_steps_on_average():
 
 
 @pytest.mark.parametrize(
-    ("name", "least"), [("Hopper-v5", 2500), ("Walker2d-v5", 2400), ("HalfCheetah-v5", 3000)]
+    ("name", "least"), [("Hopper-v5", 2500), ("Walker2d-v5", 2500), ("HalfCheetah-v5", 3000)]
 )
 def test_kept_policies_are_worth_keeping_and_play_the_same_episode_again(name, least):
     assert returns(name, range(8)).mean() >= least
