@@ -42,7 +42,7 @@ def seconds(work: Callable[[], object]) -> float:
 def sampled(count: int, min_walls: int) -> Callable[[], object]:
     """Return what samples a dataset."""
     config = RunConfig(
-        ["build"], labyrinths=count, splits=SplitsConfig(min_walls), data_dir="nowhere"
+        stages=["build"], labyrinths=count, splits=SplitsConfig(min_walls), data_dir="nowhere"
     )
     return lambda: sample(resolve(config).dataset)
 
