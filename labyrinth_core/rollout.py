@@ -50,17 +50,19 @@ def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
     Raises:
         ValueError: An action is none of the four, or comes after the end of the episode.
     """
-    states = [initial(labyrinth)]
+    state = initial(labyrinth)
+    states = [state]
     taken: list[int] = []
     rewards: list[float] = []
     for action in actions:
         if not 0 <= action < 4:
             raise ValueError(f"action {action}: the actions are 0, 1, 2 and 3")
-        if is_terminal(labyrinth, states[-1]):
+        if is_terminal(labyrinth, state):
             raise ValueError(f"{len(taken)} steps end the episode, but another action follows")
-        states.append(transition(labyrinth, states[-1], action))
+        state = transition(labyrinth, state, action)
+        states.append(state)
         taken.append(action)
-        rewards.append(reward(labyrinth, states[-1]))
+        rewards.append(reward(labyrinth, state))
     return Episode(
         labyrinth, tuple(states), np.array(taken, np.int8), np.array(rewards, np.float32)
     )

@@ -128,30 +128,56 @@ class Turn:
         return self.rows / sum(self.seconds.values())
 
 
+class Stopwatch:
+    """Shares time out to the stages: at each moment it runs for one of them."""
+
+    def __init__(self, stage: str) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self._stage, self._since = stage, time.perf_counter()
+
+    def turn_to(self, stage: str) -> str:
+        """Let another stage have the time from now on, and return the one that had it."""
+        now, before = time.perf_counter(), self._stage
+        self.seconds[before] += now - self._since
+        self._stage, self._since = stage, now
+        return before
+
+    def timed(self, items: Iterable[Item], stage: str) -> Iterator[Item]:
+        """Yield the items; the stage has the time that it takes to make them."""
+        iterator = iter(items)
+        while True:
+            before = self.turn_to(stage)
+            try:
+                item = next(iterator)
+            except StopIteration:
+                return
+            finally:
+                self.turn_to(before)
+            yield item
+
+
 def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
     """Build the three splits in a temporary folder, as `pipeline.generation.build` does."""
     forget()
-    seconds = dict.fromkeys(STAGES, 0.0)
     with (
         patch("pipeline.generation.render.Pictures", way),
         tempfile.TemporaryDirectory() as folder,
     ):
-        began, begin = time.process_time(), time.perf_counter()
+        began, clock = time.process_time(), Stopwatch("sample")
         structures = sample(config)
-        seconds["sample"] = time.perf_counter() - begin
+        clock.turn_to("write")
         files = {split: Path(folder) / f"{split}.parquet" for split in SAMPLED_SPLITS}
         written = [
-            write(file, make_episodes(config, split, places, structures[split], seconds))
+            write(file, make_episodes(config, split, places, structures[split], clock))
             for split, file in files.items()
         ]
-        # Whatever is not spent in the steps before is spent in the last one.
-        seconds["write"] = time.perf_counter() - begin - sum(seconds.values())
-        share = (time.process_time() - began) / sum(seconds.values())
+        clock.turn_to("write")
+        share = (time.process_time() - began) / sum(clock.seconds.values())
         content = b"".join(file.read_bytes() for file in files.values())
         return Turn(
             rows=sum(each.rows for each in written),
             bytes=len(content),
-            seconds={stage: share * spent for stage, spent in seconds.items()},
+            seconds={stage: share * spent for stage, spent in clock.seconds.items()},
             writing=time_of_writing(content, Path(folder) / "again"),
         )
 
@@ -169,7 +195,7 @@ def make_episodes(
     split: str,
     places: str,
     structures: list[Structure],
-    seconds: dict[str, float],
+    clock: Stopwatch,
 ) -> Iterator[list[Row]]:
     """Yield the rows of each episode as `build.make_shard` does, adding up the time by stage."""
 
@@ -181,24 +207,10 @@ def make_episodes(
             yield labyrinth, partial(item_rng, config, split, structure, ACTING)
 
     count = max(1, build.CELLS_PER_BATCH // (config.height * config.width))
-    labyrinths = batched(timed(place(), "sample", seconds), count)
-    solutions = batched(timed(solve(config, split, labyrinths), "solve", seconds), count)
+    labyrinths = batched(clock.timed(place(), "sample"), count)
+    solutions = batched(clock.timed(solve(config, split, labyrinths), "solve"), count)
     for number, solution in enumerate(solutions):
-        yield from timed(render(split, number, solution.episodes), "render", seconds)
-
-
-def timed(items: Iterable[Item], stage: str, seconds: dict[str, float]) -> Iterator[Item]:
-    """Yield the items, adding what each takes to the seconds of a stage, but not of those in it."""
-    iterator = iter(items)
-    while True:
-        begin = time.perf_counter() - sum(seconds.values())
-        try:
-            item = next(iterator)
-        except StopIteration:
-            return
-        finally:
-            seconds[stage] += time.perf_counter() - sum(seconds.values()) - begin
-        yield item
+        yield from clock.timed(render(split, number, solution.episodes), "render")
 
 
 def time_of_writing(content: bytes, path: Path) -> float:

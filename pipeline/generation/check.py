@@ -24,7 +24,7 @@ from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.renderer import PICTURE_SIZE, render
 from pipeline.config import DatasetConfig
 from pipeline.fingerprint import Fingerprint, decoded_picture_digest
-from pipeline.generation.render import Picture, Pictures, picture_name
+from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
 from pipeline.manifest import Shard, file_sha256
 from pipeline.schema import NO_ACTION, Row, arrow_schema, open_shard, texts
@@ -189,11 +189,10 @@ class _ShardCheck:
         if not self.ended:
             message = "an episode is cut before the last one of its labyrinth"
             self.report.problem(begin - 1, "actions", message)
-        for step, row in enumerate(rows):
+        split, number_of_it = self.job.shard.split, self.job.first + self.labyrinths - 1
+        names = picture_names(split, number_of_it, place, range(len(rows)))
+        for step, (row, name) in enumerate(zip(rows, names, strict=True)):
             number = begin + step
-            name = picture_name(
-                self.job.shard.split, self.job.first + self.labyrinths - 1, place, step
-            )
             if row.obs_path != name:
                 message = f"its path is {row.obs_path!r:.99}, not {name}"
                 self.report.problem(number, "obs", message)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, repeat
 from typing import NamedTuple
 
@@ -49,7 +49,7 @@ def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Ro
                 map(
                     Row,
                     pngs,
-                    [picture_name(split, number, place, first + n) for n in range(len(pngs))],
+                    picture_names(split, number, place, range(first, first + len(pngs))),
                     actions[part],
                     rewards[part],
                     chain([first == 0], repeat(False)),
@@ -89,6 +89,7 @@ class Pictures(dict[State, Picture]):
         return list(map(self._mosaic.encode, changes)), list(map(self._digests.digest, changes))
 
 
-def picture_name(split: str, number: int, episode: int, step: int) -> str:
-    """Return the name of a picture: its split, labyrinth, episode and step."""
-    return f"{split}-{number:06d}-{episode:03d}-{step:04d}.png"
+def picture_names(split: str, number: int, episode: int, steps: Iterable[int]) -> list[str]:
+    """Return the names of pictures of an episode: split, labyrinth, episode and step."""
+    name = f"{split}-{number:06d}-{episode:03d}"
+    return [f"{name}-{step:04d}.png" for step in steps]
