@@ -9,7 +9,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline.config import STAGES, ConfigError, RunConfig, one_line, register, resolve
+from pipeline.config import STAGES, ConfigError, RunConfig, refusal, register, resolve
 from pipeline.executor import cluster
 from pipeline.manifest import DatasetError
 
@@ -23,7 +23,7 @@ def main(config: RunConfig) -> None:
             for stage in run.stages:
                 import_module(STAGES[stage]).run(run)
     except OmegaConfBaseException as error:
-        raise SystemExit(f"error: {one_line(error)}") from error
+        raise SystemExit(f"error: {refusal(error)}") from error
     except (ConfigError, DatasetError) as error:
         raise SystemExit(f"error: {error}") from error
     except OSError as error:
@@ -37,7 +37,7 @@ if __name__ == "__main__":
     try:
         main()
     except (HydraException, OmegaConfBaseException) as error:
-        sys.exit(f"error: {one_line(error)}")
+        sys.exit(f"error: {refusal(error)}")
     except ValueError as error:
         if "Config group override" not in str(error):  # What Hydra says of `task=null`.
             raise

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.config_error import check, check_choices, listed
+from pipeline.errors import check, check_choices, listed
 
 LABYRINTH = "Labyrinth"
 ENVIRONMENTS = (

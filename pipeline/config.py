@@ -23,7 +23,6 @@ from pipeline.analysis_config import (
     LeakageOptions,
     resolve_analysis,
 )
-from pipeline.config_error import ConfigError, check, check_choice, check_choices, listed
 from pipeline.dataset_config import (
     DATASET_OPTIONS,
     SOLUTIONS,
@@ -34,6 +33,7 @@ from pipeline.dataset_config import (
     TaskConfig,
     resolve_dataset,
 )
+from pipeline.errors import ConfigError, check, check_choice, check_choices, listed
 from pipeline.publish_config import (
     PUBLISH_OPTIONS,
     PublishConfig,
@@ -63,7 +63,7 @@ __all__ = [
     "RunConfig",
     "SplitsConfig",
     "TaskConfig",
-    "one_line",
+    "refusal",
     "register",
     "resolve",
 ]
@@ -117,7 +117,7 @@ SECTIONS = {
         "stages": "what to do, in order: " + ", ".join(STAGES),
     },
     "What is trained on it, by stages=[train,evaluate]": TRAINING_OPTIONS,
-    "What is analysed, by stages=[analyse] and stages=[environments]": (ANALYSIS_OPTIONS),
+    "What is analysed, by stages=[analyse] and stages=[environments]": ANALYSIS_OPTIONS,
     "Where it is published, by stages=[publish]": PUBLISH_OPTIONS,
 }
 """The options in the order of `--help`, under its headings."""
@@ -198,7 +198,7 @@ def _described(heading: str) -> str:
     return "\n".join([f"{heading}:", *lines, ""])
 
 
-def one_line(error: Exception) -> str:
+def refusal(error: Exception) -> str:
     """Return what is wrong with a command line that Hydra refused, in one line."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
         group, _, given = error.missing_cfg_file.partition("/")
@@ -210,7 +210,7 @@ def one_line(error: Exception) -> str:
         hint = f"did you mean {close[0]}? " if close else ""
         return f"{unknown[1]} is no option: {hint}choose from {listed(OPTIONS)}"
     field_name = re.search(r"full_key: (\S+)", text)
-    message = " ".join(text.split("full_key")[0].split())
+    message = " ".join(text.partition("full_key")[0].split())
     return f"{field_name[1]}: {message}" if field_name else message
 
 

@@ -10,7 +10,7 @@ from labyrinth_core.grid import parse_size
 from labyrinth_core.labyrinth import Task
 from labyrinth_core.renderer import MAX_PICTURED_SIDE, PICTURE_SIZE
 from labyrinth_core.sampling import ALGORITHMS, default_open_walls
-from pipeline.config_error import ConfigError, check, check_choice, listed
+from pipeline.errors import ConfigError, check, check_choice, listed
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 

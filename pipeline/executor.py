@@ -17,6 +17,7 @@ from itertools import islice
 from typing import Any, Generic, TypeVar
 
 from pipeline.config import ConfigError
+from pipeline.errors import one_line
 from pipeline.manifest import DatasetError
 
 Item = TypeVar("Item")
@@ -51,12 +52,11 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         try:
             options = {"dask": _dask, "ray": _ray}[executor](stack, workers, address)
         except ImportError as error:
-            install = f"pip install 'labyrinth-datasets[{executor}]'"
+            install = f"pip install -e '.[{executor}]'"
             raise ConfigError(f"executor={executor} is not installed: {install}") from error
         except (OSError, ValueError, RuntimeError) as error:
-            reason = " ".join(str(error).split())
             place = f" executor_address={address}" if address else ""
-            raise ConfigError(f"executor={executor}{place}: {reason:.300}") from error
+            raise ConfigError(f"executor={executor}{place}: {one_line(error):.300}") from error
         from joblib import parallel_config
 
         stack.enter_context(parallel_config(backend=executor, **options))

@@ -18,6 +18,7 @@ from labyrinth_core.renderer import DEFAULT_STYLE, PICTURE_SIZE, Painter, Style,
 from labyrinth_core.rollout import Episode
 from labyrinth_core.shrinking import shrink
 from labyrinth_core.vector import vector_observation
+from pipeline.errors import one_line
 from pipeline.manifest import DatasetError
 
 OBSERVATIONS = ("image", "vector")
@@ -133,5 +134,4 @@ def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
                 raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")
             return area_average(np.asarray(image.convert("RGB")), image_size)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        reason = " ".join(str(error).split())
-        raise DatasetError(f"obs: a picture cannot be decoded: {reason}") from error
+        raise DatasetError(f"obs: a picture cannot be decoded: {one_line(error)}") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from pipeline.config_error import check
+from pipeline.errors import check
 
 
 @dataclass

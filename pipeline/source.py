@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from pipeline.errors import one_line
 from pipeline.manifest import MANIFEST, DatasetError, Shard, file_sha256
 from pipeline.schema import open_shard, texts
 from pipeline.storage import AnyPath, folder_at, local_copy
@@ -107,7 +108,7 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
                         table = file.read_row_group(group, columns=columns)
                         yield from _rows(table, pictures=pictures)
         except (OSError, ValueError, pa.ArrowException) as error:
-            raise DatasetError(f"{path} cannot be read: {_one_line(error)}") from error
+            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
 
 
 def stream_rows(
@@ -142,7 +143,7 @@ def _streamed(source: str, tables: Iterable[pa.Table], *, pictures: bool) -> Ite
         for table in tables:
             yield from _rows(table, pictures=pictures)
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise DatasetError(f"{source} cannot be read: {_one_line(error)}") from error
+        raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
 
 
 def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
@@ -178,7 +179,7 @@ def _infos(source: str, tables: Iterable[pa.Table]) -> Iterator[str]:
                     yield info
                 before = info
     except (OSError, ValueError, LookupError, pa.ArrowException) as error:
-        raise DatasetError(f"{source} cannot be read: {_one_line(error)}") from error
+        raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
 
 
 def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
@@ -204,9 +205,5 @@ def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
 def _not_from_the_hub(source: str, error: Exception) -> DatasetError:
     return DatasetError(
         f"{source} is no folder (python run.py makes one), and not to be had from the Hub: "
-        f"{_one_line(error)}"
+        f"{one_line(error)}"
     )
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

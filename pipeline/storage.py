@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 from uuid import uuid4
 
+from pipeline.errors import one_line
+
 
 def folder_at(place: str | Path) -> AnyPath:
     """Return the folder that a path or a URL means.
@@ -33,10 +35,10 @@ def folder_at(place: str | Path) -> AnyPath:
     try:
         _filesystem(protocol)
     except ImportError as error:
-        extra = f"'labyrinth-datasets[{protocol}]'" if protocol == "s3" else f"({error})"
-        raise ValueError(f"{text} needs a library that is missing: pip install {extra}") from error
+        install = "pip install -e '.[s3]'" if protocol == "s3" else one_line(error)
+        raise ValueError(f"{text} needs a library that is missing: {install}") from error
     except Exception as error:  # Of any kind: each file system has its own way to start.
-        raise ValueError(f"{text}: {_one_line(error)}") from error
+        raise ValueError(f"{text}: {one_line(error)}") from error
     return RemotePath(text.rstrip("/"))
 
 
@@ -60,7 +62,7 @@ def _os_errors(url: str) -> Iterator[None]:
         if isinstance(error, OSError) and error.filename:
             raise
         number = getattr(error, "errno", None) or errno.EIO
-        reason = f"{type(error).__name__}: {_one_line(error)}"
+        reason = f"{type(error).__name__}: {one_line(error)}"
         raise OSError(number, reason, url) from error
 
 
@@ -206,7 +208,3 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
             local.replace(path)
         else:
             path.upload(local)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pipeline.config_error import check, check_choice, listed
+from pipeline.errors import check, check_choice, listed
 
 ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 """Encoder -> what it looks at."""

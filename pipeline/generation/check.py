@@ -23,6 +23,7 @@ from labyrinth_core.labyrinth import Labyrinth
 from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.renderer import PICTURE_SIZE, render
 from pipeline.config import DatasetConfig
+from pipeline.errors import one_line
 from pipeline.fingerprint import Fingerprint, decoded_picture_digest
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
@@ -77,7 +78,7 @@ def check_shard(job: CheckJob) -> ShardReport:
         report.problems.append(f"{job.shard.path} is missing")
         return report
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        report.problems.append(f"{job.shard.path} cannot be read: {' '.join(str(error).split())}")
+        report.problems.append(f"{job.shard.path} cannot be read: {one_line(error)}")
         return report
     if size != job.shard.bytes:
         report.problems.append(
@@ -325,5 +326,6 @@ def _decode(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
                     raise ValueError(f"it is {image.size}, {image.mode}")
                 return np.array(image)
     except Exception as error:  # Pillow raises whatever its parser stumbles over.
-        reason = " ".join(str(error).split())
-        raise ValueError(f"not a picture of {PICTURE_SIZE} pixels, RGB: {reason}") from error
+        raise ValueError(
+            f"not a picture of {PICTURE_SIZE} pixels, RGB: {one_line(error)}"
+        ) from error

@@ -19,6 +19,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
     RevisionNotFoundError,
 )
 
+from pipeline.errors import one_line
 from pipeline.manifest import DatasetError
 from pipeline.release.plan import RemoteFile
 
@@ -58,11 +59,6 @@ def status_of(error: Exception) -> int | None:
     response = getattr(error, "response", None)
     status: int | None = getattr(response, "status_code", None)
     return status
-
-
-def one_line(error: BaseException) -> str:
-    """Return what an error of a library says, in one line."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,12 @@ from huggingface_hub import HfApi, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
 from pipeline import front_matter
+from pipeline.errors import one_line
 from pipeline.fingerprint import Fingerprint, decoded_picture_digest
 from pipeline.manifest import MANIFEST, DatasetError, Manifest, Shard
 from pipeline.release.card import published_files
 from pipeline.release.plan import make_plan
-from pipeline.release.remote import WAITS, Remote, one_line
+from pipeline.release.remote import WAITS, Remote
 from pipeline.schema import SPLITS, Row
 
 

@@ -18,6 +18,7 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from pipeline.errors import one_line
 from pipeline.manifest import DatasetError
 from pipeline.training.files import save_tensors
 from pipeline.training.method import Learner
@@ -73,7 +74,7 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
             state = json.loads((file.metadata() or {})["state"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, KeyError, ValueError) as error:
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
         raise DatasetError(f"{path} is no checkpoint: {reason}; remove it to begin anew") from error
     differing = differences(state["run"], identity)
     if differing:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
+from pipeline.errors import one_line
 from pipeline.manifest import DatasetError
 from pipeline.training.files import save_tensors
 from pipeline.training.networks import MOMENTUM, Network, NetworkSpec
@@ -116,7 +117,7 @@ def load_policy(
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is not there: stages=[train] makes it") from error
     except (OSError, SafetensorError, ValueError) as error:
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
         raise DatasetError(
             f"{path} cannot be read: {reason}; remove it, and stages=[train] makes it anew"
         ) from error
@@ -132,6 +133,7 @@ def load_policy(
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        raise DatasetError(f"{path} is not a policy of this network: {reason:.300}") from error
+        raise DatasetError(
+            f"{path} is not a policy of this network: {one_line(error):.300}"
+        ) from error
     return NetworkPolicy(network)

@@ -139,7 +139,7 @@ def test_a_file_url_is_a_local_folder(tmp_path: Path) -> None:
     ("options", "parts"),
     [
         ({"data_dir": "nosuch://a/b"}, ["data_dir=nosuch://a/b", "nosuch"]),
-        ({"data_dir": "gs://a/b"}, ["data_dir=gs://a/b", "pip install", "gcsfs"]),
+        ({"data_dir": "gs://a/b"}, ["data_dir=gs://a/b", "missing", "install gcsfs"]),
         (
             {
                 "data_dir": "memory://a",

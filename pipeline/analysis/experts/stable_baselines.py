@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import ConfigError
+from pipeline.errors import one_line
 from pipeline.manifest import DatasetError
 
 MAX_BYTES = 1 << 28
@@ -83,7 +84,7 @@ def located(source: str) -> Path:
         return Path(hf_hub_download(source, f"{source.rpartition('/')[2]}.zip"))
     except (OSError, HfHubHTTPError, HFValidationError) as error:
         raise DatasetError(
-            f"{source} is no file, and not to be had from the Hub: {_one_line(error)}"
+            f"{source} is no file, and not to be had from the Hub: {one_line(error):.300}"
         ) from error
 
 
@@ -156,7 +157,7 @@ def _unpacked(source: str) -> tuple[dict[str, Array], str]:
         described = data.get("policy_kwargs", {}).get("activation_fn", "")
         activation = "".join(re.findall(r"\.(\w+)'>$", described))
     except (*_UNREADABLE, UnpicklingError, zipfile.BadZipFile) as error:
-        raise DatasetError(f"{source} is no archive to be read: {_one_line(error)}") from error
+        raise DatasetError(f"{source} is no archive to be read: {one_line(error):.300}") from error
     if activation and activation not in _ACTIVATIONS:
         raise DatasetError(f"{source}: activation {activation}, not {', '.join(_ACTIVATIONS)}")
     return weights, activation
@@ -166,7 +167,3 @@ def _member(archive: zipfile.ZipFile, name: str) -> bytes:
     if archive.getinfo(name).file_size > MAX_BYTES:
         raise ValueError(f"{name} takes more than {MAX_BYTES:,} bytes")
     return archive.read(name)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:300]

@@ -1,4 +1,4 @@
-"""What is told of an option that cannot be, and the checks that tell it."""
+"""What is told of a mistake, in one line: of an option that cannot be, and of a library's error."""
 
 from __future__ import annotations
 
@@ -31,3 +31,8 @@ def check_choices(name: str, values: Iterable[object], allowed: Iterable[object]
 def listed(words: Iterable[object]) -> str:
     """Return words as a list for a person."""
     return f"[{', '.join(map(str, words))}]"
+
+
+def one_line(error: BaseException) -> str:
+    """Return what an error of a library says, in one line; its kind if it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__
