@@ -107,9 +107,20 @@ def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
     """
     import pyarrow.parquet as pq
 
-    schema = pq.read_metadata(path).schema
-    names = {schema.column(number).path for number in range(len(schema))}
+    names = read_schema(path).names
     return pq.ParquetFile(path, read_dictionary=["info"] if "info" in names else [])
+
+
+def read_schema(path: Path) -> pyarrow.Schema:
+    """Return the Arrow schema of a Parquet file; raises as `open_shard`.
+
+    That of pyarrow's name goes by `FileMetaData.schema`, and those two hold one another: megabytes
+    a shard, until the collector of cycles comes.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.schema_arrow
 
 
 def texts(column: pyarrow.ChunkedArray) -> list[str | None]:

@@ -76,7 +76,7 @@ class Scale(NamedTuple):
 
 
 SCALES = {
-    "5": Scale(300, 10, 32_000),
+    "5": Scale(1_000, 10, 32_000),
     "10": Scale(100, 5, 8_000),
     "25": Scale(20, 1, 1_280),
     "100": Scale(2, 1, 80),

@@ -28,7 +28,7 @@ from pipeline.fingerprint import Fingerprint, decoded_picture_digest
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
 from pipeline.manifest import Shard, file_sha256
-from pipeline.schema import NO_ACTION, Row, arrow_schema, open_shard, texts
+from pipeline.schema import NO_ACTION, Row, arrow_schema, open_shard, read_schema, texts
 from pipeline.storage import AnyPath, local_copy
 
 
@@ -62,14 +62,13 @@ class CheckJob:
 def check_shard(job: CheckJob) -> ShardReport:
     """Return what is wrong with one shard."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     report = ShardReport(job.shard)
     path = job.folder / job.shard.path
     try:
         with local_copy(path) as local:
             digest, size = file_sha256(local), local.stat().st_size
-            if not pq.read_schema(local).equals(arrow_schema(), check_metadata=False):
+            if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
             with open_shard(local) as file:

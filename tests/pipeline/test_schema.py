@@ -1,0 +1,33 @@
+"""Shards as they are opened."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.config import Run
+from pipeline.schema import arrow_schema, open_shard, read_schema
+
+
+def test_a_closed_shard_is_out_of_memory_at_once(small_dataset: Run) -> None:
+    # Its metadata have megabytes, and the collector of cycles may not come for a hundred shards.
+    path = next(Path(small_dataset.local_dir).glob("*/train-*.parquet"))
+    gc.collect()
+    gc.disable()
+    try:
+        with open_shard(path) as file:
+            file.read_row_group(0)
+        assert read_schema(path).equals(arrow_schema())
+        del file
+        assert not [each for each in gc.get_objects() if isinstance(each, pq.FileMetaData)]
+    finally:
+        gc.enable()
+
+
+def test_a_file_without_texts_is_opened_all_the_same(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"actions": [1, 2]}), tmp_path / "other.parquet")
+    with open_shard(tmp_path / "other.parquet") as file:
+        assert file.read()["actions"].to_pylist() == [1, 2]
