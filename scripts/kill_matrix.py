@@ -26,6 +26,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -81,7 +82,10 @@ class Result(NamedTuple):
 @contextmanager
 def started(run: Run) -> Iterator[int]:
     """Build in a process group of its own, lend the id of its first process, and end the group."""
-    process = os.fork()
+    with warnings.catch_warnings():
+        # From Python 3.12 on, of threads that libraries keep for sums; they have nothing to do.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process = os.fork()
     if not process:
         perform(run)
     os.setpgid(process, process)
