@@ -6,6 +6,7 @@ Nothing is evaluated, and the time taken grows with the length of the text and n
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -319,7 +320,7 @@ def load(path: Path, *, seed: int = 0) -> Labyrinth:
 def dump(labyrinth: Labyrinth) -> str:
     """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
     structure = labyrinth.structure
-    height, width, cells = structure.height, structure.width, structure.cells
+    width, cells = structure.width, structure.cells
     # Cell 0 first, as the bits of an integer have it last.
     above = f"{structure.up:0{cells}b}"[::-1].encode().translate(_HORIZONTAL)
     beside = f"{structure.right:0{cells}b}"[::-1].encode().translate(_VERTICAL)
@@ -329,21 +330,34 @@ def dump(labyrinth: Labyrinth) -> str:
         tiles[labyrinth.key], tiles[labyrinth.door] = b"KD"
     for cell in labyrinth.ice:
         tiles[cell] = ord("I")
+    shown = bytes(tiles)
     outer_wall = b"-" * (4 * width + 1)
-    row_line = bytearray(b"|   " * width + b"|")
-    wall_line = bytearray(b"|   " + b"+   " * (width - 1) + b"|")
     lines = [outer_wall]
-    for row in reversed(range(height)):
-        first, last = row * width, (row + 1) * width
-        if row < height - 1:
-            wall_line[2::4] = above[first:last]
-            lines.append(bytes(wall_line))
-        row_line[2::4] = tiles[first:last]
-        row_line[4::4] = beside[first:last]  # The last has no passage: the outer wall.
-        lines.append(bytes(row_line))
+    for first in range(cells - width, -1, -width):
+        last = first + width
+        if last < cells:
+            lines.append(_wall_line(above[first:last]))
+        lines.append(_cell_line(shown[first:last], beside[first:last]))
     lines.append(outer_wall)
     drawing = b"\n".join(lines).decode()
     return f"{_SETTINGS_OF[labyrinth.task]}\n{_HEADING}:\n{drawing}\nend\n"
+
+
+@lru_cache(maxsize=4_096)
+def _cell_line(tiles: bytes, beside: bytes) -> bytes:
+    """Return the line of a row of cells, given a character for each and for the wall after it."""
+    line = bytearray(b"|   " * len(tiles) + b"|")
+    line[2::4] = tiles
+    line[4::4] = beside  # The last has no passage: the outer wall.
+    return bytes(line)
+
+
+@lru_cache(maxsize=4_096)
+def _wall_line(above: bytes) -> bytes:
+    """Return the line above a row of cells, given a character for the wall above each."""
+    line = bytearray(b"|   " + b"+   " * (len(above) - 1) + b"|")
+    line[2::4] = above
+    return bytes(line)
 
 
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:

@@ -18,6 +18,8 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import accumulate
+from operator import mul
 from typing import NamedTuple
 
 Band = tuple[bytes, int]
@@ -82,14 +84,10 @@ class Mosaic:
 
     def __init__(self, strips: Sequence[Strip], width: int) -> None:
         """Take the picture with nothing exchanged; see `encode`."""
-        self._pieces = [_strip_piece(strip) for strip in strips]
-        _, *self._sums, length = _join(self._pieces)
+        self._pieces = list(map(_strip_piece, strips))
+        self._below, *self._sums = _sums(self._pieces)
         self._parts = [b"IDAT" + _ZLIB_HEADER, *[piece[0] for piece in self._pieces]]
-        self._header = _header(width, length // (3 * width + 1))
-        self._below = []
-        for piece in self._pieces:
-            length -= piece.length
-            self._below.append(length)
+        self._header = _header(width, (self._below[0] + self._pieces[0].length) // (3 * width + 1))
 
     def encode(self, changes: Mapping[int, Strip]) -> bytes:
         """Return the PNG file of the picture with some strips exchanged.
@@ -107,7 +105,6 @@ class Mosaic:
             _, old_a, old_b, old_length = self._pieces[place]
             if new_length != old_length:
                 raise ValueError(f"strip {place}: {new_length} bytes of rows, not {old_length}")
-            # Each byte counts once in a, and in b as often as there are bytes from it to the end.
             a += new_a - old_a
             b += new_b - old_b + (new_a - old_a) * self._below[place]
             parts[place + 1] = compressed
@@ -118,15 +115,16 @@ class Mosaic:
         return b"".join((self._header, length, data, check, _END))
 
 
-def _join(pieces: Sequence[Piece]) -> Piece:
-    """Return the pieces one after the other as one."""
-    a, b, length = 1, 0, 0
-    for _, a_of_piece, b_of_piece, length_of_piece in pieces:
-        b += b_of_piece + length_of_piece * (a - 1)
-        a += a_of_piece - 1
-        length += length_of_piece
-    joined = b"".join([piece[0] for piece in pieces])
-    return Piece(joined, a % _ADLER_MODULUS, b % _ADLER_MODULUS, length)
+def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
+    """Return the bytes below each of the pieces, and the sums of all, one after the other.
+
+    Each byte counts once in a, and in b as often as there are bytes from it to the end; each piece
+    begins with an a of 1.
+    """
+    _, a, b, lengths = zip(*pieces, strict=True)
+    length = sum(lengths)
+    below = [length - end for end in accumulate(lengths)]
+    return below, sum(a) - len(a) + 1, sum(b) + sum(map(mul, a, below)) - sum(below)
 
 
 @lru_cache(maxsize=8_192)
@@ -136,7 +134,10 @@ def _strip_piece(strip: Strip) -> Piece:
         pieces.append(_row_piece(row))
         if count > 1:
             pieces.append(_repeat_piece(len(row), count - 1))
-    return _join(pieces)
+    _, a, b = _sums(pieces)
+    compressed = b"".join([piece[0] for piece in pieces])
+    length = sum([piece.length for piece in pieces])
+    return Piece(compressed, a % _ADLER_MODULUS, b % _ADLER_MODULUS, length)
 
 
 @lru_cache(maxsize=8_192)

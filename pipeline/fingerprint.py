@@ -10,6 +10,7 @@ import hashlib
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +38,11 @@ class Fingerprint:
     def update(self, rows: Iterable[Row]) -> None:
         """Add rows."""
         pack = _NUMBERS.pack
-        for _, _, action, reward, starts, info, digest in rows:
-            self._hash.update(digest + pack(action, reward, starts) + _text_digest(info))
+        parts = [
+            digest + pack(action, reward, starts) + _text_digest(info)
+            for _, _, action, reward, starts, info, digest in rows
+        ]
+        self._hash.update(b"".join(parts))
 
     def hexdigest(self) -> str:
         """Return the hash of the rows so far, in hexadecimal digits."""
@@ -66,10 +70,11 @@ class PictureDigest:
 
     def __init__(self, strips: Sequence[Strip]) -> None:
         """Take the picture with nothing exchanged."""
-        sums_and_heights = [_strip_sum(strip) for strip in strips]
-        self._sums = [total for total, _ in sums_and_heights]
-        self._powers = _powers(tuple([height for _, height in sums_and_heights]))
-        self._sum = sum([a * b for a, b in zip(self._sums, self._powers, strict=True)])
+        heights: tuple[int, ...]
+        self._sums: tuple[int, ...]
+        self._sums, heights = zip(*map(_strip_sum, strips), strict=True)
+        self._powers = _powers(heights)
+        self._sum: int = sum(map(mul, self._sums, self._powers))
 
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
         """Return the digest of the picture with some strips exchanged.

@@ -40,7 +40,7 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 from PIL import Image
 
-from labyrinth_core import png, renderer
+from labyrinth_core import language, png, renderer
 from labyrinth_core.dynamics import State, initial
 from labyrinth_core.labyrinth import Labyrinth, Structure
 from labyrinth_core.renderer import Painter
@@ -72,14 +72,14 @@ class Scale(NamedTuple):
     """In each of the three splits, beside Pillow."""
     quick: int
     whole: int
-    """In a whole build: two shards a split."""
+    """In a whole build: two shards a split, or four."""
 
 
 SCALES = {
     "5": Scale(1_000, 10, 32_000),
     "10": Scale(100, 5, 8_000),
     "25": Scale(20, 1, 1_280),
-    "100": Scale(2, 1, 80),
+    "100": Scale(2, 1, 160),
 }
 """Size -> how much of it."""
 PLACES = ("corners", "anywhere")
@@ -183,8 +183,8 @@ def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
 
 
 def forget() -> None:
-    """Clear what earlier turns left in the caches of the modules that draw, encode and hash."""
-    for module in (png, renderer, fingerprint):
+    """Clear what earlier turns left in the caches of modules that draw, encode, hash and write."""
+    for module in (png, renderer, fingerprint, language):
         for value in vars(module).values():
             if hasattr(value, "cache_clear"):
                 value.cache_clear()
