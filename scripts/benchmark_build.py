@@ -30,6 +30,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
@@ -53,7 +54,6 @@ from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
 from pipeline.manifest import Manifest
-from pipeline.prefetch import batched
 from pipeline.schema import SAMPLED_SPLITS, Row
 
 STAGES = {
@@ -144,18 +144,16 @@ class Stopwatch:
         self._stage, self._since = stage, now
         return before
 
-    def timed(self, items: Iterable[Item], stage: str) -> Iterator[Item]:
-        """Yield the items; the stage has the time that it takes to make them."""
+    def timed(self, items: Iterable[Item], stage: str, count: int = 1) -> Iterator[Item]:
+        """Yield the items, made `count` at a time; the stage has the time that it takes."""
         iterator = iter(items)
         while True:
             before = self.turn_to(stage)
-            try:
-                item = next(iterator)
-            except StopIteration:
+            batch = list(islice(iterator, count))
+            self.turn_to(before)
+            if not batch:
                 return
-            finally:
-                self.turn_to(before)
-            yield item
+            yield from batch
 
 
 def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
@@ -209,8 +207,8 @@ def make_episodes(
             yield labyrinth, partial(item_rng, config, split, structure, ACTING)
 
     count = max(1, build.CELLS_PER_BATCH // (config.height * config.width))
-    labyrinths = batched(clock.timed(place(), "sample"), count)
-    solutions = batched(clock.timed(solve(config, split, labyrinths), "solve"), count)
+    labyrinths = clock.timed(place(), "sample", count)
+    solutions = clock.timed(solve(config, split, labyrinths), "solve", count)
     for number, solution in enumerate(solutions):
         yield from clock.timed(render(split, number, solution.episodes), "render")
 
@@ -301,6 +299,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", nargs="+", default=list(SCALES), choices=SCALES, metavar="SIZE")
+    parser.add_argument("--places", nargs="+", default=PLACES, choices=PLACES, metavar="PLACE")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--no-whole", action="store_true", help="leave out the whole builds")
     parser.add_argument("--quick", action="store_true", help="few labyrinths, one round")
@@ -314,7 +313,7 @@ def main() -> None:
     for size in arguments.sizes:
         labyrinths = SCALES[size].quick if arguments.quick else SCALES[size].labyrinths
         config = config_of(size, labyrinths)
-        for places in PLACES:
+        for places in arguments.places:
             report(config, places, measure(config, places, rounds))
     if not (arguments.no_whole or arguments.quick):
         print(f"\nWhole builds, by the clock\n{'size':>4}{'rows':>12}{'one worker':>12}", end="")
