@@ -23,21 +23,24 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.labyrinth import Task
-from pipeline.config import DatasetConfig, RunConfig, TaskConfig, resolve
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.journeys import travel
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.evaluation.trials import trials, write_trial
+from labyrinth_core.world.labyrinth import Task
+from pipeline.config.dataset import TaskConfig
+from pipeline.config.run import RunConfig, resolve
+from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
 from pipeline.generation import build
 from pipeline.training.checkpoint import Progress
-from pipeline.training.following import success_rate
-from pipeline.training.journeys import travel
 from pipeline.training.loop import fit
-from pipeline.training.method import BaseSettings, Learner, Problem, find
-from pipeline.training.networks import NetworkSpec
-from pipeline.training.policy import NetworkPolicy, Policy, save_policy
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
+from pipeline.training.networks.network import NetworkSpec
+from pipeline.training.policy import NetworkPolicy, save_policy
 from pipeline.training.record import POLICY
 from pipeline.training.steps import load_steps
-from pipeline.training.trials import trials, write_trial
-from pipeline.training.worlds import load_worlds
-from pipeline.training_config import IMAGE_SIZE, PROTOCOLS
 
 INGREDIENTS = ("augment", "relabel", "average", "path_prior", "grid_prior", "colour_prior")
 
@@ -136,7 +139,7 @@ def run(
     """
     began = time.process_time()
     learner = learner_of(case, source)
-    validation = load_worlds(usual, case.dataset.name, "validation")
+    validation = load_arrays(usual, case.dataset.name, "validation")
 
     def judge(policy: Policy) -> dict[str, float]:
         return {"validation_sr": success_rate(policy, validation)}
@@ -174,7 +177,7 @@ def learner_of(case: Case, source: Path) -> Learner:
     """Return the learner of a run, with the weights and the randomness it begins with."""
     name, values = VARIANTS[case.variant]
     config = case.dataset.name
-    worlds = load_worlds(source, config, "train")
+    worlds = load_arrays(source, config, "train")
     demonstrations = load_steps(source, config, "train", worlds)
     method, settings = find(name, values)
     if case.variant == "bc":

@@ -41,20 +41,22 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 from PIL import Image
 
-from labyrinth_core import language, png, renderer
-from labyrinth_core.dynamics import State, initial
-from labyrinth_core.labyrinth import Labyrinth, Structure
-from labyrinth_core.renderer import Painter
-from labyrinth_core.tasks import change_start_and_goal
-from pipeline import fingerprint
-from pipeline.config import DatasetConfig, RunConfig, resolve
+from labyrinth_core.data import fingerprint
+from labyrinth_core.data.columns import SAMPLED_SPLITS, Row
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.language import text as language
+from labyrinth_core.pictures import png, renderer
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.dynamics import State, initial
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.tasks import change_start_and_goal
+from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 from pipeline.generation.render import Picture, Pictures, render
 from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
-from pipeline.manifest import Manifest
-from pipeline.schema import SAMPLED_SPLITS, Row
 
 STAGES = {
     "sample": "structures, start and goal",

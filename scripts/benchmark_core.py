@@ -33,9 +33,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.sampling import sample_structures
-from labyrinth_core.solver import shortest_route
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.solver import shortest_route
 
 AIM = 50
 """Times maze-dataset that are to be reached."""

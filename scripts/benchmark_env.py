@@ -34,8 +34,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from labyrinth_core.labyrinth import Task
-from labyrinth_core.labyrinth_source import sample_labyrinth
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
 MINIGRID = "MiniGrid-Empty-8x8-v0"
 LABYRINTH = "labyrinth_core.env:Labyrinth-v0"

@@ -34,15 +34,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.renderer import area_average
-from pipeline.loader import load_episodes
-from pipeline.manifest import DatasetError
+from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.pictures.resize import area_average
 from pipeline.training.evaluate import evaluate_splits
-from pipeline.training.following import Episodes, follow, greedy_actions
-from pipeline.training.networks import Network, NetworkSpec
-from pipeline.training.policy import NetworkPolicy, Policy
-from pipeline.training.worlds import Worlds, load_worlds
+from pipeline.training.networks.network import Network, NetworkSpec
+from pipeline.training.policy import NetworkPolicy
 
 CONFIG = "5x5"
 
@@ -50,7 +51,7 @@ CONFIG = "5x5"
 class Solving:
     """A policy as costly as another one, and always right."""
 
-    def __init__(self, policy: Policy, worlds: Worlds) -> None:
+    def __init__(self, policy: Policy, worlds: LabyrinthArrays) -> None:
         best = np.eye(4, dtype=np.float32)[worlds.optimal.argmax(axis=1)]
         self._policy = policy
         self._scores = {
@@ -66,7 +67,7 @@ class Solving:
 def evaluate_all(policy: Policy, data: Path) -> float:
     """Return the seconds that the five splits take, from their files to their figures."""
     start = time.perf_counter()
-    for _, _, scores in evaluate_splits(policy, partial(load_worlds, data, CONFIG)):
+    for _, _, scores in evaluate_splits(policy, partial(load_arrays, data, CONFIG)):
         scores.to_json()
     return time.perf_counter() - start
 
@@ -101,7 +102,7 @@ def main() -> None:
     if rounds < 1 or count < 1:
         parser.error("--rounds and --labyrinths: give whole numbers from 1 on")
     try:
-        train = load_worlds(arguments.data, CONFIG, "train")
+        train = load_arrays(arguments.data, CONFIG, "train")
         episodes = list(load_episodes(arguments.data, CONFIG, split="train", draw=True))
     except DatasetError as error:
         sys.exit(f"error: {error}")
@@ -119,7 +120,7 @@ def main() -> None:
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
         start = time.perf_counter()
-        worlds = load_worlds(arguments.data, CONFIG, "train")
+        worlds = load_arrays(arguments.data, CONFIG, "train")
         looked_up = follow(worlds, greedy_actions(policy, worlds))
         per_labyrinth = (time.perf_counter() - start) / len(infos)
         start = time.perf_counter()

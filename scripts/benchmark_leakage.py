@@ -21,11 +21,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # Before numpy.
 
 import numpy as np
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.sampling import sample_structures
-from pipeline import near_twins
+from labyrinth_core.world import near_twins
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.sampling import sample_structures
 from pipeline.analysis.leakage import certify
-from pipeline.config import RunConfig, SplitsConfig, resolve
+from pipeline.config.dataset import SplitsConfig
+from pipeline.config.run import RunConfig, resolve
 from pipeline.generation.sample import sample
 
 PAIRS_TIMED = 10**9

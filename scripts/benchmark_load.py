@@ -42,10 +42,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core import png_reading, renderer, shrinking
-from pipeline import pictures
-from pipeline.config import RunConfig, resolve
-from pipeline.loader import Transitions, load_transitions, stream_transitions
+from labyrinth_core.data import observations as pictures
+from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
+from labyrinth_core.pictures import png_reading, renderer
+from labyrinth_core.pictures import resize as shrinking
+from pipeline.config.run import RunConfig, resolve
 
 SIZE = 64
 BATCH = 64

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from unittest.mock import patch
 
-from pipeline.config import RunConfig, resolve
+from labyrinth_core.data.manifest import Manifest, Shard
+from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
-from pipeline.manifest import Manifest, Shard
 from pipeline.release.statistics import measure
 
 SHARDS_FOR_A_RATE = 12

@@ -24,12 +24,12 @@ from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
-from pipeline.config import RunConfig, resolve
+from labyrinth_core.data.columns import Row
+from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import write as writing
 from pipeline.generation.render import render
 from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
 from pipeline.generation.solve import solve
-from pipeline.schema import Row
 
 WAYS: dict[str, tuple[int, dict[str, Any]]] = {
     "as chosen": (writing.ROW_GROUP, {}),

@@ -26,20 +26,20 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
-from labyrinth_core.grid import parse_size
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import dump
-from labyrinth_core.rollout import random_episode
-from labyrinth_core.sampling import sample_structures
-from labyrinth_core.solver import shortest_route
-from labyrinth_core.tasks import default_start_and_goal
-from pipeline.analysis.findings import EVALUATED, FIGURES, read_results
-from pipeline.analysis.packing import PackedSplit, pack_walks
-from pipeline.analysis.report import PACKED_BYTES, PAGE, describe, page
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.language.text import dump
+from labyrinth_core.world.grid import parse_size
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import random_episode
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.tasks import default_start_and_goal
+from pipeline.analysis.report.findings import EVALUATED, FIGURES, read_results
+from pipeline.analysis.report.packing import PackedSplit, pack_walks
+from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.analysis.walks import walks
-from pipeline.config import RunConfig, resolve
-from pipeline.manifest import Manifest, Shard
-from pipeline.schema import SPLITS
+from pipeline.config.run import RunConfig, resolve
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3

@@ -10,14 +10,16 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from labyrinth_core.labyrinth import LabyrinthError, Task
-from labyrinth_core.renderer import area_average, render
-from labyrinth_core.rollout import replay
-from labyrinth_core.sampling import sample_structures
-from labyrinth_core.solver import shortest_route
-from labyrinth_core.tasks import default_start_and_goal, place
-from pipeline.analysis import report
-from pipeline.config import RunConfig, TaskConfig, resolve
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures.resize import area_average
+from labyrinth_core.world.labyrinth import LabyrinthError, Task
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.tasks import default_start_and_goal, place
+from pipeline.analysis.report import stage as report
+from pipeline.config.dataset import TaskConfig
+from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"

@@ -18,11 +18,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from labyrinth_core.edge_list import parse_edges
-from labyrinth_core.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.sampling import sample_structure
-from labyrinth_core.tasks import place
+from labyrinth_core.language.edge_list import parse_edges
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.tasks import place
 
 CHUNK = 5_000
 """Inputs made from one child of the seed, and checked by one worker at a time."""

@@ -19,17 +19,19 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw
 
-from labyrinth_core.renderer import PICTURE_SIZE, render
-from pipeline.bootstrap import interval
-from pipeline.config import RunConfig, TaskConfig, resolve
-from pipeline.training.journeys import Journey, travel
-from pipeline.training.method import find
+from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.journeys import Journey, travel
+from labyrinth_core.evaluation.trials import trials, write_trial
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.renderer import render
+from pipeline.config.dataset import TaskConfig
+from pipeline.config.run import RunConfig, resolve
+from pipeline.config.training import IMAGE_SIZE
+from pipeline.training.methods.method import find
+from pipeline.training.networks.turning import Averaged
 from pipeline.training.policy import NetworkPolicy, load_policy
 from pipeline.training.record import POLICY, read_record
-from pipeline.training.symmetry import Averaged
 from pipeline.training.train import spec_of
-from pipeline.training.trials import trials, write_trial
-from pipeline.training_config import IMAGE_SIZE
 
 
 def main() -> None:

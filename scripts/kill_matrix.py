@@ -37,9 +37,9 @@ from typing import Any, NamedTuple
 import joblib  # noqa: F401  Before builds are forked off, so that each begins at once.
 import pyarrow.parquet  # noqa: F401
 
-from pipeline.config import Run, RunConfig, resolve
-from pipeline.executor import cluster
+from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build
+from pipeline.machinery.executor import cluster
 
 LABYRINTHS, SHARDS = 40, 5
 """Of each split."""

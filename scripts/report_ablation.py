@@ -17,10 +17,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from labyrinth_core.renderer import DEFAULT_STYLE
-from pipeline.bootstrap import interval
-from pipeline.markdown import table
-from pipeline.training.trials import read_trial
+from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.trials import read_trial
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from pipeline.machinery.markdown import table
 
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "labyrinth-datasets",

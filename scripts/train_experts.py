@@ -10,7 +10,7 @@ costs less beside what speed brings, where the authors' settings only make a slo
 Each iteration leaves a checkpoint, so that the same command goes on where it was stopped, with the
 same result as if it had not been. `experts/HalfCheetah-v5.json` is the best policy so far, by its
 mean return on seeds that are neither the search's nor the analysis's; the one kept in
-`pipeline/analysis/experts/` is a copy of it.
+`pipeline/analysis/environments/experts/` is a copy of it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.experts.random_search import Play, Search, Settings, improve
-from pipeline.analysis.worlds import quiet_mujoco
-from pipeline.manifest import write_text
+from labyrinth_core.data.storage import write_text
+from pipeline.analysis.environments.environment import quiet_mujoco
+from pipeline.analysis.environments.experts.random_search import Play, Search, Settings, improve
 
 SETTINGS = {
     "HalfCheetah-v5": (Settings(step_size=0.02, directions=32, noise=0.03, top=4), 0.0),

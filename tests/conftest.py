@@ -15,7 +15,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from pipeline.config import BucketsConfig, Run, RunConfig, TaskConfig, resolve
+from labyrinth_core.world.labyrinth import Task
+from pipeline.config.dataset import BucketsConfig, TaskConfig
+from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 
 settings.register_profile(
@@ -74,3 +76,12 @@ def build() -> Callable[..., Run]:
 def small_dataset(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A finished 3x3 dataset with 8 labyrinths a split; copy it before you change it."""
     return build(tmp_path_factory.mktemp("small") / "labyrinth")
+
+
+@pytest.fixture(scope="session")
+def datasets(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a dataset of three rows and four columns for each task."""
+    folder = tmp_path_factory.mktemp("tasks") / "labyrinth"
+    for task in Task:
+        build(folder, size="3x4", task=str(task), labyrinths=5, solutions="all", random_steps=20)
+    return folder

@@ -9,79 +9,106 @@ import ast
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
+import labyrinth_core
+
 ROOT = Path(__file__).resolve().parents[1]
 
+ROOMS = {
+    "labyrinth_core.world": (),
+    "labyrinth_core.language": ("labyrinth_core.world",),
+    "labyrinth_core.pictures": ("labyrinth_core.world",),
+    "labyrinth_core.env": (
+        "labyrinth_core.world",
+        "labyrinth_core.language",
+        "labyrinth_core.pictures",
+    ),
+    "labyrinth_core.data": (
+        "labyrinth_core.world",
+        "labyrinth_core.language",
+        "labyrinth_core.pictures",
+    ),
+    "labyrinth_core.evaluation": (
+        "labyrinth_core.world",
+        "labyrinth_core.language",
+        "labyrinth_core.pictures",
+        "labyrinth_core.data",
+    ),
+    "labyrinth_core.command": (
+        "labyrinth_core.world",
+        "labyrinth_core.language",
+        "labyrinth_core.pictures",
+    ),
+    "labyrinth_core": ("labyrinth_core",),
+    "pipeline.config": ("labyrinth_core",),
+    "pipeline.machinery": ("labyrinth_core", "pipeline.config"),
+    "pipeline.generation": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.analysis": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.release": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.training": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "run": ("pipeline.__main__",),
+}
+"""Room -> what it may import of the project, besides itself. A package's own modules, such as
+`pipeline.__main__`, are under the name of the package."""
+
 HOMES = {
-    "hydra": ("run", "pipeline.config"),
-    "omegaconf": ("run", "pipeline.config"),
-    "pyarrow": (
-        "pipeline.generation",
-        "pipeline.schema",
-        "pipeline.source",
-        "pipeline.release.tally",
-    ),
-    "datasets": (
-        "pipeline.generation",
-        "pipeline.schema",
-        "pipeline.source",
-        "pipeline.release.verify",  # Loads a release the way that strangers will.
-    ),
-    "fsspec": ("pipeline.storage",),
-    "joblib": ("pipeline.executor",),
-    "distributed": ("pipeline.executor",),
-    "ray": ("pipeline.executor",),
+    "hydra": ("pipeline.__main__", "pipeline.config"),
+    "omegaconf": ("pipeline.__main__", "pipeline.config"),
+    "numpy": ("labyrinth_core", "pipeline"),
+    "pyarrow": ("labyrinth_core.data", "pipeline.generation", "pipeline.release"),
+    "datasets": ("labyrinth_core.data", "pipeline.generation", "pipeline.release.verify"),
+    "filelock": ("labyrinth_core.data",),
+    "fsspec": ("labyrinth_core.data",),
     "huggingface_hub": (
+        "labyrinth_core.data",
         "pipeline.release",
-        "pipeline.source",
-        "pipeline.analysis.experts.stable_baselines",  # Archives of experts, by their id.
+        "pipeline.analysis.environments.experts.stable_baselines",  # By id.
     ),
+    "PIL": (
+        "labyrinth_core.env",
+        "labyrinth_core.command",
+        "labyrinth_core.data.observations",
+        "pipeline.generation.check",
+        "pipeline.release",
+    ),
+    "rich": ("pipeline",),
+    "yaml": ("pipeline",),
+    "joblib": ("pipeline.machinery.executor",),
+    "distributed": ("pipeline.machinery.executor",),
+    "ray": ("pipeline.machinery.executor",),
     "torch": (
         "pipeline.training",
-        "pipeline.analysis.experts.stable_baselines",  # Weights, read without pickle.
+        "pipeline.analysis.environments.experts.stable_baselines",  # Weights, read without pickle.
     ),
     "safetensors": ("pipeline.training",),
-    "gymnasium": (
-        "labyrinth_core.env",
-        "labyrinth_core.vector_env",
-        "pipeline.training",
-        "pipeline.analysis.worlds",
-    ),
-    "mujoco": ("pipeline.analysis.worlds",),
-    "matplotlib": (
-        "pipeline.analysis.report_figures",
-        "pipeline.analysis.variation_report",
-        "pipeline.training.record",
-    ),
-    "pygame": ("labyrinth_core.env", "labyrinth_core.__main__", "labyrinth_core.window"),
+    "gymnasium": ("labyrinth_core.env", "pipeline.analysis.environments"),
+    "mujoco": ("pipeline.analysis.environments",),
+    "matplotlib": ("pipeline.analysis", "pipeline.training"),
+    "tensorboard": ("pipeline.training.record",),
+    "pygame": ("labyrinth_core.env", "labyrinth_core.command"),
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.
     "time": (
         "pipeline.training.loop",  # How long a run took.
-        "pipeline.analysis.environments",
-        "pipeline.release.publish",  # To wait and try again.
-        "pipeline.release.remote",
-        "pipeline.release.verify",
+        "pipeline.analysis.environments.stage",
+        "pipeline.release",  # To wait and try again.
     ),
     "datetime": (),
 }
-"""Where alone a library is imported: in these modules and those within them."""
+"""Where alone a library is imported: in these rooms or modules."""
 
-OF_THE_CORE = {"numpy", "gymnasium", "pygame", "PIL"}
-"""All libraries of labyrinth_core; `HOMES` says where in it, and pictures only when asked."""
-
-LAZY_IN_THE_CORE = {"pygame", "PIL", "labyrinth_core.window"}
-"""What labyrinth_core imports inside functions only; but a window module is made of pygame."""
-
-HOMES_OF_PIL_IN_THE_CORE = ("labyrinth_core.env", "labyrinth_core.__main__")
-
-SHELLS = ("env", "vector_env", "window", "play")
-"""Modules of labyrinth_core that need more than numpy."""
+AT_ONCE_IN_THE_LIBRARY = {
+    "labyrinth_core": ("numpy",),
+    "labyrinth_core.env": ("numpy", "gymnasium"),
+    "labyrinth_core.env.window": ("numpy", "pygame"),
+}
+"""Room or module of the library -> what importing it may import; the rest waits in functions."""
 
 STEPS = [f"pipeline.generation.{step}" for step in ("sample", "solve", "render", "write")]
 """The four steps; only `build` composes them."""
@@ -167,46 +194,36 @@ def within(module: str, *homes: str) -> bool:
     return any(module == home or module.startswith(f"{home}.") for home in homes)
 
 
-def wing_of(module: str, root: Path) -> str | None:
-    """Return the package within pipeline that a module belongs to."""
-    parts = module.split(".")
-    is_wing = parts[0] == "pipeline" and len(parts) > 1 and (root / "pipeline" / parts[1]).is_dir()
-    return parts[1] if is_wing else None
+def innermost(module: str, places: Iterable[str]) -> str | None:
+    """Return the innermost of some packages that a module is in, None if it is in none."""
+    return max((place for place in places if within(module, place)), key=len, default=None)
 
 
-def broken_rule(found: Import, root: Path) -> str | None:
+def broken_rule(found: Import) -> str | None:
     """Return the rule that an import breaks, None if it breaks none."""
     importer, _, imported, at_once = found
-    if within(imported, "run", "scripts", "tests"):
-        return "run.py, scripts and tests are imported by nothing"
-    if imported in HOMES and not within(importer, *HOMES[imported]):
-        return f"{imported} only in {', '.join(HOMES[imported])}"
-    if within(importer, "labyrinth_core"):
-        return broken_rule_of_the_core(importer, imported, at_once)
-    own, other = wing_of(importer, root), wing_of(imported, root)
-    if within(importer, "pipeline") and other and own != other:
-        return "the wings import the shared ground, neither one another nor it them"
-    if (
-        importer in STEPS
-        and other == "generation"
-        and imported not in (importer, f"pipeline.{own}")
-    ):
-        return "a step imports nothing of generation: only build composes"
-    return None
-
-
-def broken_rule_of_the_core(importer: str, imported: str, at_once: bool) -> str | None:
-    if within(imported, "labyrinth_core"):
-        is_lazy = imported not in LAZY_IN_THE_CORE or not at_once
-        return None if is_lazy else f"{imported} only inside functions"
-    if imported in sys.stdlib_module_names:
+    room = innermost(importer, ROOMS)
+    if imported == "labyrinth_core":
+        return None  # Its version, or a public name, which comes when it is asked for.
+    if within(imported, "labyrinth_core", "pipeline", "run", "scripts", "tests"):
+        if room is None:
+            return f"{importer} is in no room"
+        if innermost(imported, ROOMS) != room and not within(imported, *ROOMS[room]):
+            return f"{room} imports of the project only {', '.join(ROOMS[room])}"
+        if importer in STEPS and imported in (*STEPS, "pipeline.generation.build"):
+            return "a step knows no other step: only build composes"
+        if imported == "labyrinth_core.env.window" and at_once:
+            return "a window only where one is opened: it is made of pygame"
         return None
-    if imported not in OF_THE_CORE:
-        return f"labyrinth_core imports no {imported}"
-    if imported == "PIL" and not within(importer, *HOMES_OF_PIL_IN_THE_CORE):
-        return f"PIL only in {', '.join(HOMES_OF_PIL_IN_THE_CORE)}, of the core"
-    if imported in LAZY_IN_THE_CORE and at_once and importer not in LAZY_IN_THE_CORE:
-        return f"{imported} only inside functions, in labyrinth_core"
+    if imported in sys.stdlib_module_names and imported not in HOMES:
+        return None
+    if imported not in HOMES:
+        return f"{imported} has no home in this project"
+    if not within(importer, *HOMES[imported]):
+        return f"{imported} only in {', '.join(HOMES[imported])}"
+    place = innermost(importer, AT_ONCE_IN_THE_LIBRARY)
+    if place and at_once and imported not in AT_ONCE_IN_THE_LIBRARY[place]:
+        return f"{imported} only inside functions, in the library"
     return None
 
 
@@ -214,7 +231,7 @@ def broken_rules(root: Path) -> list[str]:
     return [
         f"{found.importer}, line {found.line}, imports {found.imported}: {rule}"
         for found in imports(root)
-        if (rule := broken_rule(found, root))
+        if (rule := broken_rule(found))
     ]
 
 
@@ -224,40 +241,49 @@ def test_every_import_keeps_the_rules_of_the_house():
 
 def test_the_walk_finds_the_modules_and_imports_that_are_known():
     found = {(each.importer, each.imported) for each in imports(ROOT)}
-    assert ("labyrinth_core.solver", "labyrinth_core.dynamics") in found
-    assert ("labyrinth_core.solver", "numpy") in found
-    assert ("labyrinth_core.sampling", "labyrinth_core.grid") in found
+    assert ("labyrinth_core.world.solver", "labyrinth_core.world.dynamics") in found
+    assert ("labyrinth_core.world.solver", "numpy") in found
+    assert ("run", "pipeline.__main__") in found
+
+
+def test_every_package_of_the_project_is_a_room():
+    packages = {file.parent.relative_to(ROOT) for file in ROOT.glob("labyrinth_core/*/*.py")}
+    packages |= {file.parent.relative_to(ROOT) for file in ROOT.glob("pipeline/*/*.py")}
+    assert {".".join(package.parts) for package in packages} <= set(ROOMS)
 
 
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("labyrinth_core/solver", "import pipeline"),
-        ("labyrinth_core/solver", "from pipeline.schema import Row"),
-        ("labyrinth_core/solver", "from run import main"),
-        ("labyrinth_core/solver", "import hydra"),
-        ("labyrinth_core/solver", "import pyarrow.parquet as pq"),
-        ("labyrinth_core/solver", "def f():\n    import datasets"),
-        ("labyrinth_core/solver", "class A:\n    def f(self):\n        import torch"),
-        ("labyrinth_core/solver", "try:\n    import rich\nexcept ImportError:\n    rich = None"),
-        ("labyrinth_core/solver", "def f():\n    import gymnasium"),
-        ("labyrinth_core/solver", "def f():\n    from PIL import Image"),
-        ("labyrinth_core/solver", "def f():\n    import pygame"),
-        ("labyrinth_core/solver", "import importlib\nimportlib.import_module('torch')"),
-        ("labyrinth_core/solver", "__import__('hydra.core')"),
-        ("labyrinth_core/solver", "from .. import pipeline"),
-        ("labyrinth_core/env", "import pygame"),
-        ("labyrinth_core/env", "from labyrinth_core.window import Window"),
-        ("labyrinth_core/env", "from . import window"),
-        ("labyrinth_core/__main__", "from PIL import Image"),
-        ("pipeline/schema", "import pipeline.generation.build"),
-        ("pipeline/schema", "from pipeline import generation"),
-        ("pipeline/schema", "from .generation import build"),
-        ("pipeline/schema", "from omegaconf import OmegaConf"),
-        ("pipeline/schema", "import scripts.benchmark"),
-        ("pipeline/manifest", "import pyarrow"),
-        ("pipeline/loader", "def f():\n    import pyarrow"),
-        ("pipeline/executor", "import gymnasium"),
+        ("labyrinth_core/world/solver", "import pipeline"),
+        ("labyrinth_core/world/solver", "from pipeline.config.run import Run"),
+        ("labyrinth_core/world/solver", "from run import main"),
+        ("labyrinth_core/world/solver", "from labyrinth_core.language import text"),
+        ("labyrinth_core/world/solver", "import hydra"),
+        ("labyrinth_core/world/solver", "import pyarrow.parquet as pq"),
+        ("labyrinth_core/world/solver", "def f():\n    import datasets"),
+        ("labyrinth_core/world/solver", "class A:\n    def f(self):\n        import torch"),
+        ("labyrinth_core/world/solver", "try:\n    import rich\nexcept ImportError:\n    rich = 0"),
+        ("labyrinth_core/world/solver", "def f():\n    import gymnasium"),
+        ("labyrinth_core/world/solver", "def f():\n    from PIL import Image"),
+        ("labyrinth_core/world/solver", "def f():\n    import pygame"),
+        ("labyrinth_core/world/solver", "import importlib\nimportlib.import_module('torch')"),
+        ("labyrinth_core/world/solver", "__import__('hydra.core')"),
+        ("labyrinth_core/world/solver", "from ... import pipeline"),
+        ("labyrinth_core/world/solver", "import scripts.benchmark"),
+        ("labyrinth_core/data/loader", "import pyarrow"),
+        ("labyrinth_core/data/loader", "from labyrinth_core.env import LabyrinthEnv"),
+        ("labyrinth_core/data/loader", "import a_library_that_nobody_knows"),
+        ("labyrinth_core/env/environment", "import pygame"),
+        ("labyrinth_core/env/environment", "from labyrinth_core.env.window import Window"),
+        ("labyrinth_core/env/environment", "from . import window"),
+        ("labyrinth_core/command/main", "from PIL import Image"),
+        ("labyrinth_core/evaluation/scores", "def f():\n    import torch"),
+        ("pipeline/config/run", "import pipeline.generation.build"),
+        ("pipeline/config/run", "from pipeline import generation"),
+        ("pipeline/config/run", "from ..machinery import executor"),
+        ("pipeline/machinery/executor", "from omegaconf import OmegaConf"),
+        ("pipeline/machinery/executor", "import gymnasium"),
         ("pipeline/release/card", "from pipeline.generation.build import build"),
         ("pipeline/release/card", "from ..generation import build"),
         ("pipeline/release/card", "import torch"),
@@ -267,7 +293,9 @@ def test_the_walk_finds_the_modules_and_imports_that_are_known():
         ("pipeline/generation/sample", "from pipeline.generation.solve import solve"),
         ("pipeline/generation/render", "from . import write"),
         ("pipeline/generation/write", "def f():\n    from .build import build"),
+        ("pipeline/__main__", "from pipeline.generation import build"),
         ("run", "import pyarrow"),
+        ("run", "from pipeline.config import run"),
     ],
 )
 def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source):
@@ -278,24 +306,25 @@ def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source)
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("labyrinth_core/solver", "import json, numpy.typing"),
-        ("labyrinth_core/solver", "from labyrinth_core.grid import Action"),
-        ("labyrinth_core/env", "import gymnasium"),
-        ("labyrinth_core/env", "def f():\n    import pygame, PIL.Image"),
-        ("labyrinth_core/env", "def f():\n    from labyrinth_core.window import Window"),
-        ("labyrinth_core/window", "import pygame"),
+        ("labyrinth_core/world/solver", "import json, numpy.typing"),
+        ("labyrinth_core/world/solver", "from labyrinth_core.world.grid import Action"),
+        ("labyrinth_core/data/loader", "from labyrinth_core.world.solver import distances"),
+        ("labyrinth_core/data/loader", "def f():\n    import pyarrow, huggingface_hub, datasets"),
+        ("labyrinth_core/data/loader", "from labyrinth_core import __version__"),
+        ("labyrinth_core/env/environment", "import gymnasium"),
+        ("labyrinth_core/env/environment", "def f():\n    import pygame, PIL.Image"),
+        ("labyrinth_core/env/environment", "def f():\n    from .window import Window"),
+        ("labyrinth_core/env/window", "import pygame"),
         (
-            "labyrinth_core/env",
+            "labyrinth_core/env/environment",
             "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .window import Window",
         ),
-        ("pipeline/config", "import hydra, omegaconf"),
-        ("pipeline/source", "import datasets, huggingface_hub, pyarrow"),
-        ("pipeline/release/card", "from labyrinth_core.solver import distances"),
-        ("pipeline/release/card", "from pipeline.schema import Row"),
-        ("pipeline/analysis/worlds", "import gymnasium"),
-        ("pipeline/training/train", "import torch, gymnasium"),
+        ("pipeline/config/run", "import hydra, omegaconf"),
+        ("pipeline/release/card", "from labyrinth_core.world.solver import distances"),
+        ("pipeline/release/card", "from pipeline.machinery.executor import ordered_map"),
+        ("pipeline/training/train", "import torch"),
         ("pipeline/generation/build", "from pipeline.generation import render, sample"),
-        ("run", "import hydra\nfrom pipeline.generation.build import build"),
+        ("run", "from pipeline.__main__ import main"),
     ],
 )
 def test_what_the_rules_allow_is_not_complained_of(tmp_path, module, source):
@@ -305,13 +334,13 @@ def test_what_the_rules_allow_is_not_complained_of(tmp_path, module, source):
 
 def house(root, module, source):
     """Write an empty house, but for one module."""
-    rooms = [f"labyrinth_core/{name}" for name in ("__init__", "__main__", "grid", "solver", "env")]
-    rooms += ["labyrinth_core/window", "scripts/benchmark", "pipeline/__init__", "run"]
-    rooms += [f"pipeline/{name}" for name in ("config", "schema", "loader", "generation/build")]
-    rooms += [f"pipeline/{wing}/__init__" for wing in ("generation", "release", "training")]
-    rooms += [f"{step.replace('.', '/')}" for step in STEPS]
-    rooms += ["pipeline/release/card", "pipeline/analysis/__init__", module]
-    for room in rooms:
+    packages = [room.replace(".", "/") for room in ROOMS if room != "run"]
+    rooms = [f"{package}/__init__" for package in packages]
+    rooms += ["labyrinth_core/world/grid", "labyrinth_core/language/text"]
+    rooms += ["labyrinth_core/env/environment", "labyrinth_core/env/window"]
+    rooms += ["scripts/benchmark", "pipeline/__main__", "pipeline/machinery/executor", "run"]
+    rooms += [f"{step.replace('.', '/')}" for step in [*STEPS, "pipeline.generation.build"]]
+    for room in [*rooms, module]:
         path = root / f"{room}.py"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(source if room == module else "", encoding="utf-8")
@@ -320,37 +349,42 @@ def house(root, module, source):
 # What an import brings with it.
 
 
-def plain_modules():
-    return [
-        name
-        for name in modules_of(ROOT)
-        if within(name, "labyrinth_core")
-        and not within(name, *(f"labyrinth_core.{shell}" for shell in SHELLS))
-    ]
-
-
-def test_the_plain_modules_of_the_core_need_numpy_alone():
-    modules = plain_modules()
-    assert {"labyrinth_core", "labyrinth_core.solver", "labyrinth_core.__main__"} <= set(modules)
+def loaded_by(program: str) -> set[str]:
+    """Return the top packages of what a program has imported, in a process of its own."""
     program = (
-        "import importlib, json, sys\n"
-        "before = set(sys.modules)\n"
-        f"for name in {modules!r}:\n"
-        "    importlib.import_module(name)\n"
+        f"import importlib, json, sys\nbefore = set(sys.modules)\n{program}\n"
         "print(json.dumps(sorted({name.split('.')[0] for name in set(sys.modules) - before})))\n"
     )
     command = [sys.executable, "-W", "error", "-c", program]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = set(json.loads(run.stdout))
-    libraries = {
-        *packages_distributions(),
-        *HOMES,
-        "PIL",
-        "cv2",
-        "joblib",
-        "pandas",
-        "rich",
-        "yaml",
-    }
+    return set(json.loads(run.stdout))
+
+
+OURS = {"labyrinth_core", "pipeline"}
+LIBRARIES = {*packages_distributions(), *HOMES, "cv2", "pandas"} - sys.stdlib_module_names - OURS
+
+
+def test_the_library_needs_numpy_alone_but_for_its_environments():
+    modules = [
+        name
+        for name in modules_of(ROOT)
+        if within(name, "labyrinth_core") and not within(name, "labyrinth_core.env")
+    ]
+    assert {"labyrinth_core.world.solver", "labyrinth_core.data.loader"} <= set(modules)
+    loaded = loaded_by("\n".join(f"importlib.import_module({name!r})" for name in modules))
     assert "numpy" in loaded
-    assert loaded & libraries - sys.stdlib_module_names <= {"numpy", "labyrinth_core"}
+    assert loaded & LIBRARIES == {"numpy"}
+
+
+def test_importing_the_library_imports_nothing_else():
+    assert loaded_by("import labyrinth_core") & LIBRARIES == set()
+
+
+def test_every_public_name_of_the_library_is_what_its_module_defines():
+    for name in labyrinth_core.__all__:
+        value = getattr(labyrinth_core, name)
+        assert value.__name__ == name
+        assert within(value.__module__, "labyrinth_core")
+    assert set(labyrinth_core.__all__) <= set(dir(labyrinth_core))
+    with pytest.raises(AttributeError, match="has no attribute 'Maze'"):
+        _ = labyrinth_core.Maze

@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from labyrinth_core import __version__
-from labyrinth_core.labyrinth import Task
-from labyrinth_core.language import dump, parse
-from pipeline.config import OPTIONS
-from pipeline.schema import COLUMNS, SPLITS
+from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.labyrinth import Task
+from pipeline.config.run import OPTIONS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

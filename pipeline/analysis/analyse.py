@@ -15,17 +15,17 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.storage import AnyPath, write_text
 from pipeline.analysis.content import Content, ReadJob, read
 from pipeline.analysis.elsewhere import Files, labyrinths_of
 from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
-from pipeline.config import Run
-from pipeline.executor import ordered_map
-from pipeline.manifest import ANALYSIS, Manifest, write_text
-from pipeline.schema import SPLITS
-from pipeline.storage import AnyPath
-from pipeline.terminal import console, tracked
+from pipeline.config.run import Run
+from pipeline.machinery.console import console, tracked
+from pipeline.machinery.executor import ordered_map
 
 FORMAT = 1
 LEAKS_SHOWN = 10

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.grid import Action
-from labyrinth_core.labyrinth import Labyrinth
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis.walks import walks_of
-from pipeline.manifest import DatasetError, Shard
-from pipeline.storage import AnyPath
 
 
 class ReadJob(NamedTuple):

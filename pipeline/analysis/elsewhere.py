@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import labyrinth_id, load, parse
-from pipeline.manifest import DatasetError
-from pipeline.source import stream_infos
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.source import stream_infos
+from labyrinth_core.language.text import labyrinth_id, load, parse
+from labyrinth_core.world.labyrinth import Labyrinth
 
 Files = dict[str, dict[str, str]]
 """Split -> id of a labyrinth -> path of the file it is in."""

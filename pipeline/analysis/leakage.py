@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import labyrinth_id
-from labyrinth_core.solver import shortest_routes
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, nearest, passage_table
+from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis.symmetry import canonical_keys
-from pipeline.near_twins import FAR, JOINED_WALLS, nearest, passage_table
-from pipeline.schema import SAMPLED_SPLITS, SPLITS
 
 NEAR = range(1, JOINED_WALLS + 1)
 """Walls that near twins are counted by."""

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.world.near_twins import passage_table
 from pipeline.analysis.content import Content
 from pipeline.analysis.shift import (
     PERMUTATIONS,
@@ -30,7 +31,6 @@ from pipeline.analysis.shift import (
     permutation_test,
     wasserstein_of_counts,
 )
-from pipeline.near_twins import passage_table
 
 
 class Sample(NamedTuple):

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from labyrinth_core.dynamics import initial, state_index, transition_table
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import parse
-from labyrinth_core.solver import distances
-from pipeline.episodes import grouped
-from pipeline.manifest import DatasetError, Shard
-from pipeline.source import read_rows
-from pipeline.storage import AnyPath
+from labyrinth_core.data.episodes import grouped
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.source import read_rows
+from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import initial, state_index, transition_table
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import distances
 
 
 class Walk(NamedTuple):

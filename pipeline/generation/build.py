@@ -14,29 +14,24 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-from labyrinth_core.labyrinth import Structure
-from pipeline import front_matter
-from pipeline.config import ConfigError, DatasetConfig, Run
-from pipeline.executor import ordered_map
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS, Row
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.prefetch import batched
+from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, new_file, write_text
+from labyrinth_core.world.labyrinth import Structure
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
 from pipeline.generation.render import render
 from pipeline.generation.sample import ACTING, check_capacity, item_rng, labyrinth_of, stream
 from pipeline.generation.solve import solve
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
-from pipeline.locks import held
-from pipeline.manifest import (
-    MANIFEST,
-    DatasetError,
-    Manifest,
-    Shard,
-    current_versions,
-    file_sha256,
-    write_text,
-)
-from pipeline.prefetch import batched
-from pipeline.schema import SAMPLED_SPLITS, SPLITS, Row
-from pipeline.storage import AnyPath, RemotePath, new_file
-from pipeline.terminal import console, summary, tracked
+from pipeline.machinery import front_matter
+from pipeline.machinery.console import console, summary, tracked
+from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.locks import held
 
 CELLS_PER_SHARD = 400_000
 """Cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""

@@ -17,19 +17,20 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.dynamics import State, initial, is_terminal, reward, transition
-from labyrinth_core.grid import Action
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.renderer import PICTURE_SIZE, render
-from pipeline.config import DatasetConfig
-from pipeline.errors import one_line
-from pipeline.fingerprint import Fingerprint, decoded_picture_digest
+from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema, open_shard, read_schema, texts
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import one_line
+from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
-from pipeline.manifest import Shard, file_sha256
-from pipeline.schema import NO_ACTION, Row, arrow_schema, open_shard, read_schema, texts
-from pipeline.storage import AnyPath, local_copy
 
 
 @dataclass

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, repeat
 from typing import NamedTuple
 
-from labyrinth_core.dynamics import State
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import dump
-from labyrinth_core.png import Mosaic
-from labyrinth_core.renderer import PICTURE_SIZE, Painter
-from labyrinth_core.rollout import Episode
-from pipeline.fingerprint import PictureDigest
-from pipeline.schema import NO_ACTION, Row
+from labyrinth_core.data.columns import NO_ACTION, Row
+from labyrinth_core.data.fingerprint import PictureDigest
+from labyrinth_core.language.text import dump
+from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import Episode
 
 REMEMBERED_BYTES = 32 << 20
 """Pictures of a labyrinth whose episodes come back to the same states; 1,200 at 100x100."""

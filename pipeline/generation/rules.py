@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from labyrinth_core import solver
-from labyrinth_core.grid import manhattan
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.tasks import default_start_and_goal, tiles_matter
-from pipeline.config import DatasetConfig
+from labyrinth_core.data.columns import SAMPLED_SPLITS
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.world import solver
+from labyrinth_core.world.grid import manhattan
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.tasks import default_start_and_goal, tiles_matter
 from pipeline.generation.sample import split_of
-from pipeline.schema import SAMPLED_SPLITS
 
 
 def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:

@@ -19,19 +19,20 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from labyrinth_core.grid import neighbours
-from labyrinth_core.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.sampling import sample_structures
-from labyrinth_core.tasks import (
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.world.grid import neighbours
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.near_twins import Neighbourhood
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.tasks import (
     change_start,
     change_start_and_goal,
     default_start_and_goal,
     place,
 )
-from pipeline.config import ConfigError, DatasetConfig
-from pipeline.key_set import KeySet
-from pipeline.near_twins import Neighbourhood
-from pipeline.schema import SAMPLED_SPLITS, SPLITS
+from pipeline.config.errors import ConfigError
+from pipeline.generation.key_set import KeySet
 
 PATIENCE = 300_000
 """Structures drawn in vain after which the sampler gives up."""

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.rollout import Episode, random_episode, replay
-from labyrinth_core.solver import shortest_route, shortest_routes, simple_routes
-from pipeline.config import DatasetConfig
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import Episode, random_episode, replay
+from labyrinth_core.world.solver import shortest_route, shortest_routes, simple_routes
 
 
 class Solution(NamedTuple):

@@ -10,13 +10,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.config import Run
-from pipeline.executor import ordered_map
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest, Shard, current_versions
+from labyrinth_core.data.storage import AnyPath
+from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
-from pipeline.manifest import DatasetError, Manifest, Shard, current_versions
-from pipeline.schema import SAMPLED_SPLITS, SPLITS
-from pipeline.storage import AnyPath
-from pipeline.terminal import console, tracked
+from pipeline.machinery.console import console, tracked
+from pipeline.machinery.executor import ordered_map
 
 PROBLEMS_SHOWN = 20
 

@@ -9,9 +9,10 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.config import DatasetConfig
-from pipeline.manifest import MANIFEST, DatasetError, Manifest, current_versions, write_text
-from pipeline.storage import AnyPath, RemotePath
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest, current_versions
+from labyrinth_core.data.storage import AnyPath, RemotePath, write_text
 
 _CONFIG = "config.json"
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.fingerprint import Fingerprint
-from pipeline.manifest import file_sha256
-from pipeline.schema import NO_ACTION, Row, arrow_schema
+from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
+from labyrinth_core.data.fingerprint import Fingerprint
+from labyrinth_core.data.storage import file_sha256
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 from PIL import Image, ImageDraw, ImageFont
 
-from labyrinth_core.dynamics import State, initial, transition
-from labyrinth_core.labyrinth import Labyrinth, Structure, Task
-from labyrinth_core.renderer import DEFAULT_STYLE, Colour, render
-from pipeline.storage import AnyPath, write_bytes
+from labyrinth_core.data.storage import AnyPath, write_bytes
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
+from labyrinth_core.world.dynamics import State, initial, transition
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 WIDTH = 1080
 MARGIN = 36

@@ -12,10 +12,13 @@ from typing import Any
 
 import yaml
 
-from pipeline import front_matter
-from pipeline.config import Run
-from pipeline.locks import held
-from pipeline.manifest import ANALYSIS, MANIFEST, DatasetError, Manifest, file_sha256, write_text
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
+from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
+from pipeline.config.run import Run
+from pipeline.machinery import front_matter
+from pipeline.machinery.console import console, progress
+from pipeline.machinery.locks import held
 from pipeline.release import readme
 from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
@@ -23,8 +26,6 @@ from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.provenance import ARXIV, Release
 from pipeline.release.statistics import DatasetStatistics, measure
-from pipeline.storage import AnyPath
-from pipeline.terminal import console, progress
 
 HASHES = "SHA256SUMS"
 

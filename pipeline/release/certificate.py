@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.manifest import ANALYSIS, DatasetError, Manifest
-from pipeline.schema import SAMPLED_SPLITS
-from pipeline.storage import AnyPath
+from labyrinth_core.data.columns import SAMPLED_SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.storage import AnyPath
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from pipeline.manifest import Manifest
+from labyrinth_core.data.manifest import Manifest
 
 _TITLE = """# Changelog
 

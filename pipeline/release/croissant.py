@@ -11,7 +11,8 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from pipeline.config import DatasetConfig
+from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.dataset_config import DatasetConfig
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
@@ -23,7 +24,6 @@ from pipeline.release.provenance import (
     command,
 )
 from pipeline.release.statistics import DatasetStatistics
-from pipeline.schema import COLUMNS, SPLITS
 
 REPOSITORY = "repo"
 """Id of the whole; `mapping={"repo": folder}` makes mlcroissant read a local copy."""

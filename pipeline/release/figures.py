@@ -6,9 +6,10 @@ from collections.abc import Callable
 from itertools import accumulate
 from typing import NamedTuple
 
-from labyrinth_core.grid import Action
-from labyrinth_core.renderer import DEFAULT_STYLE, Colour
-from pipeline.markdown import count
+from labyrinth_core.data.columns import SAMPLED_SPLITS
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
+from labyrinth_core.world.grid import Action
+from pipeline.machinery.markdown import count
 from pipeline.release.canvas import (
     INK,
     LINE,
@@ -25,7 +26,6 @@ from pipeline.release.canvas import (
 )
 from pipeline.release.statistics import DatasetStatistics, SplitStatistics
 from pipeline.release.tally import EXAMPLES
-from pipeline.schema import SAMPLED_SPLITS
 
 ACTION_COLOURS: dict[Action, Colour] = {
     Action.UP: DEFAULT_STYLE.agent,

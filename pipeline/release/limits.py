@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from labyrinth_core.grid import Action
+from labyrinth_core.world.grid import Action
 from pipeline.release.statistics import DatasetStatistics
 
 

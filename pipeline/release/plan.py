@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from pipeline.manifest import file_sha256
+from labyrinth_core.data.storage import file_sha256
 
 _DATA = r"\d+x\d+(-\w+)?/(manifest\.json|\w+-\d{5,}-of-\d{5,}\.parquet)"
 _CARD = (

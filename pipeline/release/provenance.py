@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labyrinth_core import __version__
-from pipeline.config import DatasetConfig
+from labyrinth_core.data.dataset_config import DatasetConfig
 
 PLACEHOLDER = "user/labyrinth"
 """Stands for the id of a dataset that is not on the Hub yet."""

@@ -21,10 +21,11 @@ from pathlib import Path
 from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, get_token
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
-from pipeline import front_matter
-from pipeline.config import Run
-from pipeline.manifest import DatasetError
-from pipeline.publish_config import PublishOptions
+from labyrinth_core.data.errors import DatasetError
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import Run
+from pipeline.machinery import front_matter
+from pipeline.machinery.console import console, tracked
 from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
 from pipeline.release.readme import PICTURES
@@ -37,7 +38,6 @@ from pipeline.release.remote import (
     is_passing,
     reasons,
 )
-from pipeline.terminal import console, tracked
 
 CACHES = ("_CACHE", "_PATH", "_OFFLINE")
 """How the names of variables end by which the Hub's clients are told of another cache."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from labyrinth_core.grid import Action
-from labyrinth_core.labyrinth import Task
-from labyrinth_core.language import dump
-from pipeline.manifest import ANALYSIS
-from pipeline.markdown import count, table
+from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.manifest import ANALYSIS
+from labyrinth_core.language.text import dump
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Task
+from pipeline.machinery.markdown import count, table
 from pipeline.release.citation import paper_bibtex, software_bibtex
 from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits
@@ -22,7 +23,6 @@ from pipeline.release.provenance import (
     command,
 )
 from pipeline.release.statistics import DatasetStatistics
-from pipeline.schema import COLUMNS, SPLITS
 
 PICTURES = "pictures"
 BANNER = f"{PICTURES}/labyrinth.png"
@@ -102,7 +102,7 @@ With the loader of *Labyrinth datasets*, as transitions (s, a, s') that never cr
 episode:
 
 ```python
-from pipeline.loader import load_transitions
+from labyrinth_core import load_transitions
 
 transitions = load_transitions("{name}", "{default}", split="train", image_size=64{revision})
 observation, action, next_observation = transitions[0]
@@ -329,7 +329,7 @@ first of `test` in `{smallest.name}`:
 
 The top line is the highest row. Cells and walls alternate: `|` and `-` are walls, a blank is an
 open passage, `+` the point between four cells; `S` is the start, `E` the goal, `K` a key, `D` a
-door, `I` ice. The three settings switch a task on. `labyrinth_core.language.parse` reads it,
+door, `I` ice. The three settings switch a task on. `labyrinth_core.language.text.parse` reads it,
 `labyrinth check FILE` explains what is wrong with one, and `docs/language.md` of the software has
 the grammar; the [paper]({PAPER_URL}) introduces it."""
 

@@ -19,8 +19,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
     RevisionNotFoundError,
 )
 
-from pipeline.errors import one_line
-from pipeline.manifest import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.release.plan import RemoteFile
 
 WAITS = (0.2, 1.0, 3.0)

@@ -8,18 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.executor import ordered_map
-from pipeline.manifest import DatasetError, Manifest
-from pipeline.release.certificate import (
-    Certificate,
-    Closeness,
-    Structures,
-    certify,
-    read_closeness,
-)
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import AnyPath
+from pipeline.machinery.executor import ordered_map
+from pipeline.release.certificate import Certificate, Closeness, Structures, certify, read_closeness
 from pipeline.release.tally import Example, Tally, TallyJob, tally_shard
-from pipeline.schema import SPLITS
-from pipeline.storage import AnyPath
 
 
 @dataclass(frozen=True, eq=False)

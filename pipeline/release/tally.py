@@ -17,14 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.dynamics import initial, state_index, transition_table
-from labyrinth_core.grid import Action
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import parse
-from labyrinth_core.solver import optimal_actions
-from pipeline.manifest import DatasetError, Shard, file_sha256
-from pipeline.schema import NO_ACTION, open_shard
-from pipeline.storage import AnyPath, local_copy
+from labyrinth_core.data.columns import NO_ACTION, open_shard
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import initial, state_index, transition_table
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import optimal_actions
 
 EXAMPLES = 5
 """Labyrinths of each split that the pictures show."""

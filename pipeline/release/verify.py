@@ -20,14 +20,14 @@ import numpy as np
 from huggingface_hub import HfApi, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
-from pipeline import front_matter
-from pipeline.errors import one_line
-from pipeline.fingerprint import Fingerprint, decoded_picture_digest
-from pipeline.manifest import MANIFEST, DatasetError, Manifest, Shard
+from labyrinth_core.data.columns import SPLITS, Row
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from pipeline.machinery import front_matter
 from pipeline.release.card import published_files
 from pipeline.release.plan import make_plan
 from pipeline.release.remote import WAITS, Remote
-from pipeline.schema import SPLITS, Row
 
 
 def verify(repo_id: str, commit: str, folder: Path) -> str:

@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from pipeline.config import ConfigError
+from pipeline.config.errors import ConfigError
 
 _missing = [name for name in ("matplotlib", "safetensors", "torch") if find_spec(name) is None]
 if _missing:

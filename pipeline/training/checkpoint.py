@@ -18,10 +18,9 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from pipeline.errors import one_line
-from pipeline.manifest import DatasetError
-from pipeline.training.files import save_tensors
-from pipeline.training.method import Learner
+from labyrinth_core.data.errors import DatasetError, one_line
+from pipeline.training.methods.method import Learner
+from pipeline.training.tensor_files import save_tensors
 
 Tensors = dict[str, Tensor]
 

@@ -13,19 +13,22 @@ from typing import Any
 
 from rich.table import Table
 
-from pipeline.bootstrap import interval
-from pipeline.config import Run
-from pipeline.manifest import DatasetError, Manifest, write_text
-from pipeline.prefetch import prefetched
-from pipeline.terminal import console, tracked
-from pipeline.training.baselines import BASELINES, compare
-from pipeline.training.evaluations import EVALUATION, FORMAT, SPLITS
-from pipeline.training.method import find
-from pipeline.training.policy import Policy, load_policy
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.prefetch import prefetched
+from labyrinth_core.data.storage import write_text
+from labyrinth_core.evaluation.baselines import BASELINES, compare
+from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, evaluate
+from pipeline.config.run import Run
+from pipeline.machinery.console import console, tracked
+from pipeline.training.methods.method import find
+from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
-from pipeline.training.scores import Scores, evaluate
+from pipeline.training.results.evaluations import EVALUATION, FORMAT
 from pipeline.training.train import choose_device, locate_dataset, spec_of, worlds_of
-from pipeline.training.worlds import Worlds
 
 
 def run(run: Run) -> None:
@@ -55,7 +58,7 @@ def run(run: Run) -> None:
     scores: dict[str, Scores] = {}
     baselines: dict[str, Any] = {}
     splits = ((1, each) for each in evaluate_splits(policy, worlds_of(run)))
-    for split, worlds, found in tracked(splits, "evaluate", total=len(SPLITS)):
+    for split, worlds, found in tracked(splits, "evaluate", total=len(EVALUATED_SPLITS)):
         if split == "train":
             train = worlds
         scores[split] = found
@@ -68,10 +71,12 @@ def run(run: Run) -> None:
 
 
 def evaluate_splits(
-    policy: Policy, load: Callable[[str], Worlds]
-) -> Iterator[tuple[str, Worlds, Scores]]:
+    policy: Policy, load: Callable[[str], LabyrinthArrays]
+) -> Iterator[tuple[str, LabyrinthArrays, Scores]]:
     """Yield the five splits, train first, with what a policy achieves; the next loads meanwhile."""
-    with closing(prefetched(((split, load(split)) for split in SPLITS), ahead=1)) as loaded:
+    with closing(
+        prefetched(((split, load(split)) for split in EVALUATED_SPLITS), ahead=1)
+    ) as loaded:
         for split, worlds in loaded:
             yield split, worlds, evaluate(policy, worlds)
 

@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from labyrinth_core.evaluation.policy import Policy
+from pipeline.config.training import Protocol
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.method import Learner
-from pipeline.training.policy import NetworkPolicy, Policy
-from pipeline.training_config import Protocol
+from pipeline.training.methods.method import Learner
+from pipeline.training.policy import NetworkPolicy
 
 CHECKPOINT_SECONDS = 30.0
 """Of training that an interruption costs at most, and an epoch."""

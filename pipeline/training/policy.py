@@ -1,11 +1,11 @@
-"""What acts: the interface that every policy has, the policy of a network, and its file."""
+"""The policy of a network, and its file."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,24 +13,12 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
-from pipeline.errors import one_line
-from pipeline.manifest import DatasetError
-from pipeline.training.files import save_tensors
-from pipeline.training.networks import MOMENTUM, Network, NetworkSpec
+from labyrinth_core.data.errors import DatasetError, one_line
+from pipeline.training.networks.network import MOMENTUM, Network, NetworkSpec
+from pipeline.training.tensor_files import save_tensors
 
 BATCH = 256
 """Observations that a policy looks at together, at most."""
-
-
-class Policy(Protocol):
-    """What is evaluated; the action is that of the highest score."""
-
-    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
-        """Return scores of the actions, shape (B, 4).
-
-        Args:
-            observations: uint8 (B, size, size, 3), or vectors (B, length).
-        """
 
 
 def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:

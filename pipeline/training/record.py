@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core import __version__
-from pipeline.config import ConfigError
-from pipeline.manifest import DatasetError, write_text
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import write_text
+from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import Progress
 
 RECORD = "run.json"

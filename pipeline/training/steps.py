@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.loader import load_episodes
-from pipeline.manifest import DatasetError
-from pipeline.training.worlds import Worlds
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 
 
 class Steps(NamedTuple):
-    """Steps in the labyrinths of `Worlds`; the last state of an episode begins none."""
+    """Steps in the labyrinths of `LabyrinthArrays`; the last state of an episode begins none."""
 
     states: NDArray[np.int64]
     """Number of the state acted in, shape (N,)."""
@@ -24,7 +24,7 @@ class Steps(NamedTuple):
     """Number of the state that the action led to, shape (N,)."""
 
 
-def steps_from(worlds: Worlds, first: int, actions: NDArray[np.int64]) -> Steps:
+def steps_from(worlds: LabyrinthArrays, first: int, actions: NDArray[np.int64]) -> Steps:
     """Return the steps of an episode that begins in a state."""
     states = [first]
     for action in actions.tolist():
@@ -34,7 +34,12 @@ def steps_from(worlds: Worlds, first: int, actions: NDArray[np.int64]) -> Steps:
 
 
 def load_steps(
-    source: str | Path, config: str, split: str, worlds: Worlds, *, revision: str | None = None
+    source: str | Path,
+    config: str,
+    split: str,
+    worlds: LabyrinthArrays,
+    *,
+    revision: str | None = None,
 ) -> Steps:
     """Return the steps of all episodes of a split, in order.
 

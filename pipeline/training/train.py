@@ -16,17 +16,22 @@ from typing import Any
 import numpy as np
 import torch
 
-from pipeline.config import ConfigError, Run
-from pipeline.manifest import MANIFEST, DatasetError, Manifest
-from pipeline.source import locate
-from pipeline.storage import AnyPath
-from pipeline.terminal import console, progress
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.source import locate
+from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.policy import Policy
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
+from pipeline.machinery.console import console, progress
 from pipeline.training.checkpoint import Progress, differences
-from pipeline.training.following import success_rate
 from pipeline.training.loop import Judge, fit
-from pipeline.training.method import BaseSettings, Learner, Problem, find
-from pipeline.training.networks import NetworkSpec
-from pipeline.training.policy import Policy, save_policy
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
+from pipeline.training.networks.network import NetworkSpec
+from pipeline.training.policy import save_policy
 from pipeline.training.record import (
     CHECKPOINT,
     POLICY,
@@ -36,8 +41,6 @@ from pipeline.training.record import (
     write_record,
 )
 from pipeline.training.steps import Steps, load_steps
-from pipeline.training.worlds import Worlds, load_worlds
-from pipeline.training_config import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 
 
 def run(run: Run) -> None:
@@ -126,12 +129,12 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
-def worlds_of(run: Run) -> Callable[[str], Worlds]:
+def worlds_of(run: Run) -> Callable[[str], LabyrinthArrays]:
     """Return what loads a split as the policy of a run sees it."""
     options = run.training
     assert options is not None
     return partial(
-        load_worlds,
+        load_arrays,
         options.source,
         run.dataset.name,
         observation=options.observation,

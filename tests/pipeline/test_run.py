@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 
-from labyrinth_core.labyrinth import Structure
-from pipeline.config import OPTIONS, Run
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.world.labyrinth import Structure
+from pipeline.config.run import OPTIONS, Run
 from pipeline.generation.sample import split_of
-from pipeline.manifest import Manifest
-from pipeline.schema import SPLITS
 
 RUN = Path(__file__).parents[2] / "run.py"
 STAGES = "stages=[build,validate]"

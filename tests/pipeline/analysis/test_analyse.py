@@ -9,13 +9,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import dump, labyrinth_id, parse
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis import analyse
 from pipeline.analysis.measures import Shift
-from pipeline.config import LeakageConfig
-from pipeline.manifest import ANALYSIS, DatasetError, Manifest
-from pipeline.schema import SAMPLED_SPLITS, SPLITS
+from pipeline.config.analysis import LeakageConfig
 
 
 def infos(folder, split):

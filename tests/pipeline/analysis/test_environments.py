@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 
-from labyrinth_core.labyrinth import Task
-from pipeline.analysis import environments
-from pipeline.analysis.summaries import Summary
-from pipeline.config import AnalysisConfig, ConfigError, Run, RunConfig, resolve
-from pipeline.manifest import DatasetError
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.world.labyrinth import Task
+from pipeline.analysis.environments import stage as environments
+from pipeline.analysis.environments.summaries import Summary
+from pipeline.config.analysis import AnalysisConfig
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run, RunConfig, resolve
 
 REPORT = {"environments.json", "environments.csv", "environments.md", "visits.png", "visits.svg"}
 

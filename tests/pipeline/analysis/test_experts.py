@@ -14,12 +14,12 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.analysis.experts import expert_of, source_of, stable_baselines
-from pipeline.analysis.experts.stable_baselines import read_archive
-from pipeline.analysis.worlds import world_of
-from pipeline.analysis_config import LABYRINTH
-from pipeline.config import RunConfig, resolve
-from pipeline.manifest import DatasetError
+from labyrinth_core.data.errors import DatasetError
+from pipeline.analysis.environments.environment import world_of
+from pipeline.analysis.environments.experts import expert_of, source_of, stable_baselines
+from pipeline.analysis.environments.experts.stable_baselines import read_archive
+from pipeline.config.analysis import LABYRINTH
+from pipeline.config.run import RunConfig, resolve
 
 DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
 

@@ -7,10 +7,10 @@ from itertools import combinations, islice
 import numpy as np
 import pytest
 
-from labyrinth_core.labyrinth import Labyrinth, Structure
-from labyrinth_core.language import labyrinth_id
-from labyrinth_core.sampling import sample_structures
-from labyrinth_core.solver import shortest_routes
+from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis import leakage
 from pipeline.analysis.leakage import certify
 

@@ -9,18 +9,18 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import parse
-from labyrinth_core.rollout import replay
-from labyrinth_core.sampling import sample_structures
-from labyrinth_core.solver import shortest_routes
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.episodes import grouped
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import read_rows
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis.analyse import read_contents
 from pipeline.analysis.content import Content
 from pipeline.analysis.measures import MEASURES, compare
-from pipeline.episodes import grouped
-from pipeline.manifest import Manifest
-from pipeline.schema import SPLITS
-from pipeline.source import read_rows
 
 PAIR = ("train", "s0_and_g")
 

@@ -10,7 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.analysis.experts.random_search import FIRST_SEED, Search, Settings, improve
+from pipeline.analysis.environments.experts.random_search import (
+    FIRST_SEED,
+    Search,
+    Settings,
+    improve,
+)
 
 SETTINGS = Settings(step_size=0.1, directions=8, noise=0.1, top=4)
 TARGET = np.array([[1.0, -2.0, 0.5]])

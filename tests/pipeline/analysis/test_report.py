@@ -12,17 +12,18 @@ import numpy as np
 import pytest
 from reporting import METHOD, analyse, evaluate
 
-from labyrinth_core.language import parse
-from labyrinth_core.solver import shortest_route
-from pipeline.analysis import report
-from pipeline.analysis.findings import read_analysis, read_results
-from pipeline.analysis.packing import pack, pack_walks
-from pipeline.analysis.report import PAGE, page, write_report
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.solver import shortest_route
+from pipeline.analysis.report import stage as report
+from pipeline.analysis.report.findings import read_analysis, read_results
+from pipeline.analysis.report.packing import pack, pack_walks
+from pipeline.analysis.report.stage import PAGE, page, write_report
 from pipeline.analysis.walks import walks
-from pipeline.loader import load_episodes
-from pipeline.manifest import ANALYSIS, DatasetError, Manifest
 from pipeline.release.card import published_files, write_card
-from pipeline.schema import SPLITS
 
 ROOMY = 10**9
 

@@ -14,17 +14,17 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from reporting import METHOD, analyse, evaluate, ids_of
 
-from labyrinth_core.__main__ import main
-from labyrinth_core.labyrinth import Labyrinth, LabyrinthError, Task
-from labyrinth_core.labyrinth_source import sample_labyrinth
-from labyrinth_core.language import LabyrinthSyntaxError, dump, load, parse
-from labyrinth_core.solver import distances, optimal_actions
-from pipeline.analysis import report
-from pipeline.analysis.report import write_report
-from pipeline.config import Run
-from pipeline.front_matter import finished
-from pipeline.loader import load_episodes
-from pipeline.schema import SPLITS
+from labyrinth_core.command.main import main
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.solver import distances, optimal_actions
+from pipeline.analysis.report import stage as report
+from pipeline.analysis.report.stage import write_report
+from pipeline.config.run import Run
+from pipeline.machinery.front_matter import finished
 
 DATA = Path(__file__).parents[2] / "data"
 WAIT = 60_000

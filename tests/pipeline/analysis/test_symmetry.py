@@ -7,9 +7,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from labyrinth_core.sampling import sample_structures
+from labyrinth_core.world.near_twins import passage_table
+from labyrinth_core.world.sampling import sample_structures
 from pipeline.analysis.symmetry import canonical_keys
-from pipeline.near_twins import passage_table
 
 
 def keys_of(structures, cells=None):

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import wasserstein_distance
 
-from pipeline.analysis.frames import Axes, Frame
-from pipeline.analysis.summaries import Summary
-from pipeline.analysis.variation import corrected, manhattan_distances, measure
-from pipeline.analysis.worlds import Trajectory, World
+from pipeline.analysis.environments.environment import Trajectory, World
+from pipeline.analysis.environments.frames import Axes, Frame
+from pipeline.analysis.environments.summaries import Summary
+from pipeline.analysis.environments.variation import corrected, manhattan_distances, measure
 
 SEEDS = st.integers(0, 2**32 - 1)
 

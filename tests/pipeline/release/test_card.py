@@ -24,18 +24,19 @@ from omegaconf import OmegaConf
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
 
-from labyrinth_core.language import dump, parse
-from labyrinth_core.renderer import DEFAULT_STYLE
-from labyrinth_core.solver import shortest_routes
-from pipeline import front_matter
+from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis import analyse
-from pipeline.config import RunConfig, register, resolve
-from pipeline.manifest import ANALYSIS, DatasetError, Manifest
+from pipeline.config.run import RunConfig, register, resolve
+from pipeline.machinery import front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.changelog import updated
 from pipeline.release.figures import FIGURES
-from pipeline.schema import COLUMNS, SPLITS
 
 ROOT = Path(__file__).parents[3]
 TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")

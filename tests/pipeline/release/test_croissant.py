@@ -12,9 +12,10 @@ import pytest
 from PIL import Image
 from planting import DEFAULT, OTHER
 
-from pipeline.manifest import Manifest, file_sha256
+from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import file_sha256
 from pipeline.release import card
-from pipeline.schema import COLUMNS, SPLITS
 
 pytestmark = [
     # Of rdflib and of pandas, about how mlcroissant 1.1 calls them.

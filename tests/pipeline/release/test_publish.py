@@ -28,16 +28,18 @@ from publishing import (
     published,
 )
 
-from pipeline.config import ConfigError, PublishConfig, RunConfig, resolve
+from labyrinth_core.data.columns import SPLITS
+from pipeline.config.errors import ConfigError
+from pipeline.config.publish import PublishConfig
+from pipeline.config.run import RunConfig, resolve
 from pipeline.release.remote import reasons
-from pipeline.schema import SPLITS
 
 LOADED = """
 import json, os, sys
 from pathlib import Path
 import pyarrow.parquet as pq
 from datasets import Image, get_dataset_config_names, get_dataset_split_names, load_dataset
-from pipeline.loader import load_transitions
+from labyrinth_core import load_transitions
 
 repo, revision, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
 results = {}

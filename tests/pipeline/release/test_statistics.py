@@ -10,14 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.language import dump, parse
-from labyrinth_core.rollout import replay
-from labyrinth_core.solver import distances
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import distances
 from pipeline.generation import build
-from pipeline.manifest import DatasetError, Manifest
 from pipeline.release.statistics import measure
-from pipeline.schema import SAMPLED_SPLITS, SPLITS
 
 
 def measured(folder):

@@ -11,10 +11,11 @@ import pytest
 import torch
 from safetensors import safe_open
 
-from pipeline.manifest import DatasetError
-from pipeline.training import bc, checkpoint
+from labyrinth_core.data.errors import DatasetError
+from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
-from pipeline.training.method import Learner, Problem
+from pipeline.training.methods import bc
+from pipeline.training.methods.method import Learner, Problem
 
 Problems = Callable[..., Problem]
 

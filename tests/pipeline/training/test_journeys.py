@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.training.following import follow, greedy_actions
-from pipeline.training.journeys import travel
-from pipeline.training.method import Problem
+from labyrinth_core.evaluation.following import follow, greedy_actions
+from labyrinth_core.evaluation.journeys import travel
+from pipeline.training.methods.method import Problem
 
 
 class Arbitrary:

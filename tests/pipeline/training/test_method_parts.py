@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.training import bco, dagger, gail, iupe, sqil
-from pipeline.training.acting import Walk, draw, softmax, walk
-from pipeline.training.method import Problem
+from pipeline.training.methods import bco, dagger, gail, iupe, sqil
+from pipeline.training.methods.acting import Walk, draw, softmax, walk
+from pipeline.training.methods.method import Problem
 
 Problems = Callable[..., Problem]
 

@@ -14,16 +14,16 @@ import torch
 import yaml
 from torch import nn
 
+from labyrinth_core.evaluation.following import success_rate
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.following import success_rate
-from pipeline.training.method import Learner, Problem, find
+from pipeline.training.methods.method import Learner, Problem, find
 from pipeline.training.policy import NetworkPolicy
 
 Problems = Callable[..., Problem]
 
 CONF = Path(__file__).parents[3] / "conf" / "method"
-TRAINING = Path(__file__).parents[3] / "pipeline" / "training"
+TRAINING = Path(__file__).parents[3] / "pipeline" / "training" / "methods"
 
 TOYS: dict[str, dict[str, Any]] = {
     "bc": {"epochs": 15, "batch_size": 8, "learning_rate": 2e-3},
@@ -66,7 +66,7 @@ def test_each_method_is_tried_here_and_has_a_file_of_its_settings() -> None:
     elsewhere = {"planner"}  # It needs pictures: test_planner.py.
     assert modules == set(TOYS) | elsewhere == {path.stem for path in CONF.iterdir()}
     for name in modules:
-        settings = asdict(import_module(f"pipeline.training.{name}").Settings())
+        settings = asdict(import_module(f"pipeline.training.methods.{name}").Settings())
         assert yaml.safe_load((CONF / f"{name}.yaml").read_text()) == {"name": name} | settings
 
 

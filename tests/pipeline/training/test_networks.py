@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import nn
 
-from labyrinth_core.labyrinth import Task
-from labyrinth_core.vector import tile_count
-from pipeline.training.networks import (
+from labyrinth_core.pictures.vector import tile_count
+from labyrinth_core.world.labyrinth import Task
+from pipeline.training.networks.network import (
     Cnn,
     Discriminator,
     Mlp,

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-import pipeline.training
-from pipeline.config import Run, RunConfig, resolve
+import pipeline.training.methods
+from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.training import loop, train
-from pipeline.training.method import find
+from pipeline.training.methods.method import find
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "new-method.md").read_text(encoding="utf-8")
 
@@ -30,8 +30,8 @@ def test_the_example_is_trained_as_any_other_method(
     source = block("python")
     assert len(source.splitlines()) < 60
     (tmp_path / "smoothed.py").write_text(source)
-    path = [*pipeline.training.__path__, str(tmp_path)]
-    monkeypatch.setattr(pipeline.training, "__path__", path)
+    path = [*pipeline.training.methods.__path__, str(tmp_path)]
+    monkeypatch.setattr(pipeline.training.methods, "__path__", path)
     settings = yaml.safe_load(block("yaml"))
     assert settings == {"name": "smoothed"} | asdict(find("smoothed", {})[1])
     run = resolve(

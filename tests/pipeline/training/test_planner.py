@@ -13,19 +13,21 @@ import pytest
 import torch
 from torch import nn
 
-from labyrinth_core.labyrinth import Labyrinth
-from labyrinth_core.sampling import sample_structures
-from pipeline.config import ConfigError, Run
-from pipeline.training import bc, checkpoint, planner
+from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.journeys import travel
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.sampling import sample_structures
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.following import success_rate
-from pipeline.training.journeys import travel
-from pipeline.training.method import Problem
-from pipeline.training.networks import NetworkSpec
-from pipeline.training.planning import FAR, Bellman, Planner
+from pipeline.training.methods import bc, planner
+from pipeline.training.methods.method import Problem
+from pipeline.training.networks.network import NetworkSpec
+from pipeline.training.networks.planning import FAR, Bellman, Planner
 from pipeline.training.policy import NetworkPolicy, load_policy
 from pipeline.training.record import POLICY, read_record
-from pipeline.training.worlds import load_worlds
 
 Problems = Callable[..., Problem]
 
@@ -161,7 +163,7 @@ def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Probl
 def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
     problem_of: Problems, small_dataset: Run
 ) -> None:
-    held_out = load_worlds(small_dataset.data_dir, "3x3", "test")
+    held_out = load_arrays(small_dataset.data_dir, "3x3", "test")
     rates = []
     for learner in (
         toy(problem_of(encoder="cnn")),

@@ -9,8 +9,8 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from pipeline.manifest import DatasetError
-from pipeline.training.networks import Network, NetworkSpec
+from labyrinth_core.data.errors import DatasetError
+from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import BATCH, NetworkPolicy, load_policy, outputs_of, save_policy
 
 SPEC = NetworkSpec("cnn", 1, 3, 3, "navigation")

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labyrinth_core.dynamics import is_terminal, transition
-from labyrinth_core.labyrinth import Labyrinth, Task
-from labyrinth_core.solver import distances
-from pipeline.training.method import Problem
-from pipeline.training.relabelling import NO_LABEL, Routes
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.world.dynamics import is_terminal, transition
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.solver import distances
+from pipeline.training.methods.method import Problem
+from pipeline.training.methods.relabelling import NO_LABEL, Routes
 from pipeline.training.steps import load_steps
-from pipeline.training.worlds import load_worlds
 
 
 def routes_of(datasets: Path, task: str) -> Routes:
     config = "3x4" if task == "navigation" else f"3x4-{task}"
-    worlds = load_worlds(datasets, config, "train")
+    worlds = load_arrays(datasets, config, "train")
     return Routes(worlds, load_steps(datasets, config, "train", worlds))
 
 

@@ -10,15 +10,15 @@ import shutil
 import numpy as np
 import pytest
 
-from pipeline.manifest import DatasetError
-from pipeline.training import results
-from pipeline.training.baselines import compare
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.baselines import compare
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
 from pipeline.training.evaluate import as_text, describe
-from pipeline.training.evaluations import SPLITS, read, read_all, summarise
-from pipeline.training.paper import METHODS, paper_figures
-from pipeline.training.scores import evaluate
-from pipeline.training.tables import MARK
-from pipeline.training.worlds import load_worlds
+from pipeline.training.results import stage as results
+from pipeline.training.results.evaluations import read, read_all, summarise
+from pipeline.training.results.paper import METHODS, paper_figures
+from pipeline.training.results.result_tables import MARK
 
 PAPER = paper_figures()
 
@@ -26,7 +26,7 @@ PAPER = paper_figures()
 def test_the_paper_has_six_methods_on_five_splits_at_three_sizes():
     sizes = ("3x3", "4x4", "5x5")
     assert set(PAPER) == {
-        (size, split, method) for size in sizes for split in SPLITS for method in METHODS
+        (size, split, method) for size in sizes for split in EVALUATED_SPLITS for method in METHODS
     }
     assert all(figure.table == figure.size for figure in PAPER.values())
     # Read off the tables again, at the corners.
@@ -94,11 +94,15 @@ def evaluated(small_dataset, tmp_path_factory):
     """Evaluations of two methods with two seeds, as the stage `evaluate` leaves them."""
     run_dir = tmp_path_factory.mktemp("runs")
     worlds = {
-        split: load_worlds(small_dataset.data_dir, "3x3", split, image_size=16) for split in SPLITS
+        split: load_arrays(small_dataset.data_dir, "3x3", split, image_size=16)
+        for split in EVALUATED_SPLITS
     }
-    baselines = {split: compare(worlds["train"], worlds[split]) for split in SPLITS}
+    baselines = {split: compare(worlds["train"], worlds[split]) for split in EVALUATED_SPLITS}
     for method, seed in (("bc", 0), ("bc", 1), ("mine", 0)):
-        scores = {split: evaluate(Chance(worlds[split], seed), worlds[split]) for split in SPLITS}
+        scores = {
+            split: evaluate(Chance(worlds[split], seed), worlds[split])
+            for split in EVALUATED_SPLITS
+        }
         record = {
             "run": {
                 "method": method,
@@ -134,14 +138,16 @@ def run_of(make_run, tmp_path):
 def test_the_file_of_an_evaluation_is_json_with_a_line_for_each_split(evaluated):
     text = (evaluated / "3x3" / "bc-cnn-seed0" / "evaluation.json").read_text(encoding="utf-8")
     assert as_text(json.loads(text)) == text
-    assert all(sum(f'"{split}": ' in line for line in text.splitlines()) == 2 for split in SPLITS)
+    assert all(
+        sum(f'"{split}": ' in line for line in text.splitlines()) == 2 for split in EVALUATED_SPLITS
+    )
     assert len(text) < 10_000
 
 
 def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
     runs = [read(path) for path in sorted(evaluated.glob("*/bc-*/evaluation.json"))]
     told = {figures.split: figures for figures in summarise(runs)}
-    for split in SPLITS:
+    for split in EVALUATED_SPLITS:
         each = [run.content["splits"][split] for run in runs]
         assert told[split].seeds == 2
         assert told[split].sr == pytest.approx(np.mean([figures["sr"] for figures in each]))

@@ -15,9 +15,12 @@ import pytest
 import torch
 
 import pipeline.training
-from pipeline.config import ConfigError, Run, RunConfig, resolve
-from pipeline.manifest import DatasetError, Manifest
-from pipeline.training import bc, loop, train
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.training import loop, train
+from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
 

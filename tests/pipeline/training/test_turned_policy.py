@@ -6,11 +6,17 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from labyrinth_core.dynamics import State, transition
-from labyrinth_core.labyrinth import Labyrinth, Structure
-from labyrinth_core.language import parse
-from labyrinth_core.renderer import render
-from pipeline.training.symmetry import SYMMETRIES, Averaged, turn, turn_examples, turned_actions
+from labyrinth_core.language.text import parse
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.dynamics import State, transition
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from pipeline.training.networks.turning import (
+    SYMMETRIES,
+    Averaged,
+    turn,
+    turn_examples,
+    turned_actions,
+)
 
 LABYRINTH = """
 labyrinth:

@@ -1,0 +1,134 @@
+"""What the command line understands: its commands, their options, and what these may be."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from labyrinth_core.world.grid import parse_size
+from labyrinth_core.world.labyrinth import Task
+
+ROUTES = 1_000
+"""How many routes `solve --all` looks for unless told otherwise."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(1, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def _size(text: str) -> tuple[int, int]:
+    try:
+        return parse_size(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _task(text: str) -> Task:
+    try:
+        return Task(text.replace("-", "_"))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: choose one of {', '.join(Task)}") from error
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) >= least):
+            raise argparse.ArgumentTypeError(f"{text!r}: give a whole number from {least:,} on")
+        return int(text)
+
+    return number
+
+
+def _probability(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1
+    if not 0 <= number <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: give a probability from 0 to 1")
+    return number
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return what reads the command line; a mistake in it ends with exit status 1."""
+    parser = _Parser(
+        prog="labyrinth",
+        description="Check, show, solve, make, convert and play labyrinths in the text language.",
+    )
+    commands = parser.add_subparsers(
+        title="commands", dest="command", required=True, metavar="COMMAND"
+    )
+
+    def command(name: str, text: str) -> argparse.ArgumentParser:
+        summary = text[0].lower() + text[1:].split(".")[0]
+        added: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=text)
+        return added
+
+    text = (
+        "Say of each file whether it holds a labyrinth. Mistakes are shown with line and column, "
+        "and the exit status is then 1."
+    )
+    check = command("check", text)
+    check.add_argument("files", nargs="+", metavar="FILE", help="a file; - for standard input")
+    _add_seed_of_tiles(check)
+    text = (
+        "Print a labyrinth, in colour on a terminal, or make a picture of it. Without --solution "
+        "the plain text is the canonical form of the file."
+    )
+    _add_show(command("show", text))
+    _add_solve(command("solve", "Print a shortest route as the actions to take."))
+    _add_new(command("new", "Draw a random labyrinth and print its text."))
+    text = "Print the text of a labyrinth that is given as a list of edges."
+    _add_convert(command("convert", text))
+    play = command("play", "Walk through a labyrinth with the arrow keys; q quits.")
+    _add_file(play)
+    _add_seed_of_tiles(play)
+    return parser
+
+
+def _add_file(command: argparse.ArgumentParser) -> None:
+    command.add_argument("file", metavar="FILE", help="a file; - for standard input")
+
+
+def _add_seed_of_tiles(command: argparse.ArgumentParser) -> None:
+    text = "settles where missing tiles of the task are placed (default: %(default)s)"
+    command.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
+
+
+def _add_show(show: argparse.ArgumentParser) -> None:
+    _add_file(show)
+    _add_seed_of_tiles(show)
+    show.add_argument("--png", type=Path, metavar="OUT", help="write a picture to this file")
+    show.add_argument("--solution", action="store_true", help="mark a shortest route")
+
+
+def _add_solve(solve: argparse.ArgumentParser) -> None:
+    _add_file(solve)
+    _add_seed_of_tiles(solve)
+    solve.add_argument("--all", action="store_true", help="print every route without a loop")
+    text = f"stop --all after so many routes (default: {ROUTES:,})"
+    solve.add_argument("--limit", type=_whole(1), metavar="N", help=text)
+
+
+def _add_new(new: argparse.ArgumentParser) -> None:
+    text = "height x width such as 4x6, or one number for a square (default: 5)"
+    new.add_argument("--size", type=_size, default=(5, 5), metavar="SIZE", help=text)
+    text = f"one of {', '.join(Task)} (default: %(default)s)"
+    new.add_argument("--task", type=_task, default=Task.NAVIGATION, metavar="TASK", help=text)
+    text = "makes the same labyrinth again (default: another one each time)"
+    new.add_argument("--seed", type=_whole(0), metavar="N", help=text)
+    text = "how the spanning tree is drawn: wilson, depth_first, kruskal or prim"
+    new.add_argument(
+        "--sampler", default="wilson", metavar="NAME", help=f"{text} (default: %(default)s)"
+    )
+    text = "probability of opening each wall off the tree (default: about 0.1, by size)"
+    new.add_argument("--open-walls", type=_probability, metavar="P", help=text)
+
+
+def _add_convert(convert: argparse.ArgumentParser) -> None:
+    _add_file(convert)
+    text = "height x width (default: the smallest square that has all the cells)"
+    convert.add_argument("--size", type=_size, metavar="SIZE", help=text)

@@ -1,0 +1,252 @@
+"""The command line: check, show, solve, make, convert and play labyrinths in the text language."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labyrinth_core.command.arguments import ROUTES, parser
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+
+if TYPE_CHECKING:
+    from labyrinth_core.world.rollout import Episode
+
+# Whatever needs numpy is imported where it is used, so that `labyrinth --help` answers at once.
+
+
+class RequestError(ValueError):
+    """What was asked for cannot be done; the message says why."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Return the exit status: 0, or 1 for a mistake, which standard error then explains.
+
+    Args:
+        arguments: What follows `labyrinth` on the command line; None for the process's own.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A file's name need not be text.
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        options = parser().parse_args(arguments)
+        status = COMMANDS[options.command](options)
+        sys.stdout.flush()
+    except SystemExit as stop:  # From argparse, which has said why.
+        return int(stop.code or 0)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # Whoever read the output has gone; what is left in the buffer has nowhere to go either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (OSError, ValueError) as error:
+        _complain(error)
+        return 1
+    return status
+
+
+def _complain(error: OSError | ValueError) -> None:
+    """Say on standard error what is wrong.
+
+    Raises:
+        ValueError: The error is none that a user can make.
+    """
+    from labyrinth_core.language.source_text import LabyrinthSyntaxError
+
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename is not None else ""
+        message = f"labyrinth: {where}{error.strerror or error}"
+    elif isinstance(error, LabyrinthSyntaxError):
+        message = str(error)
+    elif isinstance(error, (RequestError, LabyrinthError)):
+        message = f"labyrinth: {error}"
+    else:
+        raise error
+    print(message, file=sys.stderr)
+
+
+def _read(file: str) -> tuple[str, str]:
+    """Return the text of a file, or of standard input for `-`, and its name."""
+    from labyrinth_core.language.source_text import MAX_TEXT, decode, read_text
+
+    if file == "-":
+        if sys.stdin is None:
+            raise RequestError("standard input is closed")
+        return decode(sys.stdin.buffer.read(MAX_TEXT + 1), "<stdin>"), "<stdin>"
+    return read_text(Path(file)), file
+
+
+def _load(options: Namespace, file: str | None = None) -> Labyrinth:
+    from labyrinth_core.language.text import parse
+
+    text, name = _read(file or options.file)
+    return parse(text, file=name, seed=options.seed)
+
+
+def _optimal(labyrinth: Labyrinth) -> Episode:
+    import numpy as np
+
+    from labyrinth_core.world.rollout import replay
+    from labyrinth_core.world.solver import shortest_route
+
+    return replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(0)))
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")
+
+
+def _check(options: Namespace) -> int:
+    status = 0
+    for file in options.files:
+        try:
+            labyrinth = _load(options, file)
+        except BrokenPipeError:
+            raise
+        except (OSError, ValueError) as error:
+            _complain(error)
+            status = 1
+            continue
+        moves = _count(len(_optimal(labyrinth)), "move")
+        print(f"{file}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
+    return status
+
+
+def _show(options: Namespace) -> int:
+    labyrinth = _load(options)
+    cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
+    if options.png is not None:
+        picture = _picture(labyrinth, cells)
+        options.png.write_bytes(picture)
+        return 0
+    from labyrinth_core.command.terminal_play import draw
+
+    sys.stdout.write(draw(labyrinth, route=cells, colour=_in_colour()))
+    return 0
+
+
+def _in_colour() -> bool:
+    """Return whether to print colours; see https://no-color.org."""
+    return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+
+
+def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
+    """Return a PNG file of a labyrinth in its initial state, with a route drawn on it."""
+    from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, render, render_png
+    from labyrinth_core.world.dynamics import initial
+
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    most = max(height, width)
+    if most > MAX_PICTURED_SIDE:
+        raise RequestError(
+            f"a picture has room for {MAX_PICTURED_SIDE} rows and columns, not {most}"
+        )
+    if not route:
+        return render_png(labyrinth, initial(labyrinth))
+    try:
+        from PIL import Image, ImageDraw
+    except ImportError as error:
+        raise RequestError("drawing the solution needs Pillow: pip install pillow") from error
+    image = Image.fromarray(render(labyrinth, initial(labyrinth)))
+    pencil = ImageDraw.Draw(image)
+    # The grid is in the middle of the picture; its lines are a twelfth of a cell thick.
+    side = image.width / (most + 1 / 12)
+    places = [
+        (
+            image.width / 2 + (column + 0.5 - width / 2) * side,
+            image.height / 2 - (row + 0.5 - height / 2) * side,
+        )
+        for row, column in map(labyrinth.position, route)
+    ]
+    colour = (204, 121, 167)
+    pencil.line(places, fill=colour, width=max(1, round(side / 15)))
+    for x, y in places:
+        radius = side / 12
+        pencil.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
+    file = io.BytesIO()
+    image.save(file, "PNG")
+    return file.getvalue()
+
+
+def _solve(options: Namespace) -> int:
+    from labyrinth_core.world.grid import Action
+    from labyrinth_core.world.solver import simple_routes
+
+    if options.limit is not None and not options.all:
+        raise RequestError("--limit goes with --all")
+    labyrinth = _load(options)
+    if not options.all:
+        routes = [_optimal(labyrinth).actions.tolist()]
+    else:
+        limit = options.limit or ROUTES
+        routes = simple_routes(labyrinth, limit)
+        if len(routes) == limit:
+            print(f"labyrinth: stopped after {_count(limit, 'route')} (--limit)", file=sys.stderr)
+    for actions in routes:
+        words = " ".join(Action(action).name.lower() for action in actions)
+        print(f"{_count(len(actions), 'move')}: {words}")
+    return 0
+
+
+def _new(options: Namespace) -> int:
+    import numpy as np
+
+    from labyrinth_core.language.text import dump
+    from labyrinth_core.world.random_labyrinth import sample_labyrinth
+    from labyrinth_core.world.sampling import ALGORITHMS
+
+    if options.sampler not in ALGORITHMS:
+        raise RequestError(f"sampler={options.sampler}: choose one of {', '.join(ALGORITHMS)}")
+    height, width = options.size
+    labyrinth = sample_labyrinth(
+        height,
+        width,
+        options.task,
+        np.random.default_rng(options.seed),
+        algorithm=options.sampler,
+        open_walls=options.open_walls,
+    )
+    sys.stdout.write(dump(labyrinth))
+    return 0
+
+
+def _convert(options: Namespace) -> int:
+    from labyrinth_core.language.edge_list import parse_edges
+    from labyrinth_core.language.text import dump
+
+    height, width = options.size or (None, None)
+    text, name = _read(options.file)
+    sys.stdout.write(dump(parse_edges(text, height=height, width=width, file=name)))
+    return 0
+
+
+def _play(options: Namespace) -> int:
+    if options.file == "-" or sys.stdin is None or not sys.stdin.isatty():
+        raise RequestError("play reads keys: give it a file, and a terminal as standard input")
+    labyrinth = _load(options)
+    try:
+        from labyrinth_core.command.terminal_play import play
+
+        play(labyrinth, colour=_in_colour())
+    except ImportError as error:
+        raise RequestError("play needs a terminal of the Unix kind (termios)") from error
+    return 0
+
+
+COMMANDS = {
+    "check": _check,
+    "show": _show,
+    "solve": _solve,
+    "new": _new,
+    "convert": _convert,
+    "play": _play,
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Datasets: what one is on disk, and the way back into episodes and transitions."""

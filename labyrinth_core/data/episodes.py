@@ -1,0 +1,75 @@
+"""Rows, in order, into the episodes that they are of."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from functools import lru_cache
+
+import numpy as np
+
+from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.source import RawRow
+from labyrinth_core.data.transitions import LoadedEpisode
+from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.world.dynamics import is_terminal
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import replay
+
+
+def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[LoadedEpisode]:
+    """Yield episodes from rows in order, wherever shards and batches may end.
+
+    Raises:
+        DatasetError: The rows do not make episodes.
+    """
+    for episode in grouped(rows):
+        yield _episode(episode, spec)
+
+
+def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:
+    """Yield the rows of each episode, the last of which takes no action.
+
+    Raises:
+        DatasetError: The rows do not make episodes.
+    """
+    pending: list[RawRow] = []
+    for number, row in enumerate(rows):
+        if not pending and not row.episode_starts:
+            raise DatasetError(f"row {number} episode_starts: False where an episode must begin")
+        if pending and (row.episode_starts or row.info != pending[0].info):
+            raise DatasetError(f"row {number}: an episode ends without its last row, actions=-1")
+        pending.append(row)
+        if row.actions == NO_ACTION:
+            if len(pending) == 1:
+                raise DatasetError(f"row {number} actions: -1 in the first row of an episode")
+            yield pending
+            pending = []
+    if pending:
+        raise DatasetError("the last episode ends without its last row, actions=-1")
+
+
+def _episode(rows: list[RawRow], spec: ObservationSpec) -> LoadedEpisode:
+    actions = [row.actions for row in rows[:-1]]
+    try:
+        labyrinth, number = parse_info(rows[0].info)
+        episode = replay(labyrinth, actions)
+    except ValueError as error:
+        reason = str(error).partition("\n")[0]
+        raise DatasetError(f"an episode cannot be replayed: {reason}") from error
+    return LoadedEpisode(
+        labyrinth_id=number,
+        info=rows[0].info,
+        observations=spec.observe(episode, [row.png for row in rows]),
+        actions=np.array(actions, np.int64),
+        rewards=np.array([row.rewards for row in rows[:-1]], np.float32),
+        terminated=is_terminal(labyrinth, episode.states[-1]),
+    )
+
+
+@lru_cache(maxsize=1)
+def parse_info(info: str) -> tuple[Labyrinth, int]:
+    """Return a labyrinth and its id; consecutive episodes mostly are of the same."""
+    labyrinth = parse(info)
+    return labyrinth, int(labyrinth_id(labyrinth), 16)

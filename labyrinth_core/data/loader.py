@@ -1,0 +1,216 @@
+"""A dataset, from a folder or the Hub, back into episodes and transitions (s, a, s').
+
+    from labyrinth_core import load_transitions
+
+    transitions = load_transitions("data/labyrinth", "5x5", split="train", image_size=64)
+    s, a, s_next = transitions[0]
+
+No pair ever crosses the end of an episode, and the last state of one begins no pair. Everything
+that comes from a file or from the Hub is data: it is parsed, never evaluated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from labyrinth_core.data import frame_cache
+from labyrinth_core.data.episodes import episodes_of
+from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.observations import OBSERVATIONS, PIXELS, ObservationSpec
+from labyrinth_core.data.prefetch import prefetched
+from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
+from labyrinth_core.data.transitions import (
+    LoadedEpisode,
+    Transition,
+    TransitionBatch,
+    Transitions,
+    collect,
+)
+
+__all__ = [
+    "DEFAULT_IMAGE_SIZE",
+    "OBSERVATIONS",
+    "LoadedEpisode",
+    "Transition",
+    "TransitionBatch",
+    "Transitions",
+    "load_episodes",
+    "load_transitions",
+    "locate",
+    "stream_episodes",
+    "stream_transitions",
+]
+
+DEFAULT_IMAGE_SIZE = 64
+"""Pixels on each side that the benchmark's baselines look at (supplement, section 1)."""
+
+STREAMED_AHEAD = 2
+"""Episodes of a stream that are made while those before are used."""
+
+
+def load_transitions(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    revision: str | None = None,
+    draw: bool = False,
+    resize: str = "area",
+    cache_dir: str | Path | bool | None = True,
+) -> Transitions:
+    """Return all transitions of a split.
+
+    Pictures are made once and kept in a file, which is mapped into memory from then on. It is
+    found by the hashes of the shards in the manifest, so that a dataset built anew is read anew.
+    The shards are compared with the manifest when the file is made; where it is there already,
+    they are not read at all, and the arrays are those of the dataset that the manifest describes.
+
+    Args:
+        source: As for `load_episodes`, with the others up to `resize`.
+        config: Such as `5x5`.
+        split: Such as `train`.
+        observation: "image" or "vector".
+        image_size: Pixels on each side of the pictures.
+        revision: On the Hub.
+        draw: Whether pictures are drawn instead of decoded.
+        resize: How pictures become small.
+        cache_dir: Folder in which pictures are kept. True stands for `labyrinth-datasets` in
+            `$XDG_CACHE_HOME` or `~/.cache`. False or None keeps nothing and holds all in memory;
+            so does, with a warning, a folder that cannot be written, or a full disk.
+
+    Raises:
+        ValueError: An argument is none of the allowed values.
+        DatasetError: As for `load_episodes`, or there is no episode in the split.
+    """
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    folder = locate(source, config, split, revision)
+    manifest = Manifest.read(folder)
+    shards = manifest.of(split)
+
+    def episodes() -> Generator[LoadedEpisode]:
+        return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
+
+    if observation == "image" and cache_dir is not None and cache_dir is not False:
+        try:
+            cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
+            key = _key(shards, spec)
+            name = f"{manifest.config.name}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
+            return frame_cache.load(cache / name, key, image_size, episodes)
+        except OSError as error:
+            reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
+            warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=2)
+    return collect(episodes())
+
+
+def _key(shards: Sequence[Shard], spec: ObservationSpec) -> str:
+    """Return a hash of all that the transitions of pictures depend on."""
+    content = {
+        "shards": [shard.sha256 for shard in shards],
+        "image_size": spec.image_size,
+        "drawn": spec.draw,
+        "resize": spec.resize,
+        "pixels": PIXELS,
+    }
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def load_episodes(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    revision: str | None = None,
+    draw: bool = False,
+    resize: str = "area",
+) -> Generator[LoadedEpisode]:
+    """Yield the episodes of a split, in order.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
+        config: Such as `5x5` or `5x5-key_and_door`.
+        split: One of train, validation, test, random, s0, s0_and_g.
+        observation: "image" for pictures from `obs`; "vector" for the authors' vector form, made
+            from `info` and `actions` alone (see `labyrinth_core.pictures.vector`).
+        image_size: Pixels on each side of the pictures.
+        revision: Branch, tag or commit on the Hub; not for folders.
+        draw: Whether pictures are drawn from `info` and `actions`, too: the same to the last bit,
+            as `validate` has made sure, and `obs` is not read.
+        resize: How pictures become small: "area" averages, so that no wall vanishes; "original"
+            loses walls as the authors' way does (see `labyrinth_core.data.observations.RESIZES`).
+
+    Raises:
+        ValueError: An argument is none of the allowed values.
+        DatasetError: There is no such dataset or split, or its rows do not make episodes.
+    """
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    folder = locate(source, config, split, revision)
+    shards = Manifest.read(folder).of(split)
+    return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
+
+
+def stream_episodes(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    revision: str | None = None,
+    draw: bool = False,
+    resize: str = "area",
+) -> Generator[LoadedEpisode]:
+    """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
+
+    They are downloaded and decoded in a thread, which is a few episodes ahead, and which ends
+    when the last was read or nobody reads on. Arguments and errors are those of `load_episodes`;
+    no more is downloaded than they need.
+    """
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    folder = local_folder(source, config, revision)
+    if folder is not None:
+        Manifest.read(folder).of(split)  # Or it says which splits there are.
+    source = str(source if folder is None else folder.parent)
+    rows = stream_rows(source, config, split, revision, pictures=spec.decodes)
+    return prefetched(episodes_of(rows, spec), STREAMED_AHEAD)
+
+
+def stream_transitions(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    revision: str | None = None,
+    draw: bool = False,
+    resize: str = "area",
+) -> Generator[Transition]:
+    """Yield the transitions of a split as they are downloaded; as `stream_episodes`."""
+    episodes = stream_episodes(
+        source,
+        config,
+        split=split,
+        observation=observation,
+        image_size=image_size,
+        revision=revision,
+        draw=draw,
+        resize=resize,
+    )
+    return _steps(episodes)
+
+
+def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
+    with closing(episodes):
+        for episode in episodes:
+            observations = episode.observations
+            for step, action in enumerate(episode.actions.tolist()):
+                yield Transition(observations[step], action, observations[step + 1])

@@ -1,0 +1,147 @@
+"""What a finished dataset says of itself.
+
+The manifest is written last, so a folder with one is complete.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from labyrinth_core import __version__
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
+
+MANIFEST = "manifest.json"
+ANALYSIS = "analysis.json"
+"""What the stage `analyse` leaves beside it."""
+FORMAT = 2
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One Parquet file and what is in it."""
+
+    path: str
+    """Relative to the folder of the dataset."""
+    split: str
+    labyrinths: int
+    episodes: int
+    rows: int
+    longest: int
+    """Moves in the longest episode."""
+    cut: int
+    """Labyrinths that have, or may have, more routes than `solutions_limit` let in."""
+    bytes: int
+    sha256: str
+    """Of the file."""
+    fingerprint: str
+    """Of the decoded rows, the same whichever library compressed them; see `fingerprint`."""
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Shard:
+        """Return the shard that `asdict` described; raises ValueError for anything else."""
+        types = {field.name: str if field.type == "str" else int for field in fields(cls)}
+        if {name: type(value) for name, value in values.items()} != types:
+            raise ValueError(f"a shard has the fields {sorted(types)}, not {dict(values)}")
+        shard = cls(**values)
+        if shard.split not in SPLITS or not re.fullmatch(
+            rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
+        ):
+            raise ValueError(f"no split {shard.split!r} has a shard {shard.path!r}")
+        if min(value for value in values.values() if isinstance(value, int)) < 0:
+            raise ValueError(f"negative numbers in {dict(values)}")
+        return shard
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a finished dataset is and how it was made."""
+
+    config: DatasetConfig
+    versions: Mapping[str, str]
+    """Libraries that shaped the bytes; others may compress the same rows differently."""
+    shards: tuple[Shard, ...]
+    """In the order of splits and of rows."""
+
+    @property
+    def fingerprint(self) -> str:
+        """One fingerprint for all rows of all splits."""
+        parts = [f"{shard.split}:{shard.fingerprint}" for shard in self.shards]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def of(self, split: str) -> list[Shard]:
+        """Return the shards of a split.
+
+        Raises:
+            DatasetError: There is no such split.
+        """
+        shards = [shard for shard in self.shards if shard.split == split]
+        if not shards:
+            held = dict.fromkeys(shard.split for shard in self.shards)
+            raise DatasetError(f"split={split}: the dataset has {', '.join(held)}")
+        return shards
+
+    def write(self, folder: AnyPath) -> None:
+        """Write it into a folder, all or nothing."""
+        content = {
+            "format": FORMAT,
+            "name": self.config.name,
+            "config": self.config.to_json(),
+            "versions": dict(self.versions),
+            "fingerprint": self.fingerprint,
+            "shards": [asdict(shard) for shard in self.shards],
+        }
+        write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
+
+    @classmethod
+    def read(cls, folder: AnyPath) -> Manifest:
+        """Return the manifest of a folder.
+
+        Raises:
+            DatasetError: There is none, or it is not one of ours.
+        """
+        path = folder / MANIFEST
+        try:
+            content = json.loads(path.read_bytes())
+            if content["format"] != FORMAT:
+                raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+            manifest = cls(
+                config=DatasetConfig.from_json(content["config"]),
+                versions={str(key): str(value) for key, value in content["versions"].items()},
+                shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
+            )
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
+        except (
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            OSError,
+            RecursionError,
+        ) as error:
+            raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
+        return manifest
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of what shapes the bytes of a dataset in this process."""
+    return {
+        "labyrinth-datasets": __version__,
+        "numpy": np.__version__,
+        "pyarrow": version("pyarrow"),
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+        "png": f"own encoder, deflate levels {LEVEL} and {REPEAT_LEVEL}",
+    }

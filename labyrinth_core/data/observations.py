@@ -1,0 +1,137 @@
+"""What is observed of a state: its picture, decoded or drawn, or its vector."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.png_reading import strips_of
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Painter, Style
+from labyrinth_core.pictures.resize import area_average, shrink
+from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rollout import Episode
+
+OBSERVATIONS = ("image", "vector")
+
+RESIZES = {
+    "area": (DEFAULT_STYLE, "area"),
+    "original": (Style(wall_pixels=2), "bilinear"),
+}
+"""How pictures become small -> the style they are drawn in, and what `shrink` does then.
+
+`original` is for comparison: walls two pixels thick and no antialiasing, as the authors have it,
+so that most walls vanish on the way to 64 x 64. Pictures in `obs` have thicker walls, which would
+stay; so it is always drawn.
+"""
+
+PIXELS = 1
+"""Version of the pixels that come of decoding, drawing and area-averaging.
+
+Whatever changes one of them increases it, as the frame cache keeps pictures by it.
+"""
+
+CACHED_BYTES = 64 * 2**20
+"""Of decoded pictures that are remembered."""
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """How states are observed."""
+
+    observation: str
+    """One of `OBSERVATIONS`."""
+    image_size: int
+    """Pixels on each side of a picture."""
+    draw: bool = False
+    """Whether pictures are drawn from `info` and `actions`, instead of decoded from `obs`."""
+    resize: str = "area"
+    """One of `RESIZES`."""
+
+    def __post_init__(self) -> None:
+        if self.observation not in OBSERVATIONS:
+            allowed = ", ".join(OBSERVATIONS)
+            raise ValueError(f"observation={self.observation}: choose one of {allowed}")
+        if self.image_size < 1:
+            raise ValueError(f"image_size={self.image_size}: give 1 or more")
+        if self.resize not in RESIZES:
+            raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
+        if self.resize != "area" and self.image_size > PICTURE_SIZE:
+            raise ValueError(
+                f"image_size={self.image_size}: resize={self.resize} goes up to {PICTURE_SIZE}"
+            )
+
+    @property
+    def decodes(self) -> bool:
+        """Whether the pictures of `obs` are asked for."""
+        return self.observation == "image" and not self.draw and self.resize == "area"
+
+    def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
+        """Return what is observed in the states of an episode, one after the other.
+
+        Args:
+            episode: The states.
+            pngs: Their pictures in `obs`; not looked at unless `decodes`.
+
+        Raises:
+            DatasetError: A picture is missing, or is none.
+        """
+        labyrinth = episode.labyrinth
+        if self.decodes:
+            decode = _remembering_decoder(self.image_size)
+            return np.stack([decode(png) for png in pngs])
+        place = {state: number for number, state in enumerate(dict.fromkeys(episode.states))}
+        return self.look(labyrinth, place)[[place[state] for state in episode.states]]
+
+    def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
+        """Return what is observed in states of a labyrinth, pictures being drawn."""
+        if self.observation == "vector":
+            return np.stack([vector_observation(labyrinth, state) for state in states])
+        style, way = RESIZES[self.resize]
+        strips = _painter(labyrinth, style).strips
+        return np.stack([shrink(strips(state), self.image_size, way) for state in states])
+
+
+@lru_cache(maxsize=1)
+def _painter(labyrinth: Labyrinth, style: Style) -> Painter:
+    """Return what draws a labyrinth; consecutive episodes may be of the same."""
+    return Painter(labyrinth, style)
+
+
+@lru_cache(maxsize=1)
+def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
+    """Return `_decode` with a memory: a random policy comes back to its states."""
+    pictures = max(1, CACHED_BYTES // (3 * image_size**2))
+    return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
+
+
+def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
+    """Return a picture, shape (image_size, image_size, 3), area-averaged."""
+    if png is None:
+        raise DatasetError("obs: a row has no picture")
+    strips = strips_of(png, PICTURE_SIZE)
+    return _decode_any(png, image_size) if strips is None else shrink(strips, image_size)
+
+
+def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
+    """Return what `_decode` does of a picture that another encoder made, or say what is wrong."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
+            # Before anything is unpacked, since it may claim to be huge.
+            if image.size != (PICTURE_SIZE, PICTURE_SIZE):
+                width, height = image.size
+                raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")
+            return area_average(np.asarray(image.convert("RGB")), image_size)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise DatasetError(f"obs: a picture cannot be decoded: {one_line(error)}") from error

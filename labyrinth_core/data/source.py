@@ -1,0 +1,209 @@
+"""Where a dataset lies, in a folder or on the Hub, and its rows as they are there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from labyrinth_core.data.columns import open_shard, texts
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.manifest import MANIFEST, Shard
+from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_copy
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+STREAMED_ROWS = 256
+"""Rows of a stream that are taken up at a time."""
+
+_HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+_TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
+
+
+class RawRow(NamedTuple):
+    """A row as it was read, its values of the right types."""
+
+    actions: int
+    rewards: float
+    episode_starts: bool
+    info: str
+    png: bytes | None
+    """None where there is none, or where none was asked for."""
+
+
+def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> AnyPath:
+    """Return the folder with a dataset's manifest and the shards of a split.
+
+    For an id on the Hub they are downloaded to its cache first.
+
+    Raises:
+        DatasetError: There is no such folder, or the Hub does not give it.
+    """
+    return local_folder(source, config, revision) or _download(str(source), config, split, revision)
+
+
+def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
+    """Return the folder with a dataset's manifest, None for an id on the Hub.
+
+    Raises:
+        ValueError: There is a revision, but a folder has none.
+        DatasetError: The source is neither, or has no such config.
+    """
+    try:
+        folder = folder_at(source)
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
+    if folder.is_dir():
+        if revision is not None:
+            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+        if not (folder / config / MANIFEST).is_file():
+            held = sorted(path.parent.name for path in folder.glob(f"*/{MANIFEST}"))
+            raise DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
+        return folder / config
+    if not _HUB_ID.fullmatch(str(source)):
+        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
+    return None
+
+
+def _download(source: str, config: str, split: str, revision: str | None) -> Path:
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import HfHubHTTPError, HFValidationError
+
+    try:
+        snapshot = snapshot_download(
+            source,
+            repo_type="dataset",
+            revision=revision,
+            allow_patterns=[f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"],
+        )
+    except (OSError, HfHubHTTPError, HFValidationError) as error:
+        raise _not_from_the_hub(source, error) from error
+    return Path(snapshot) / config
+
+
+def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
+    """Yield the rows of shards that are what their manifest says, one row group at a time.
+
+    Args:
+        folder: Where the shards lie.
+        shards: Which, in order.
+        pictures: Whether the pictures are wanted, too.
+
+    Raises:
+        DatasetError: A shard is missing, damaged or another one.
+    """
+    import pyarrow as pa
+
+    columns = [*_TYPES, "obs.bytes"] if pictures else [*_TYPES]
+    for shard in shards:
+        path = folder / shard.path
+        try:
+            with local_copy(path) as local:
+                if file_sha256(local) != shard.sha256:
+                    raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+                with open_shard(local) as file:
+                    for group in range(file.num_row_groups):
+                        table = file.read_row_group(group, columns=columns)
+                        yield from _rows(table, pictures=pictures)
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+
+
+def stream_rows(
+    source: str, config: str, split: str, revision: str | None, *, pictures: bool
+) -> Iterator[RawRow]:
+    """Return the rows of a split as they are downloaded, wherever its files end.
+
+    Raises:
+        DatasetError: At once if there is no such dataset, later if it cannot be read.
+    """
+    from datasets import Image, load_dataset
+
+    # All of them are left to be as they are, and some are cast to what they should be.
+    columns = None if pictures else [*_TYPES]
+    try:
+        stream = load_dataset(
+            source, config, split=split, streaming=True, revision=revision, columns=columns
+        )
+        if pictures:
+            # As bytes: what is not decoded by `datasets` is decoded once, here.
+            stream = stream.cast_column("obs", Image(decode=False))
+    except (OSError, ValueError) as error:
+        raise _not_from_the_hub(source, error) from error
+    tables = stream.with_format("arrow").iter(batch_size=STREAMED_ROWS)
+    return _streamed(source, tables, pictures=pictures)
+
+
+def _streamed(source: str, tables: Iterable[pa.Table], *, pictures: bool) -> Iterator[RawRow]:
+    import pyarrow as pa
+
+    try:
+        for table in tables:
+            yield from _rows(table, pictures=pictures)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
+
+
+def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
+    """Return what stands in `info` in each split of any dataset, as it is downloaded.
+
+    Nothing else of it is. What stands in several rows in a row comes once.
+
+    Raises:
+        DatasetError: At once if there is no such dataset, later if it cannot be read.
+    """
+    from datasets import load_dataset
+
+    try:
+        splits = load_dataset(source, config, streaming=True, columns=["info"])
+    except (OSError, ValueError) as error:
+        raise _not_from_the_hub(source, error) from error
+    return {
+        str(split): _infos(source, stream.with_format("arrow").iter(batch_size=STREAMED_ROWS))
+        for split, stream in splits.items()
+    }
+
+
+def _infos(source: str, tables: Iterable[pa.Table]) -> Iterator[str]:
+    import pyarrow as pa
+
+    before = None
+    try:
+        for table in tables:
+            for info in table["info"].to_pylist():
+                if not isinstance(info, str):
+                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+                if info != before:
+                    yield info
+                before = info
+    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
+        raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
+
+
+def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
+    """Yield the rows of a table, after its columns were checked as a whole."""
+    import pyarrow.compute as pc
+
+    def values(name: str) -> list[Any]:
+        if name not in table.column_names:
+            return [None] * table.num_rows
+        return texts(table[name]) if name == "info" else table[name].to_pylist()
+
+    columns = {name: values(name) for name in _TYPES}
+    for name, kind in _TYPES.items():
+        wrong = [value for value in columns[name] if type(value) is not kind]
+        if wrong:
+            raise DatasetError(f"{name}={wrong[0]!r}: every row needs {kind.__name__}")
+    pngs: list[Any] = [None] * table.num_rows
+    if pictures and "obs" in table.column_names:
+        pngs = pc.struct_field(table["obs"], "bytes").cast("binary").to_pylist()
+    yield from map(RawRow, *columns.values(), pngs)
+
+
+def _not_from_the_hub(source: str, error: Exception) -> DatasetError:
+    return DatasetError(
+        f"{source} is no folder (python run.py makes one), and not to be had from the Hub: "
+        f"{one_line(error)}"
+    )

@@ -1,0 +1,172 @@
+"""What a loaded dataset is made of: episodes, and transitions (s, a, s') for learning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.mapped import MappedArray, as_received, as_sent
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedEpisode:
+    """One episode as it was read."""
+
+    labyrinth_id: int
+    info: str
+    """The labyrinth in the text language."""
+    observations: NDArray[Any]
+    """Of the T + 1 states: uint8 (T + 1, size, size, 3), or int32 (T + 1, length) vectors."""
+    actions: NDArray[np.int64]
+    """Shape (T,)."""
+    rewards: NDArray[np.float32]
+    """Shape (T,)."""
+    terminated: bool
+    """Whether it ends on the goal or on ice, instead of being cut."""
+
+    def __len__(self) -> int:
+        """Return the number of transitions."""
+        return len(self.actions)
+
+
+class Transition(NamedTuple):
+    """One step: state, action, next state."""
+
+    observation: NDArray[Any]
+    action: int
+    next_observation: NDArray[Any]
+
+
+class TransitionBatch(NamedTuple):
+    """Some steps, the first axis of each array going over them."""
+
+    observation: NDArray[Any]
+    action: NDArray[np.int64]
+    next_observation: NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
+
+    Each state is kept once, so that a state and the next share their memory with the pairs before
+    and after. Arrays that are a file of the cache are read-only, and other processes are sent
+    the name of the file instead of what is in it.
+    """
+
+    frames: NDArray[Any]
+    """Observations of all states, shape (M, ...), of all episodes one after the other."""
+    rows: NDArray[np.int64]
+    """Where in `frames` each transition begins, shape (N,); it leads to the frame after."""
+    actions: NDArray[np.int64]
+    """Shape (N,)."""
+    rewards: NDArray[np.float32]
+    """Shape (N,)."""
+    dones: NDArray[np.bool_]
+    """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
+    labyrinth_ids: NDArray[np.int64]
+    """The labyrinth each is from, shape (N,); `f"{id:016x}"` is its id elsewhere."""
+
+    def __len__(self) -> int:
+        """Return the number of transitions, N."""
+        return len(self.rows)
+
+    @property
+    def observations(self) -> NDArray[Any]:
+        """The states acted in, shape (N, ...); a new array."""
+        return self.frames.take(self.rows, axis=0)
+
+    @property
+    def next_observations(self) -> NDArray[Any]:
+        """The states that the actions led to, shape (N, ...); a new array."""
+        return self.frames.take(self.rows + 1, axis=0)
+
+    @overload
+    def __getitem__(self, index: int) -> Transition: ...
+
+    @overload
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[np.int64]) -> TransitionBatch: ...
+
+    def __getitem__(
+        self, index: int | slice | Sequence[int] | NDArray[np.int64]
+    ) -> Transition | TransitionBatch:
+        """Return one transition, its arrays views of `frames`, or a batch in arrays of its own."""
+        rows = self.rows[index]
+        if isinstance(rows, np.ndarray):
+            return TransitionBatch(
+                self.frames.take(rows, axis=0),
+                np.array(self.actions[index]),
+                self.frames.take(rows + 1, axis=0),
+            )
+        return Transition(self.frames[rows], int(self.actions[index]), self.frames[rows + 1])
+
+    def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
+        """Return several transitions, as a `DataLoader` asks for a batch, in memory of their own.
+
+        Arrays that are read-only, as those of a cache file, are nothing for a tensor.
+        """
+        batch = self[np.asarray(indices, np.int64)]
+        steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
+        return [Transition(*step) for step in steps]
+
+    def __iter__(self) -> Iterator[Transition]:
+        """Yield all transitions in order."""
+        return (self[index] for index in range(len(self)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Say how another process gets the same transitions: arrays of a file by its name."""
+        return _received, tuple(as_sent(getattr(self, field.name)) for field in fields(self))
+
+
+def _received(*arrays: NDArray[Any] | MappedArray) -> Transitions:
+    return Transitions(*map(as_received, arrays))
+
+
+def gather(
+    episodes: Iterable[LoadedEpisode], keep: Callable[[NDArray[Any]], None]
+) -> dict[str, NDArray[Any]]:
+    """Return the fields of `Transitions` but for its frames, which go to `keep` in order.
+
+    Args:
+        episodes: Their transitions follow one another.
+        keep: Is given the observations of each episode.
+
+    Raises:
+        DatasetError: There is no episode.
+    """
+    actions: list[NDArray[np.int64]] = []
+    rewards: list[NDArray[np.float32]] = []
+    terminated: list[bool] = []
+    ids: list[int] = []
+    for episode in episodes:
+        keep(episode.observations)
+        actions.append(episode.actions)
+        rewards.append(episode.rewards)
+        terminated.append(episode.terminated)
+        ids.append(episode.labyrinth_id)
+    if not ids:
+        raise DatasetError("there is no episode in the split")
+    lengths = np.array([len(of_episode) for of_episode in actions], np.int64)
+    count = int(lengths.sum())
+    dones = np.zeros(count, np.bool_)
+    dones[np.cumsum(lengths) - 1] = terminated
+    return {
+        # An episode has a state more than it has transitions.
+        "rows": np.arange(count) + np.repeat(np.arange(len(lengths)), lengths),
+        "actions": np.concatenate(actions),
+        "rewards": np.concatenate(rewards),
+        "dones": dones,
+        "labyrinth_ids": np.repeat(np.array(ids, np.int64), lengths),
+    }
+
+
+def collect(episodes: Iterable[LoadedEpisode]) -> Transitions:
+    """Return the transitions of one or more episodes, in memory."""
+    frames: list[NDArray[Any]] = []
+    columns = gather(episodes, frames.append)
+    return Transitions(np.concatenate(frames), **columns)

@@ -1,0 +1,42 @@
+"""A labyrinth to play by hand, in a window."""
+
+from __future__ import annotations
+
+from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.pictures.renderer import render
+
+OUTCOMES = {True: "solved", False: "lost"}
+
+
+def play(env: LabyrinthEnv) -> None:
+    """Let a person play until they quit, then close the environment.
+
+    The arrow keys move the agent and R begins a new episode; Q, Escape or closing the window
+    quit. After the end of an episode only R goes on.
+
+    Args:
+        env: What to play; of a wrapped environment, `env.unwrapped`.
+
+    Raises:
+        DependencyNotInstalled: A window needs pygame.
+    """
+    window = env.window()
+    total, outcome = 0.0, ""
+
+    def show() -> None:
+        caption = f"return {total:.3f} {outcome} (arrows move, R resets, Q quits)"
+        window.show(render(env.labyrinth, env.state), caption)
+
+    env.reset()
+    show()
+    for wish in window.wishes():
+        if wish is None:
+            env.reset()
+            total, outcome = 0.0, ""
+        elif not outcome:
+            _, reward, terminated, truncated, _ = env.step(wish)
+            total += reward
+            if terminated or truncated:
+                outcome = OUTCOMES[env.state.agent == env.labyrinth.goal]
+        show()
+    env.close()

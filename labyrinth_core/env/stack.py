@@ -1,0 +1,155 @@
+"""The tables of many labyrinths of one size and task, one after the other, and where each agent is.
+
+A state has a number within its labyrinth, and one in the whole stack, which is what the tables
+hold: so a step of all agents is a look-up or two, and no loop.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.language.text import dump, labyrinth_id
+from labyrinth_core.pictures.vector import (
+    GONE,
+    OPEN,
+    VectorArray,
+    grid_indices,
+    hide,
+    initial_vector,
+)
+from labyrinth_core.pictures.vector import tile_count as tiles_of
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.state_tables import LabyrinthTables
+
+_DIAGONALS = [
+    (side, updown) for side in (Action.RIGHT, Action.LEFT) for updown in (Action.UP, Action.DOWN)
+]
+
+
+class Stack:
+    """Many labyrinths, and the state of each."""
+
+    def __init__(self, count: int, height: int, width: int, task: Task) -> None:
+        """Make room for `count` labyrinths; each must be loaded before it is used."""
+        self._height, self._width, self._task = height, width, task
+        self._cells = height * width
+        states = self._cells * (3 if task is Task.KEY_AND_DOOR else 1)
+        self._first = np.arange(count, dtype=np.int64) * states
+        """Number of the first state of each labyrinth."""
+        self._loaded: list[LabyrinthTables | None] = [None] * count
+        self._initial = self._first.copy()
+        self._now = self._first.copy()
+        self._transitions = np.zeros((count, states, 4), np.int64)
+        self._rewards = np.zeros((count, states))
+        self._terminal = np.zeros((count, states), np.bool_)
+        self._distances = np.zeros((count, states), np.int64)
+        self._optimal = np.zeros((count, states, 4), np.bool_)
+        self._ids = np.full(count, None, object)
+        self._texts = np.full(count, None, object)
+        self._shared: tuple[NDArray[np.object_], NDArray[np.object_]] | None = None
+        self._places = grid_indices(height, width)
+        entries = (2 * height - 1) * (2 * width - 1)
+        self._vectors = np.zeros((count, tiles_of(task) + entries), np.int32)
+
+    def load(self, place: int, tables: LabyrinthTables) -> None:
+        """Put a labyrinth into a place."""
+        first = self._first[place]
+        self._loaded[place] = tables
+        self._shared = None
+        self._initial[place] = first + tables.initial
+        np.add(tables.transitions, first, out=self._transitions[place])
+        self._rewards[place] = tables.rewards
+        self._terminal[place] = tables.terminal
+        self._distances[place] = tables.distances
+        self._optimal[place] = tables.optimal_actions
+        text = dump(tables.labyrinth)
+        self._ids[place] = labyrinth_id(text)
+        self._texts[place] = text
+        self._vectors[place] = initial_vector(tables.labyrinth)
+
+    def labyrinth(self, place: int) -> Labyrinth | None:
+        """Return the labyrinth in a place, if one was loaded."""
+        tables = self._loaded[place]
+        return None if tables is None else tables.labyrinth
+
+    def at(self, place: int) -> tuple[Labyrinth, int]:
+        """Return the labyrinth in a place, and the number of its state."""
+        tables = self._loaded[place]
+        assert tables is not None
+        return tables.labyrinth, int(self._now[place] - self._first[place])
+
+    def restart(self, mask: NDArray[np.bool_]) -> None:
+        """Put the agents of a mask where their episodes begin."""
+        np.copyto(self._now, self._initial, where=mask)
+
+    def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Take an action in each, shape (count,), and return rewards and which are at an end."""
+        self._now = self._after(self._now, actions)
+        return self._rewards.ravel().take(self._now), self._terminal.ravel().take(self._now)
+
+    def _after(
+        self, states: NDArray[np.int64], actions: NDArray[np.int64] | Action
+    ) -> NDArray[np.int64]:
+        after: NDArray[np.int64] = self._transitions.ravel().take(4 * states + actions)
+        return after
+
+    def states(self) -> NDArray[np.int64]:
+        """Return the number of each state within its labyrinth, shape (count,)."""
+        states: NDArray[np.int64] = self._now - self._first
+        return states
+
+    def infos(self) -> dict[str, NDArray[Any]]:
+        """Return what an environment says of each, by name; arrays of count rows.
+
+        Those of strings are read-only, and the same ones until a labyrinth changes: copying them
+        would touch every string. The others are new.
+        """
+        if self._shared is None:
+            self._shared = self._ids.copy(), self._texts.copy()
+            for strings in self._shared:
+                strings.setflags(write=False)
+        return {
+            "labyrinth_id": self._shared[0],
+            "labyrinth": self._shared[1],
+            "optimal_actions": self._optimal.reshape(-1, 4).take(self._now, axis=0),
+            "distance": self._distances.ravel().take(self._now),
+        }
+
+    def vectors(self) -> VectorArray:
+        """Return `vector.vector_observation` of each, shape (count, length), a new array."""
+        phase, cells = np.divmod(self.states(), self._cells)
+        vectors: VectorArray = self._vectors.copy()
+        vectors[:, 0] = self._places[cells]
+        if self._task is Task.KEY_AND_DOOR:
+            vectors[:, 3][phase >= 1] = GONE
+            vectors[:, 4][phase == 2] = GONE
+        if self._task is Task.PARTIAL_OBSERVABILITY:
+            grids = vectors[:, tiles_of(self._task) :]
+            # A view: splitting an axis copies nothing.
+            shape = (len(vectors), 2 * self._height - 1, 2 * self._width - 1)
+            hide(grids.reshape(shape), self._visible())
+            for tile in (1, 2):
+                np.put_along_axis(grids, vectors[:, tile, None], OPEN, axis=1)
+        return vectors
+
+    def _visible(self) -> NDArray[np.bool_]:
+        """Return `visibility.visible_from` for each agent, shape (count, height, width)."""
+        visible = np.zeros(self._first.size * self._cells, np.bool_)
+        visible[self._now] = True
+        for action in Action:
+            at = self._now
+            for _ in range(max(self._height, self._width) - 1):
+                at = self._after(at, action)  # A wall leads back, to a cell that is seen anyway.
+                visible[at] = True
+        for side, updown in _DIAGONALS:
+            at = self._now
+            for _ in range(min(self._height, self._width) - 1):
+                beside = self._after(at, side)
+                onward = self._after(beside, updown)
+                at = np.where((beside != at) & (onward != beside), onward, at)
+                visible[at] = True
+        return visible.reshape(-1, self._height, self._width)

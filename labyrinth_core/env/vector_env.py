@@ -1,0 +1,332 @@
+"""`LabyrinthVectorEnv`: thousands of labyrinths in lock-step, each step a few array look-ups.
+
+    gymnasium.make_vec("labyrinth_core.env:Labyrinth-v0", num_envs=1000, observation="state")
+
+Each sub-environment does what a `LabyrinthEnv` does in Gymnasium's `SyncVectorEnv`, to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Discrete
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from labyrinth_core.env.environment import (
+    checked_step_limit,
+    episode_steps,
+    is_normalised,
+    observation_space,
+)
+from labyrinth_core.env.labyrinth_source import LabyrinthLike, LabyrinthSource, Size
+from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
+from labyrinth_core.env.stack import Stack
+from labyrinth_core.language.drawing import draw_text
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
+
+Mask = NDArray[np.bool_]
+Batch = NDArray[Any]
+Infos = dict[str, Any]
+
+RENDER_MODES = ("rgb_array", "ansi")
+
+
+class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
+    """Many labyrinths of one size and task.
+
+    Observations, rewards, ends and infos are those of `LabyrinthEnv`, batched as Gymnasium's
+    `SyncVectorEnv` batches them; sub-environment i of a vector seeded with s is a `LabyrinthEnv`
+    seeded with s + i. The arrays returned are new ones, the caller's to keep or change; only
+    those of strings in the infos are read-only, and shared until a labyrinth changes.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        size: Size = 5,
+        task: Task | str = Task.NAVIGATION,
+        *,
+        observation: Kind = "image",
+        image_size: int = DEFAULT_IMAGE_SIZE,
+        labyrinth: LabyrinthLike | None = None,
+        labyrinths: Sequence[LabyrinthLike] | None = None,
+        reward: str = "default",
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ) -> None:
+        """Make the environments; `reset` them before the first step.
+
+        Args:
+            num_envs: How many.
+            size: As in `LabyrinthEnv`, and so are the other arguments not listed here.
+            task: The task of all.
+            observation: `state` is the fastest, `vector` some times slower; `image` draws.
+            image_size: Pixels on each side of the image.
+            labyrinth: One labyrinth that all keep, for every episode.
+            labyrinths: Labyrinths to keep, one each, of one size and task; fewer are used in
+                turn.
+            reward: `default` or `normalised`.
+            max_episode_steps: Truncate sooner than after `40 * width * height` steps.
+            autoreset_mode: When a sub-environment begins its next episode: at the step after the
+                last of an episode, in that same step, or never by itself.
+            render_mode: `rgb_array` or `ansi`, which `render` returns for each.
+
+        Raises:
+            ValueError: An argument has a value that is impossible.
+        """
+        if num_envs < 1:
+            raise ValueError(f"num_envs={num_envs}: give a whole number from 1 on")
+        if render_mode not in (None, *RENDER_MODES):
+            raise ValueError(f"render_mode={render_mode}: choose one of {', '.join(RENDER_MODES)}")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
+        self.metadata = {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": 10,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self._sources = _sources(num_envs, size, task, labyrinth, labyrinths)
+        first = self._sources[0]
+        self._observer = Observer(observation, image_size, num_envs)
+        self._normalised = is_normalised(reward)
+        self._limit = episode_steps(
+            first.height * first.width, checked_step_limit(max_episode_steps)
+        )
+        self.single_action_space = Discrete(4)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.single_observation_space = observation_space(
+            self._observer, first.height, first.width, first.task
+        )
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._stack = Stack(num_envs, first.height, first.width, first.task)
+        self._begun = np.zeros(num_envs, np.bool_)
+        self._over = np.zeros(num_envs, np.bool_)
+        self._steps = np.zeros(num_envs, np.int64)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Batch, Infos]:
+        """Begin an episode in every sub-environment, and return the observations and infos.
+
+        Args:
+            seed: One for each, or one to which each adds its place; None goes on as it was.
+            options: As in `LabyrinthEnv.reset`, for all; `reset_mask`, bool, shape (num_envs,),
+                selects those that begin an episode, the others staying as they are.
+
+        Raises:
+            ResetNeeded: The mask leaves out sub-environments that have not begun at all.
+            ValueError: A seed, an option or the mask has a value that is impossible.
+        """
+        options = dict(options or {})
+        mask = self._checked_mask(options.pop("reset_mask", None))
+        if not (self._begun | mask).all():
+            raise ResetNeeded("no episode is under way in some: call reset() without reset_mask")
+        for place, number in enumerate(self._checked_seeds(seed)):
+            if mask[place] and number is not None:
+                self._generators[place], _ = seeding.np_random(number)
+        self._restart(mask, options)
+        return self._observe(), self._infos(mask)
+
+    def _checked_mask(self, mask: object) -> Mask:
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        shape = (self.num_envs,)
+        if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == shape:
+            if not mask.any():
+                raise ValueError("option 'reset_mask': at least one entry must be True")
+            chosen: Mask = mask.copy()
+            return chosen
+        raise ValueError(f"option 'reset_mask': give a bool array of shape {shape}, not {mask!r}")
+
+    def _checked_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            return range(int(seed), int(seed) + self.num_envs)
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed: give one, or {self.num_envs} of them, not {len(seed)}")
+        return seed
+
+    def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
+        """Begin an episode in the sub-environments of a mask."""
+        made: dict[Labyrinth, LabyrinthTables] = {}
+        for place in np.flatnonzero(mask).tolist():
+            labyrinth = self._draw(place, options)
+            if labyrinth is not self._stack.labyrinth(place):
+                tables = made.get(labyrinth)
+                if tables is None:
+                    tables = made[labyrinth] = tabulate(labyrinth, normalised=self._normalised)
+                self._stack.load(place, tables)
+        self._stack.restart(mask)
+        self._steps[mask] = 0
+        self._over[mask] = False
+        self._begun |= mask
+
+    def _draw(self, place: int, options: dict[str, Any] | None) -> Labyrinth:
+        source = self._sources[place]
+        if source.kept is not None and not options:
+            return source.kept
+        generator = self._generators[place]
+        if generator is None:
+            generator, _ = seeding.np_random()
+            self._generators[place] = generator
+        labyrinth = source.draw(generator, options)
+        _check_alike(labyrinth, self._sources[0])
+        return labyrinth
+
+    def step(self, actions: Batch) -> tuple[Batch, Batch, Batch, Batch, Infos]:
+        """Take an action in each, and return observations, rewards, ends and infos.
+
+        Args:
+            actions: Whole numbers from 0 to 3, shape (num_envs,). In the step in which a
+                sub-environment begins its next episode its action is not looked at.
+
+        Returns:
+            Observations; rewards, float64; terminated and truncated, bool; infos. Each array has
+            num_envs rows. With `SAME_STEP` the infos of an episode's last state are under
+            `final_info`, and its observation under `final_obs`.
+
+        Raises:
+            ResetNeeded: An episode has not begun, or is over and `autoreset_mode` is `DISABLED`.
+            ValueError: An action is none of the four.
+        """
+        actions = self._checked_actions(actions)
+        if not self._begun.all():
+            raise ResetNeeded("no episode is under way: call reset() before step()")
+        over = self._over.copy() if self._over.any() else None
+        if over is not None and self.autoreset_mode is AutoresetMode.DISABLED:
+            places = ", ".join(map(str, np.flatnonzero(over)[:5]))
+            raise ResetNeeded(
+                f"the episodes of sub-environments {places} are over: call "
+                "reset(options={'reset_mask': ...}) for all that are"
+            )
+        rewards, terminated = self._stack.step(actions)
+        self._steps += 1
+        truncated = self._steps >= self._limit
+        if over is not None:
+            self._restart(over)
+            rewards[over], terminated[over], truncated[over] = 0.0, False, False
+        np.logical_or(terminated, truncated, out=self._over)
+        final: Infos = {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
+            final = self._finish(self._over.copy())
+        return self._observe(), rewards, terminated, truncated, final | self._infos()
+
+    def _checked_actions(self, actions: Batch) -> NDArray[np.int64]:
+        numbers = np.asarray(actions)
+        if numbers.shape != (self.num_envs,) or numbers.dtype.kind not in "iu":
+            raise ValueError(
+                f"actions: give whole numbers of shape ({self.num_envs},), "
+                f"not {numbers.dtype} of shape {numbers.shape}"
+            )
+        if numbers.min() < 0 or numbers.max() > 3:
+            wrong = numbers[(numbers < 0) | (numbers > 3)][0]
+            raise ValueError(f"action={wrong}: give 0 up, 1 right, 2 down or 3 left")
+        return numbers.astype(np.int64)
+
+    def _finish(self, over: Mask) -> Infos:
+        """Return the last observations and infos of episodes, and begin the next ones."""
+        observations = np.full(self.num_envs, None, object)
+        for place in np.flatnonzero(over).tolist():
+            observations[place] = self._observer.observe(*self._stack.at(place))
+        final = {
+            "final_obs": observations,
+            "_final_obs": over.copy(),
+            "final_info": self._infos(over),
+            "_final_info": over.copy(),
+        }
+        self._restart(over)
+        return final
+
+    def _observe(self) -> Batch:
+        if self._observer.kind == "state":
+            return self._stack.states()
+        if self._observer.kind == "vector":
+            return self._stack.vectors()
+        places = range(self.num_envs)
+        return np.stack([self._observer.observe(*self._stack.at(place)) for place in places])
+
+    def _infos(self, mask: Mask | None = None) -> Infos:
+        """Return the infos of the sub-environments of a mask; the others' are empty."""
+        infos: Infos = {}
+        for name, values in self._stack.infos().items():
+            infos[f"_{name}"] = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
+            infos[name] = values if mask is None else _only(values, mask)
+        return infos
+
+    def render(self) -> tuple[NDArray[np.uint8] | str, ...] | None:
+        """Return the picture, 600 x 600 x 3, or the drawing of each sub-environment.
+
+        Raises:
+            ResetNeeded: An episode has not begun.
+        """
+        if self.render_mode is None:
+            return None
+        if not self._begun.all():
+            raise ResetNeeded("there is no labyrinth yet: call reset() first")
+        draw = draw_text if self.render_mode == "ansi" else render
+        shown = [self._stack.at(place) for place in range(self.num_envs)]
+        return tuple(draw(labyrinth, state_at(labyrinth, state)) for labyrinth, state in shown)
+
+
+def _only(values: Batch, mask: Mask) -> Batch:
+    """Return the values of a mask, the others being None for objects and zero for numbers."""
+    chosen = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
+    chosen[mask] = values[mask]
+    return chosen
+
+
+def _as_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError as error:
+        allowed = ", ".join(mode.value for mode in AutoresetMode)
+        raise ValueError(f"autoreset_mode={mode}: choose one of {allowed}") from error
+
+
+def _sources(
+    num_envs: int,
+    size: Size,
+    task: Task | str,
+    labyrinth: LabyrinthLike | None,
+    labyrinths: Sequence[LabyrinthLike] | None,
+) -> list[LabyrinthSource]:
+    """Return where each sub-environment's labyrinths come from."""
+    if labyrinths is None:
+        return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
+    if labyrinth is not None:
+        raise ValueError("give labyrinth or labyrinths, not both")
+    if not 1 <= len(labyrinths) <= num_envs:
+        raise ValueError(
+            f"labyrinths: {len(labyrinths)} for num_envs={num_envs}; give 1 to {num_envs}"
+        )
+    sources = [LabyrinthSource.of(size, task, kept) for kept in labyrinths]
+    for source in sources:
+        assert source.kept is not None
+        _check_alike(source.kept, sources[0])
+    return [sources[place % len(sources)] for place in range(num_envs)]
+
+
+def _check_alike(labyrinth: Labyrinth, like: LabyrinthSource) -> None:
+    structure = labyrinth.structure
+    if (structure.height, structure.width, labyrinth.task) != (like.height, like.width, like.task):
+        raise ValueError(
+            f"all labyrinths of a vector environment have one size and task: here "
+            f"{like.height}x{like.width} and {like.task}, "
+            f"not {labyrinth.size_name} and {labyrinth.task}"
+        )

@@ -1,0 +1,75 @@
+"""A window that shows pictures and reads keys; needs pygame, so imported only where one opens."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Before the import, or pygame greets on standard output.
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+
+import pygame
+
+from labyrinth_core.world.grid import Action
+
+ACTION_OF_KEY = {
+    pygame.K_UP: Action.UP,
+    pygame.K_RIGHT: Action.RIGHT,
+    pygame.K_DOWN: Action.DOWN,
+    pygame.K_LEFT: Action.LEFT,
+}
+RESET_KEY = pygame.K_r
+QUIT_KEYS = (pygame.K_q, pygame.K_ESCAPE)
+
+
+class Window:
+    """A window with one picture in it."""
+
+    def __init__(self) -> None:
+        pygame.display.init()
+        self._clock = pygame.time.Clock()
+
+    def show(self, picture: NDArray[np.uint8], caption: str, fps: int | None = None) -> None:
+        """Show a picture, shape (side, side, 3), rows from the top.
+
+        Args:
+            picture: What to show.
+            caption: Title of the window.
+            fps: Wait so long that no more pictures than this are shown in a second.
+        """
+        surface = pygame.surfarray.make_surface(picture.transpose(1, 0, 2))
+        screen = pygame.display.get_surface()
+        if screen is None or screen.get_size() != surface.get_size():
+            screen = pygame.display.set_mode(surface.get_size())
+        screen.blit(surface, (0, 0))
+        pygame.display.set_caption(caption)
+        pygame.event.pump()
+        pygame.display.flip()
+        if fps is not None:
+            self._clock.tick(fps)
+
+    def wishes(self) -> Iterator[Action | None]:
+        """Yield what the person at the keys wants, until they quit.
+
+        An arrow key is an action, R is None for a new episode; Q, Escape and closing the window
+        end it.
+        """
+        while True:
+            event = pygame.event.wait()
+            if event.type == pygame.QUIT:
+                return
+            if event.type != pygame.KEYDOWN:
+                continue
+            if event.key in QUIT_KEYS:
+                return
+            if event.key == RESET_KEY:
+                yield None
+            elif event.key in ACTION_OF_KEY:
+                yield ACTION_OF_KEY[event.key]
+
+    def close(self) -> None:
+        """Close the window."""
+        pygame.display.quit()

@@ -1,0 +1,1 @@
+"""Policies judged: labyrinths as arrays, episodes by look-up, scores, baselines, intervals."""

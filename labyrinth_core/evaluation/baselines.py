@@ -1,0 +1,109 @@
+"""What needs no learning: a random policy, the usual action, a fixed path, and the optimum.
+
+They say what a figure is worth. All are settled by the dataset.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.evaluation.following import Episodes, follow
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.world.dynamics import STEP_PENALTY
+
+BASELINES = {
+    "random": "uniformly random actions; exact expectations",
+    "majority": "in each cell the action that most demonstrations of train take there",
+    "fixed_path": "the demonstrated route that solves most of train, walked blindly",
+    "oracle": "an optimal action in every state",
+}
+"""What each baseline does, whatever the picture shows."""
+
+MOST_PATHS = 500
+"""Demonstrated routes that are tried as fixed paths, the most frequent first."""
+
+
+def compare(train: LabyrinthArrays, worlds: LabyrinthArrays) -> dict[str, dict[str, float]]:
+    """Return the figures of each baseline on a split.
+
+    Args:
+        train: The labyrinths whose demonstrations the baselines know.
+        worlds: The labyrinths to act in.
+    """
+    return {
+        "random": random_figures(worlds),
+        "majority": _figures(follow(worlds, majority_actions(train)[worlds.position])),
+        "fixed_path": _figures(walk(worlds, fixed_path(train))),
+        "oracle": _figures(follow(worlds, worlds.optimal.argmax(axis=1))),
+    }
+
+
+def _figures(episodes: Episodes) -> dict[str, float]:
+    returns = episodes.returns
+    return {
+        "sr": float(episodes.solved.mean()),
+        "aer": float(returns.mean()),
+        "aer_std": float(returns.std()),
+    }
+
+
+def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
+    """Return the action most often demonstrated in each cell, or anywhere where none is."""
+    counts = np.zeros((train.cells, 4), np.int64)
+    np.add.at(counts, train.position, train.demonstrated)
+    unseen = counts.sum(axis=1) == 0
+    counts[unseen] = counts.sum(axis=0)
+    actions: NDArray[np.int64] = counts.argmax(axis=1)
+    return actions
+
+
+def fixed_path(train: LabyrinthArrays) -> tuple[int, ...]:
+    """Return the demonstrated actions that solve most labyrinths if done in every one."""
+    routes = Counter(tuple(route.tolist()) for route in train.routes)
+    paths = [path for path, _ in routes.most_common(MOST_PATHS)]
+    return max(paths, key=lambda path: walk(train, path).solved.sum())
+
+
+def walk(worlds: LabyrinthArrays, path: Sequence[int]) -> Episodes:
+    """Return the episodes in which the agent does the same actions in every labyrinth.
+
+    After the last it stays where it is until it is cut.
+    """
+    state = worlds.initial
+    moves = np.zeros(len(state), np.int64)
+    for action in path:
+        moves += ~worlds.terminal[state]
+        state = worlds.next_state[state, action]
+    ended = worlds.terminal[state]
+    outcomes = np.select([worlds.goal[state], ended], ["solved", "ice"], "cut")
+    return Episodes(outcomes, np.where(ended, moves, worlds.step_limit), worlds.cells)
+
+
+def random_figures(worlds: LabyrinthArrays) -> dict[str, float]:
+    """Return what is to be expected of uniformly random actions, exactly.
+
+    The probabilities of being in each state are carried on from step to step up to the limit;
+    what reaches an end leaves them with the return that it has then.
+    """
+    count, labyrinths = worlds.next_state.shape[0], len(worlds.initial)
+    here = np.repeat(np.arange(count), 4)
+    onward, ends = ~worlds.done.ravel(), worlds.done.ravel() & ~worlds.terminal[here]
+    sources, targets = here[onward], worlds.next_state.ravel()[onward]
+    last, paid = here[ends], worlds.rewards.ravel()[ends].astype(np.float64)
+    penalty = STEP_PENALTY / worlds.cells
+    alive = np.bincount(worlds.initial, np.full(labyrinths, 1 / labyrinths), count)
+    solved = mean = square = 0.0
+    for step in range(worlds.step_limit):
+        ending, returns = alive[last] / 4, paid - penalty * step
+        solved += float(ending[paid > 0].sum())
+        mean += float(ending @ returns)
+        square += float(ending @ returns**2)
+        alive = np.bincount(targets, alive[sources] / 4, count)
+    left, cut = float(alive.sum()), -penalty * worlds.step_limit
+    mean, square = mean + left * cut, square + left * cut**2
+    deviation = max(square - mean**2, 0.0) ** 0.5
+    return {"sr": solved, "aer": mean, "aer_std": deviation}

@@ -1,0 +1,200 @@
+"""The labyrinths of a split as one array world: to act in it is to look up, to see it an index.
+
+A policy whose outputs are known in all states is known altogether. So states are numbered through
+all labyrinths of a split, and evaluating, labelling and rolling out need neither the environment
+nor pictures drawn one by one. All of it comes of the column `info` and of the actions; pictures
+are drawn, and are those of `obs` to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.episodes import episodes_of, parse_info
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.source import locate, read_rows
+from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
+
+
+@dataclass(frozen=True, eq=False)
+class LabyrinthArrays:
+    """L labyrinths of one size and task, and the S states that episodes in them can visit.
+
+    A state is left out if no episode gets there: behind the goal, behind ice, on the door before
+    it is open. Goal and ice are states too; whatever is done in them leads back to them, pays
+    nothing and is done, so that look-ups need no exception for an end.
+    """
+
+    observations: NDArray[Any]
+    """Of each state: uint8 (S, size, size, 3), or int32 (S, length) vectors."""
+    labyrinth: NDArray[np.int64]
+    """Which labyrinth each state is of, from 0 to L - 1, ascending, shape (S,)."""
+    position: NDArray[np.int64]
+    """The agent's cell, shape (S,)."""
+    terminal: NDArray[np.bool_]
+    """Whether it is goal or ice, shape (S,)."""
+    goal: NDArray[np.bool_]
+    """Whether it is the goal, shape (S,)."""
+    next_state: NDArray[np.int64]
+    """The state that each action leads to, shape (S, 4); a wall leads back."""
+    rewards: NDArray[np.float32]
+    """What each action pays, shape (S, 4)."""
+    done: NDArray[np.bool_]
+    """Whether the episode has ended after it, on the goal or on ice, shape (S, 4)."""
+    optimal: NDArray[np.bool_]
+    """Which actions begin a shortest route, shape (S, 4); none in goal and ice."""
+    demonstrated: NDArray[np.int64]
+    """How often the episodes of the dataset take each action, shape (S, 4)."""
+    initial: NDArray[np.int64]
+    """The state in which each labyrinth's episode begins, shape (L,)."""
+    distance: NDArray[np.int64]
+    """Moves on a shortest route, shape (L,)."""
+    labyrinth_ids: NDArray[np.int64]
+    """Shape (L,), in the order of the dataset; `f"{id:016x}"` is the id elsewhere."""
+    routes: tuple[NDArray[np.int64], ...]
+    """The actions of each episode of the dataset, in its order."""
+    labyrinths: tuple[Labyrinth, ...]
+    """The labyrinths themselves, L of them."""
+    spec: ObservationSpec
+    """How their states are observed."""
+    cells: int
+    """Of a labyrinth."""
+
+    @property
+    def on_demonstration(self) -> NDArray[np.bool_]:
+        """Whether an episode of the dataset acts in the state, shape (S,)."""
+        on: NDArray[np.bool_] = self.demonstrated.sum(axis=1) > 0
+        return on
+
+    @property
+    def step_limit(self) -> int:
+        """After how many steps an episode is cut."""
+        return STEP_LIMIT * self.cells
+
+
+def load_arrays(
+    source: str | Path,
+    config: str,
+    split: str,
+    *,
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    resize: str = "area",
+    revision: str | None = None,
+) -> LabyrinthArrays:
+    """Return the labyrinths of a split, its states numbered, seen and solved.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
+        config: Such as `5x5` or `5x5-key_and_door`.
+        split: Such as `train`.
+        observation: "image" or "vector".
+        image_size: Pixels on each side of the pictures.
+        resize: How pictures become small; one of `labyrinth_core.data.observations.RESIZES`.
+        revision: Branch, tag or commit on the Hub; not for folders.
+
+    Raises:
+        ValueError: An argument is none of the allowed values.
+        DatasetError: There is no such dataset or split, or its rows do not make episodes.
+    """
+    spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
+    folder = locate(source, config, split, revision)
+    rows = read_rows(folder, Manifest.read(folder).of(split), pictures=False)
+    tables: dict[int, LabyrinthTables] = {}
+    episodes: list[tuple[int, NDArray[np.int64]]] = []
+    # Vectors cost least; the states are looked at below, each once.
+    for episode in episodes_of(rows, ObservationSpec("vector", image_size)):
+        if episode.labyrinth_id not in tables:
+            tables[episode.labyrinth_id] = tabulate(parse_info(episode.info)[0])
+        episodes.append((episode.labyrinth_id, episode.actions))
+    if not tables:
+        raise DatasetError(f"split={split}: there is no episode")
+    return _stack(tables, episodes, spec)
+
+
+def _stack(
+    tables: dict[int, LabyrinthTables],
+    episodes: Sequence[tuple[int, NDArray[np.int64]]],
+    spec: ObservationSpec,
+) -> LabyrinthArrays:
+    stacked = list(tables.values())
+    visited = [_visitable(each) for each in stacked]
+    counts = np.array([len(states) for states in visited])
+    first = (np.cumsum(counts) - counts).tolist()
+    columns = [_columns(*each) for each in zip(stacked, visited, first, strict=True)]
+    joined = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
+    begins = {
+        number: first[place] + visited[place].index(each.initial)
+        for place, (number, each) in enumerate(tables.items())
+    }
+    return LabyrinthArrays(
+        observations=np.concatenate(
+            [
+                spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
+                for each, states in zip(stacked, visited, strict=True)
+            ]
+        ),
+        labyrinth=np.repeat(np.arange(len(stacked)), counts),
+        demonstrated=_count_steps(
+            joined["next_state"], [(begins[number], actions) for number, actions in episodes]
+        ),
+        initial=np.array(list(begins.values())),
+        distance=np.array([each.distances[each.initial] for each in stacked]),
+        labyrinth_ids=np.array(list(tables), np.int64),
+        routes=tuple(actions for _, actions in episodes),
+        labyrinths=tuple(each.labyrinth for each in stacked),
+        spec=spec,
+        cells=stacked[0].labyrinth.structure.cells,
+        **joined,
+    )
+
+
+def _visitable(tables: LabyrinthTables) -> list[int]:
+    """Return the numbers of the states that an episode can visit, ascending."""
+    transitions, terminal = tables.transitions.tolist(), tables.terminal.tolist()
+    found, queue = {tables.initial}, [tables.initial]
+    for state in queue:
+        if not terminal[state]:
+            new = set(transitions[state]) - found
+            found |= new
+            queue += new
+    return sorted(found)
+
+
+def _columns(tables: LabyrinthTables, states: list[int], first: int) -> dict[str, NDArray[Any]]:
+    """Return the arrays of one labyrinth; its states have the numbers from `first` on."""
+    place = np.full(len(tables.terminal), -1)
+    place[states] = np.arange(first, first + len(states))
+    after, ends = tables.transitions[states], tables.terminal[states, None]
+    return {
+        "position": np.array(states) % tables.labyrinth.structure.cells,
+        "terminal": ends[:, 0],
+        "goal": tables.distances[states] == 0,
+        "next_state": np.where(ends, place[states, None], place[after]),
+        "rewards": np.where(ends, 0, tables.rewards[after]).astype(np.float32),
+        "done": ends | tables.terminal[after],
+        "optimal": tables.optimal_actions[states],
+    }
+
+
+def _count_steps(
+    next_state: NDArray[np.int64], episodes: Sequence[tuple[int, NDArray[np.int64]]]
+) -> NDArray[np.int64]:
+    """Return how often episodes, each from a state on, take each action, shape (S, 4)."""
+    after, counts = next_state.tolist(), np.zeros_like(next_state)
+    for state, actions in episodes:
+        for action in actions.tolist():
+            counts[state, action] += 1
+            state = after[state][action]
+    return counts

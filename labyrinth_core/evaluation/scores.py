@@ -1,0 +1,118 @@
+"""What a policy achieved on a split: how each episode went, and the figures that follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+
+if TYPE_CHECKING:
+    from labyrinth_core.evaluation.policy import Policy
+
+
+EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
+"""The five evaluations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """One episode in each of L labyrinths, and how good the actions are in all states."""
+
+    episodes: Episodes
+    labyrinth_ids: NDArray[np.int64]
+    """Shape (L,)."""
+    distance: NDArray[np.int64]
+    """Moves on a shortest route, shape (L,)."""
+    accuracy_on_demonstrations: float | None
+    """Share of the states in which the dataset's episodes act, whose action is an optimal one."""
+    accuracy_elsewhere: float | None
+    """Share of the other states with an optimal action; None if there are none."""
+
+    @property
+    def sr(self) -> float:
+        """Success rate: the share of labyrinths that were solved."""
+        return float(self.episodes.solved.mean())
+
+    @property
+    def aer(self) -> float:
+        """Average episodic return."""
+        return float(self.episodes.returns.mean())
+
+    @property
+    def path_efficiency(self) -> float | None:
+        """Moves on a shortest route by moves taken, the mean over labyrinths that were solved."""
+        solved = self.episodes.solved
+        if not solved.any():
+            return None
+        return float((self.distance[solved] / self.episodes.moves[solved]).mean())
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures, and what each episode was, in plain types.
+
+        `outcomes` has the first letter of each labyrinth's outcome, in the order of the dataset.
+        `by_distance` has, by moves on a shortest route, how many were solved, and of how many.
+        """
+        episodes, solved = self.episodes, self.episodes.solved
+        ids = [f"{number:016x}" for number in self.labyrinth_ids[~solved].tolist()]
+        return {
+            "labyrinths": len(solved),
+            "sr": self.sr,
+            "sr_interval": list(interval(solved[None].astype(np.float64))),
+            "aer": self.aer,
+            "aer_std": float(episodes.returns.std()),
+            "aer_interval": list(interval(episodes.returns[None])),
+            "path_efficiency": self.path_efficiency,
+            "accuracy_on_demonstrations": self.accuracy_on_demonstrations,
+            "accuracy_elsewhere": self.accuracy_elsewhere,
+            "failures": {
+                name: int((episodes.outcomes == name).sum())
+                for name in OUTCOMES
+                if name in episodes.outcomes[~solved]
+            },
+            "by_distance": {
+                str(moves): [int(solved[self.distance == moves].sum()), count]
+                for moves, count in zip(*map(list, _counted(self.distance)), strict=True)
+            },
+            "outcomes": "".join(name[0] for name in episodes.outcomes.tolist()),
+            "moves": episodes.moves.tolist(),
+            "failed": ids,
+        }
+
+
+def evaluate(policy: Policy, worlds: LabyrinthArrays) -> Scores:
+    """Return the scores of a policy on a split, acting greedily."""
+    actions = greedy_actions(policy, worlds)
+    right = np.take_along_axis(worlds.optimal, actions[:, None], axis=1)[:, 0]
+    solvable, shown = worlds.optimal.any(axis=1), worlds.on_demonstration
+    return Scores(
+        episodes=follow(worlds, actions),
+        labyrinth_ids=worlds.labyrinth_ids,
+        distance=worlds.distance,
+        accuracy_on_demonstrations=_share(right[solvable & shown]),
+        accuracy_elsewhere=_share(right[solvable & ~shown]),
+    )
+
+
+def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
+    """Return the episodes of which `Scores.to_json` told; raises for anything else."""
+    if len(figures["outcomes"]) != len(figures["moves"]):
+        raise ValueError("there are not as many outcomes as moves")
+    names = {name[0]: name for name in OUTCOMES}
+    outcomes = np.array([names[letter] for letter in figures["outcomes"]])
+    return Episodes(outcomes, np.array(figures["moves"], np.int64), cells)
+
+
+def _share(right: NDArray[np.bool_]) -> float | None:
+    return float(right.mean()) if right.size else None
+
+
+def _counted(values: NDArray[np.int64]) -> tuple[list[int], list[int]]:
+    found, counts = np.unique(values, return_counts=True)
+    return found.tolist(), counts.tolist()

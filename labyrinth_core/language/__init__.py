@@ -1,0 +1,1 @@
+"""The text language of labyrinths: parse, dump, its errors, edge lists, drawings."""

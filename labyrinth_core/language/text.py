@@ -1,0 +1,369 @@
+"""The text language of labyrinths: `parse` reads it, `dump` writes its canonical form.
+
+Nothing is evaluated, and the time taken grows with the length of the text and no faster.
+`docs/language.md` has a tutorial and the whole grammar.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
+from labyrinth_core.world.tasks import default_start_and_goal, place
+
+__all__ = ["SETTINGS", "LabyrinthSyntaxError", "dump", "labyrinth_id", "load", "parse"]
+
+SETTINGS = {
+    "key_and_lock": Task.KEY_AND_DOOR,
+    "icy_floor": Task.ICY_FLOOR,
+    "occlusion": Task.PARTIAL_OBSERVABILITY,
+}
+"""The task that each setting switches on, in the order in which they are written."""
+
+_SETTINGS_OF = {
+    task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
+    for task in Task
+}
+"""The settings of each task as text."""
+
+_HEADING = "labyrinth"
+_OPEN_IN_TEXT = str.maketrans("| -", "010")
+_VERTICAL = bytes.maketrans(b"01", b"| ")
+_HORIZONTAL = bytes.maketrans(b"01", b"- ")
+
+
+class _Settings(NamedTuple):
+    task: Task
+    offset: int
+    """Where the task is switched on; where the drawing is announced if none is."""
+
+
+class _Drawing(NamedTuple):
+    structure: Structure
+    tiles: str
+    """The character in each cell, cell 0 first."""
+    rows: list[int]
+    """Offset of the line of each row, the lowest row first."""
+
+    def offset(self, cell: int) -> int:
+        row, column = divmod(cell, self.structure.width)
+        return self.rows[row] + 4 * column + 2
+
+
+def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
+    """Return the labyrinth that a text describes.
+
+    text = {setting} "labyrinth" ":" drawing "end"
+
+    Args:
+        text: The description.
+        file: Name of the file it comes from, for messages.
+        seed: Settles where missing tiles of the task are placed.
+
+    Raises:
+        LabyrinthSyntaxError: The text is none of the language, or breaks a rule of its task.
+    """
+    source = Source(text, file)
+    settings = _parse_settings(source)
+    drawing = _parse_drawing(source)
+    _parse_end(source)
+    try:
+        return _build(source, drawing, settings, seed)
+    except LabyrinthError as error:
+        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
+        raise source.error(offset, str(error)) from error
+
+
+def _parse_end(source: Source) -> None:
+    """Read on to the end of the text."""
+    for message, expected in [
+        ("the drawing is complete", "end"),
+        ("there is text after 'end'", ""),
+    ]:
+        offset, line = source.next_line()
+        text = line.lstrip(" ")
+        if text != expected:
+            place = offset + len(line) - len(text)
+            wanted = f"'{expected}'" if expected else "nothing but comments"
+            source.fail(place, message, wanted, quoted(text))
+
+
+def _parse_settings(source: Source) -> _Settings:
+    """Return the task that is switched on, and read on to the drawing.
+
+    setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
+    """
+    switched_on: _Settings | None = None
+    seen: dict[str, int] = {}
+    while True:
+        offset, line = source.next_line()
+        before, colon, after = line.partition(":")
+        name, value = before.strip(" "), after.strip(" ")
+        place = offset + len(before) - len(before.lstrip(" "))
+        if name == _HEADING and colon and not value:
+            return switched_on or _Settings(Task.NAVIGATION, place)
+        if name not in SETTINGS or not colon:
+            _refuse_setting(source, offset, line)
+        if name in seen:
+            expected = "each setting at most once"
+            found = f"{name} again, after line {source.line_number(seen[name])}"
+            source.fail(place, "a setting is given twice", expected, found)
+        seen[name] = place
+        if value.lower() not in ("true", "false"):
+            value_at = offset + len(before) + 1 + len(after) - len(after.lstrip(" "))
+            found = quoted(value) if value else "the end of the line"
+            source.fail(value_at, f"in the value of {name}", "True or False", found)
+        if value.lower() == "true":
+            if switched_on:
+                found = f"{name}, after line {source.line_number(switched_on.offset)}"
+                source.fail(place, "two tasks are switched on", "one task at most", found)
+            switched_on = _Settings(SETTINGS[name], place)
+
+
+def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
+    """Raise the error for a line before the drawing that is neither setting nor heading."""
+    from difflib import get_close_matches
+
+    word = line.strip(" ").split(" ")[0].split(":")[0]
+    place = offset + len(line) - len(line.lstrip(" "))
+    if word in (_HEADING, *SETTINGS):
+        after = line[place - offset + len(word) :].lstrip(" ")
+        if after.startswith(":"):
+            place = offset + len(line) - len(after[1:].lstrip(" "))
+            source.fail(place, "the drawing begins on a line of its own", "the end of the line")
+        source.fail(offset + len(line) - len(after), f"after {word}", "':'")
+    if not line or line[0] in "-|":
+        found = quoted(line.strip(" "))
+        source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
+    names = ", ".join(SETTINGS)
+    close = get_close_matches(word[:40].lower(), (_HEADING, *SETTINGS), n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    found = quoted(word or line.strip(" "))
+    source.fail(place, "unknown setting", f"{names} or {_HEADING}{hint}", found)
+
+
+def _parse_drawing(source: Source) -> _Drawing:
+    """Return the structure and the tiles that are drawn.
+
+    drawing = outer-wall cell-line {wall-line cell-line} outer-wall
+    """
+    top = _parse_top(source)
+    width = len(top) // 4
+    rows: list[int] = []
+    tiles: list[str] = []
+    # Bits as text: the highest row and the last column first, as int() wants them.
+    right: list[str] = []
+    up: list[str] = ["0" * width]
+    while True:
+        offset, line = source.next_line()
+        if not _is_cell_line(line, width):
+            _refuse_line(source, offset, line, len(top), cells=True)
+        rows.append(offset)
+        tiles.append(line[2::4])
+        right.append("0" + line[-5:0:-4])
+        offset, line = source.next_line()
+        if line == top:
+            break
+        if not _is_wall_line(line, width):
+            _refuse_line(source, offset, line, len(top), cells=False)
+        if len(rows) == MAX_SIDE:
+            source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
+        up.append(line[-3::-4])
+    if len(rows) < MIN_SIDE:
+        expected = f"{MIN_SIDE} to {MAX_SIDE:,} rows"
+        source.fail(offset, "the drawing is too low", expected, str(len(rows)))
+    bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
+    structure = Structure(len(rows), width, *bits)
+    return _Drawing(structure, "".join(reversed(tiles)), rows[::-1])
+
+
+def _is_cell_line(line: str, width: int) -> bool:
+    """Return whether a line shows cells.
+
+    cell-line = "|" cell {("|" | " ") cell} "|"
+    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
+    """
+    return (
+        len(line) == 4 * width + 1
+        and line[1::2].count(" ") == 2 * width
+        and line[0] == line[-1] == "|"
+        and not line[0::4].strip("| ")
+        and not line[2::4].strip(" SEKDI")
+    )
+
+
+def _is_wall_line(line: str, width: int) -> bool:
+    """Return whether a line shows the walls between two rows of cells.
+
+    wall-line = "|" wall {"+" wall} "|"
+    wall = " " ("-" | " ") " "
+    """
+    return (
+        len(line) == 4 * width + 1
+        and line[1::2].count(" ") == 2 * width
+        and line[0] == line[-1] == "|"
+        and line[4:-1:4].count("+") == width - 1
+        and not line[2::4].strip("- ")
+    )
+
+
+def _parse_top(source: Source) -> str:
+    """Return the top line of a drawing, which tells its width.
+
+    outer-wall = "-" {"----"}
+    """
+    offset, line = source.next_line()
+    dashes = len(line) - len(line.lstrip("-"))
+    if not line or dashes < len(line):
+        expected = "'-'" if dashes else "a line of dashes, the outer wall"
+        source.fail(offset + dashes, "in the top line of the drawing", expected)
+    width, rest = divmod(dashes - 1, 4)
+    if rest or not MIN_SIDE <= width <= MAX_SIDE:
+        source.fail(
+            offset,
+            "the top line of the drawing has the wrong length",
+            f"four dashes for each of {MIN_SIDE} to {MAX_SIDE:,} columns, and one more",
+            f"{dashes:,} dashes",
+        )
+    return line
+
+
+def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> NoReturn:
+    """Raise the error for a line inside a drawing that is neither kind of line."""
+    kind = "cells" if cells else "walls"
+    if not line.strip("-"):
+        if line and cells:
+            source.fail(offset, "a row is missing", "a line of cells", "an outer wall")
+        if line:
+            found = f"{len(line):,} dashes"
+            source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
+        source.fail(offset, "the drawing is not complete", _begins(length, cells))
+    for column in range(length):
+        char = line[column : column + 1]
+        if column == 0:
+            allowed, expected = "|", _begins(length, cells)
+        elif column == length - 1:
+            allowed, expected = "|", "'|', the outer wall"
+        elif column % 2:
+            allowed, expected = " ", "a blank"
+        elif column % 4 == 0:
+            allowed, expected = ("| ", "'|' or a blank") if cells else ("+", "'+'")
+        elif cells:
+            allowed, expected = " SEKDI", "S, E, K, D, I or a blank"
+        else:
+            allowed, expected = "- ", "'-' or a blank"
+        if not char or char not in allowed:
+            end = None if char else "the end of the line"
+            source.fail(offset + column, f"in a line of {kind}", expected, end)
+    rest = line[length:]
+    further = offset + len(line) - len(rest.lstrip(" "))
+    source.fail(further, f"in a line of {kind}", "the end of the line")
+
+
+def _begins(length: int, cells: bool) -> str:
+    """Return what may stand where a line of a drawing begins."""
+    return "'|', the outer wall" if cells else f"'|', or {length:,} dashes to end the drawing"
+
+
+def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
+    """Return the labyrinth that is drawn, with the tiles that its task lacks."""
+    structure, task = drawing.structure, settings.task
+    start, goal = default_start_and_goal(structure.height, structure.width)
+    drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
+    start = start if drawn_start is None else drawn_start
+    goal = goal if drawn_goal is None else drawn_goal
+    key = door = None
+    ice: frozenset[int] = frozenset()
+    complete = True
+    if task is Task.KEY_AND_DOOR:
+        key, door = _only(source, drawing, "K"), _only(source, drawing, "D")
+        complete = None not in (key, door)
+    elif task is Task.ICY_FLOOR:
+        ice = frozenset(cell for cell, tile in enumerate(drawing.tiles) if tile == "I")
+        complete = bool(ice)
+    if complete:
+        return Labyrinth(structure, start, goal, task, key, door, ice)
+    return place(structure, start, goal, task, np.random.default_rng(seed), key=key, door=door)
+
+
+def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
+    """Return the cell of a tile that may be drawn once at most, None if it is not drawn."""
+    tiles = drawing.tiles
+    cell = tiles.find(tile)
+    if cell >= 0 and tiles.find(tile, cell + 1) >= 0:
+        drawn = sorted(drawing.offset(at) for at, found in enumerate(tiles) if found == tile)
+        found = f"another, after line {source.line_number(drawn[0])}"
+        source.fail(drawn[1], f"{tile} is drawn twice", f"one {tile} at most", found)
+    return cell if cell >= 0 else None
+
+
+def load(path: Path, *, seed: int = 0) -> Labyrinth:
+    """Return the labyrinth that a UTF-8 file describes.
+
+    Args:
+        path: The file.
+        seed: Settles where missing tiles of the task are placed.
+
+    Raises:
+        LabyrinthSyntaxError: Its text is none of the language, or breaks a rule of its task.
+        OSError: The file cannot be read.
+    """
+    return parse(read_text(path), file=str(path), seed=seed)
+
+
+def dump(labyrinth: Labyrinth) -> str:
+    """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
+    structure = labyrinth.structure
+    width, cells = structure.width, structure.cells
+    # Cell 0 first, as the bits of an integer have it last.
+    above = f"{structure.up:0{cells}b}"[::-1].encode().translate(_HORIZONTAL)
+    beside = f"{structure.right:0{cells}b}"[::-1].encode().translate(_VERTICAL)
+    tiles = bytearray(b" ") * cells
+    tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
+    if labyrinth.key is not None and labyrinth.door is not None:
+        tiles[labyrinth.key], tiles[labyrinth.door] = b"KD"
+    for cell in labyrinth.ice:
+        tiles[cell] = ord("I")
+    shown = bytes(tiles)
+    outer_wall = b"-" * (4 * width + 1)
+    lines = [outer_wall]
+    for first in range(cells - width, -1, -width):
+        last = first + width
+        if last < cells:
+            lines.append(_wall_line(above[first:last]))
+        lines.append(_cell_line(shown[first:last], beside[first:last]))
+    lines.append(outer_wall)
+    drawing = b"\n".join(lines).decode()
+    return f"{_SETTINGS_OF[labyrinth.task]}\n{_HEADING}:\n{drawing}\nend\n"
+
+
+@lru_cache(maxsize=4_096)
+def _cell_line(tiles: bytes, beside: bytes) -> bytes:
+    """Return the line of a row of cells, given a character for each and for the wall after it."""
+    line = bytearray(b"|   " * len(tiles) + b"|")
+    line[2::4] = tiles
+    line[4::4] = beside  # The last has no passage: the outer wall.
+    return bytes(line)
+
+
+@lru_cache(maxsize=4_096)
+def _wall_line(above: bytes) -> bytes:
+    """Return the line above a row of cells, given a character for the wall above each."""
+    line = bytearray(b"|   " + b"+   " * (len(above) - 1) + b"|")
+    line[2::4] = above
+    return bytes(line)
+
+
+def labyrinth_id(labyrinth: Labyrinth | str) -> str:
+    """Return sixteen hexadecimal digits, the same on every machine and in every process.
+
+    Args:
+        labyrinth: A labyrinth, or its canonical text, as `dump` gives it.
+    """
+    return identity(labyrinth if isinstance(labyrinth, str) else dump(labyrinth))

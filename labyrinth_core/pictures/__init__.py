@@ -1,0 +1,1 @@
+"""States as pictures and as vectors, exact to the last bit."""

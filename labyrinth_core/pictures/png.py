@@ -1,0 +1,174 @@
+"""A lossless PNG encoder for pictures that are made of few distinct rows of pixels.
+
+General encoders compress every pixel of every picture, which costs milliseconds. Here a picture
+is a sequence of strips, a strip a few rows of pixels with the number of times each is repeated.
+Each strip is compressed once, ended with a full flush so that it stands alone, and remembered; a
+picture is the strips joined. The Adler-32 of the whole follows from those of the strips, so that of
+a picture with a few strips exchanged follows from theirs. A repeated row is the filter "up" over
+nothing but zeros, whatever the row holds, so its compressed form depends only on the length: what
+a new strip costs is one row of pixels.
+
+Pictures are truecolour, 8 bits a channel (colour type 2), so that every reader sees three
+channels. Format: PNG, https://www.w3.org/TR/png-3/; deflate, RFC 1951; Adler-32, RFC 1950.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import accumulate
+from operator import mul
+from typing import NamedTuple
+
+PICTURE_SIZE = 600
+"""Pixels on each side of the pictures in the datasets."""
+
+Band = tuple[bytes, int]
+"""A row of pixels, three bytes each, and how many times it is repeated."""
+
+Strip = tuple[Band, ...]
+"""Some bands, from top to bottom."""
+
+
+class KeptStrip(Strip):
+    """A strip that is drawn once and used in many pictures; caches know it by its identity.
+
+    Hashing the content would cost more than the look-up it is for.
+    """
+
+    __slots__ = ()
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
+LEVEL = 3
+"""Of zlib, for rows of pixels: most are compressed for one picture and never met again.
+
+A changed level changes the bytes of every picture, though not its pixels.
+"""
+REPEAT_LEVEL = 9
+"""Of zlib, for repeated rows: most of a picture, and the same in all pictures."""
+
+_WINDOW_BITS, _MEMORY_LEVEL = -12, 5
+_ADLER_MODULUS = 65_521
+_FILTER_NONE = b"\x00"
+_FILTER_UP = b"\x02"
+_ZLIB_HEADER = b"\x78\x01"
+_LAST_BLOCK = b"\x03\x00"
+"""An empty deflate block marked as the last."""
+_NUMBER, _SUMS = struct.Struct(">I"), struct.Struct(">HH")
+
+
+class Piece(NamedTuple):
+    """Compressed bytes that stand alone."""
+
+    compressed: bytes
+    a: int
+    b: int
+    """The two sums of Adler-32."""
+    length: int
+    """Bytes uncompressed."""
+
+
+def encode(strips: Sequence[Strip], width: int) -> bytes:
+    """Return the PNG file of a picture.
+
+    Args:
+        strips: The picture from top to bottom; every row has `3 * width` bytes.
+        width: Pixels in a row.
+    """
+    return Mosaic(strips, width).encode({})
+
+
+class Mosaic:
+    """A picture of which some strips are exchanged for others, at the price of those alone."""
+
+    def __init__(self, strips: Sequence[Strip], width: int) -> None:
+        """Take the picture with nothing exchanged; see `encode`."""
+        self._pieces = list(map(_strip_piece, strips))
+        self._below, *self._sums = _sums(self._pieces)
+        self._parts = [b"IDAT" + _ZLIB_HEADER, *[piece[0] for piece in self._pieces]]
+        self._header = _header(width, (self._below[0] + self._pieces[0].length) // (3 * width + 1))
+
+    def encode(self, changes: Mapping[int, Strip]) -> bytes:
+        """Return the PNG file of the picture with some strips exchanged.
+
+        Args:
+            changes: Place of a strip, counted from the top -> one of the same height.
+
+        Raises:
+            ValueError: A strip is not of that height.
+        """
+        parts = self._parts.copy()
+        a, b = self._sums
+        for place, strip in changes.items():
+            compressed, new_a, new_b, new_length = _strip_piece(strip)
+            _, old_a, old_b, old_length = self._pieces[place]
+            if new_length != old_length:
+                raise ValueError(f"strip {place}: {new_length} bytes of rows, not {old_length}")
+            a += new_a - old_a
+            b += new_b - old_b + (new_a - old_a) * self._below[place]
+            parts[place + 1] = compressed
+        parts.append(_LAST_BLOCK)
+        parts.append(_SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS))
+        data = b"".join(parts)
+        length, check = _NUMBER.pack(len(data) - 4), _NUMBER.pack(zlib.crc32(data))
+        return b"".join((self._header, length, data, check, _END))
+
+
+def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
+    """Return the bytes below each of the pieces, and the sums of all, one after the other.
+
+    Each byte counts once in a, and in b as often as there are bytes from it to the end; each piece
+    begins with an a of 1.
+    """
+    _, a, b, lengths = zip(*pieces, strict=True)
+    length = sum(lengths)
+    below = [length - end for end in accumulate(lengths)]
+    return below, sum(a) - len(a) + 1, sum(b) + sum(map(mul, a, below)) - sum(below)
+
+
+@lru_cache(maxsize=8_192)
+def _strip_piece(strip: Strip) -> Piece:
+    pieces = []
+    for row, count in strip:
+        pieces.append(_row_piece(row))
+        if count > 1:
+            pieces.append(_repeat_piece(len(row), count - 1))
+    _, a, b = _sums(pieces)
+    compressed = b"".join([piece[0] for piece in pieces])
+    length = sum([piece.length for piece in pieces])
+    return Piece(compressed, a % _ADLER_MODULUS, b % _ADLER_MODULUS, length)
+
+
+@lru_cache(maxsize=8_192)
+def _row_piece(row: bytes) -> Piece:
+    return _compress(_FILTER_NONE + row, LEVEL)
+
+
+@lru_cache(maxsize=2_048)
+def _repeat_piece(length: int, times: int) -> Piece:
+    return _compress((_FILTER_UP + bytes(length)) * times, REPEAT_LEVEL)
+
+
+def _compress(data: bytes, level: int) -> Piece:
+    # Rows are short: a small window and a small memory hold all of one, and are set up sooner.
+    deflate = zlib.compressobj(level, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
+    compressed = deflate.compress(data) + deflate.flush(zlib.Z_FULL_FLUSH)
+    adler = zlib.adler32(data)
+    return Piece(compressed, adler & 0xFFFF, adler >> 16, len(data))
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return _NUMBER.pack(len(data)) + kind + data + _NUMBER.pack(zlib.crc32(kind + data))
+
+
+@lru_cache(maxsize=64)
+def _header(width: int, height: int) -> bytes:
+    truecolour = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", truecolour)
+
+
+_END = _chunk(b"IEND", b"")

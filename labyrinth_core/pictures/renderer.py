@@ -1,0 +1,332 @@
+"""The picture of a state: flat colours on a grid with black walls.
+
+Everything is made of upright rectangles, so a picture is a few distinct rows of pixels, each
+repeated; `png` lives on that. Cells are square, whatever the shape of the labyrinth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import accumulate, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Mosaic, Strip
+from labyrinth_core.pictures.resize import shrink
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.visibility import visible_from
+
+MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
+"""Most rows and columns of a labyrinth of which each cell and wall still has a pixel."""
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """The colours, red, green and blue from 0 to 255, and how thick walls are.
+
+    The defaults give start, goal and agent the roles red, blue and green have in the original,
+    in the shades of Okabe and Ito that the colour-blind can tell apart
+    (https://jfly.uni-koeln.de/color/).
+    """
+
+    floor: Colour = (255, 255, 255)
+    wall: Colour = (0, 0, 0)
+    hidden: Colour = (0, 0, 0)
+    start: Colour = (213, 94, 0)
+    goal: Colour = (0, 114, 178)
+    agent: Colour = (0, 158, 115)
+    key: Colour = (240, 228, 66)
+    door: Colour = (128, 72, 32)
+    ice: Colour = (170, 217, 242)
+    wall_pixels: int | None = None
+    """Of `PICTURE_SIZE`; None: a twelfth of a cell, or two pixels if that is more."""
+
+
+DEFAULT_STYLE = Style()
+
+# What a cell shows, as a number: one of these, plus one for the agent if it is there.
+_FLOOR, _START, _GOAL, _KEY, _DOOR, _OPEN_DOOR, _ICE, _HIDDEN = range(8)
+_AGENT, _AGENT_WITH_KEY = 8, 16
+
+
+def render(
+    labyrinth: Labyrinth,
+    state: State,
+    image_size: int = PICTURE_SIZE,
+    style: Style = DEFAULT_STYLE,
+) -> NDArray[np.uint8]:
+    """Return the picture of a state, shape (image_size, image_size, 3), rows from the top.
+
+    Any size but `PICTURE_SIZE` is the picture of that size, area-averaged.
+
+    Raises:
+        ValueError: The labyrinth is too large for every wall to have a pixel.
+    """
+    return Painter(labyrinth, style).array(state, image_size)
+
+
+def render_png(labyrinth: Labyrinth, state: State, style: Style = DEFAULT_STYLE) -> bytes:
+    """Return the picture of a state as a PNG file of `PICTURE_SIZE`; raises as `render`."""
+    return Painter(labyrinth, style).png(state)
+
+
+class Painter:
+    """Draws the states of one labyrinth, doing but once what they have in common."""
+
+    def __init__(self, labyrinth: Labyrinth, style: Style = DEFAULT_STYLE) -> None:
+        structure = labyrinth.structure
+        self._labyrinth = labyrinth
+        self._style = style
+        self._grid = _grid(structure.height, structure.width, style.wall_pixels)
+        everything = (1 << structure.width) - 1
+        shifts = range(0, structure.cells, structure.width)
+        # The open passages of each row of cells, as bit sets over columns.
+        self._right = [structure.right >> shift & everything for shift in shifts]
+        self._up = [structure.up >> shift & everything for shift in shifts]
+        # What the cells show that are no mere floor.
+        self._codes = {labyrinth.start: _START, labyrinth.goal: _GOAL}
+        self._codes |= dict.fromkeys(labyrinth.ice, _ICE)
+        if labyrinth.key is not None and labyrinth.door is not None:
+            self._codes |= {labyrinth.key: _KEY, labyrinth.door: _DOOR}
+        self._strips = self._draw(self._codes, self._right, self._up)
+        # Below the lowest row of cells are a line and perhaps a margin.
+        self._lowest = len(self._strips) - 2 - (self._grid.bottom > 0)
+
+    @cached_property
+    def _mosaic(self) -> Mosaic:
+        return Mosaic(self._strips, PICTURE_SIZE)
+
+    def png(self, state: State) -> bytes:
+        """Return the picture of a state as a PNG file of `PICTURE_SIZE`."""
+        return self._mosaic.encode(self.changes(state))
+
+    def array(self, state: State, image_size: int = PICTURE_SIZE) -> NDArray[np.uint8]:
+        """Return the picture of a state, shape (image_size, image_size, 3)."""
+        return shrink(self.strips(state), image_size)
+
+    def strips(self, state: State | None = None) -> list[Strip]:
+        """Return the picture as strips, from top to bottom, for `png.encode`.
+
+        Args:
+            state: What to show; None for the labyrinth alone, all seen and nobody there.
+        """
+        strips = self._strips.copy()
+        if state is not None:
+            for place, strip in self.changes(state).items():
+                strips[place] = strip
+        return strips
+
+    def changes(self, state: State) -> dict[int, Strip]:
+        """Return the strips that show a state, by their place among those of the labyrinth."""
+        labyrinth, grid, style = self._labyrinth, self._grid, self._style
+        cell, has_key, door_open = state
+        codes: dict[int, int] = {}
+        if has_key and labyrinth.key is not None:
+            codes[labyrinth.key] = _FLOOR
+        if door_open and labyrinth.door is not None:
+            codes[labyrinth.door] = _OPEN_DOOR
+        under = codes.get(cell, self._codes.get(cell, _FLOOR))
+        codes[cell] = under + (_AGENT_WITH_KEY if has_key and not door_open else _AGENT)
+        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+            return dict(enumerate(self._draw_seen(state, self._codes | codes)))
+        strips: dict[int, Strip] = {}
+        for cell, code in codes.items():
+            row, column = divmod(cell, labyrinth.structure.width)
+            place = self._lowest - 2 * row
+            strip = strips.get(place, self._strips[place])
+            strips[place] = _with_tile(grid, style, strip, column, code)
+        return strips
+
+    def _draw_seen(self, state: State, codes: dict[int, int]) -> list[Strip]:
+        """Return all strips as the agent sees them; walls that it does not see are shut."""
+        labyrinth = self._labyrinth
+        seen = visible_from(labyrinth.structure, state.agent)
+        shown = seen | {labyrinth.start, labyrinth.goal}
+        hidden = dict.fromkeys(set(range(labyrinth.structure.cells)) - shown, _HIDDEN)
+        rows = [0] * labyrinth.structure.height
+        for cell in seen:
+            row, column = divmod(cell, labyrinth.structure.width)
+            rows[row] |= 1 << column
+        right = [open_ & (row | row >> 1) for open_, row in zip(self._right, rows, strict=True)]
+        up = [
+            open_ & (row | above)
+            for open_, row, above in zip(self._up, rows, [*rows[1:], 0], strict=True)
+        ]
+        return self._draw(codes | hidden, right, up)
+
+    def _draw(self, codes: dict[int, int], right: list[int], up: list[int]) -> list[Strip]:
+        """Return all strips, given what cells show, and the open passages of each row."""
+        grid, style, width = self._grid, self._style, self._labyrinth.structure.width
+        rows: dict[int, list[int]] = {}
+        for cell, code in codes.items():
+            row, column = divmod(cell, width)
+            rows.setdefault(row, [_FLOOR] * width)[column] = code
+        floor = (_FLOOR,) * width
+        strips = [grid.margin_strip(grid.top, style.floor)] if grid.top else []
+        for row in range(len(right) - 1, -1, -1):
+            strips.append(_line(grid, style, up[row]))
+            shown = tuple(rows[row]) if row in rows else floor
+            strips.append(_tiles(grid, style, grid.tall(row), shown, right[row]))
+        strips.append(_line(grid, style, 0))
+        if grid.bottom:
+            strips.append(grid.margin_strip(grid.bottom, style.floor))
+        return strips
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Where the walls are, in pixels from the top left."""
+
+    columns: tuple[int, ...]
+    """First pixel of each vertical wall, width + 1 of them."""
+    rows: tuple[int, ...]
+    """First pixel of each horizontal wall, height + 1 of them, from the top."""
+    thickness: int
+
+    @property
+    def top(self) -> int:
+        return self.rows[0]
+
+    @property
+    def bottom(self) -> int:
+        return PICTURE_SIZE - self.rows[-1] - self.thickness
+
+    def tall(self, row: int) -> int:
+        """Return the pixels between the walls above and below a row of cells."""
+        above = len(self.rows) - 2 - row
+        return self.rows[above + 1] - self.rows[above] - self.thickness
+
+    @cached_property
+    def wide(self) -> list[int]:
+        """The pixels between the walls left and right of each column."""
+        return [right - left - self.thickness for left, right in pairwise(self.columns)]
+
+    def margin_strip(self, height: int, colour: Colour) -> Strip:
+        return ((bytes(colour) * PICTURE_SIZE, height),)
+
+    def choose(self, passages: int, closed: bytes, opened: bytes) -> list[bytes]:
+        """Return for each column one of two, by whether its bit is set."""
+        bits = f"{passages:0{len(self.wide)}b}"[::-1]
+        return [opened if bit == "1" else closed for bit in bits]
+
+    def pixels(self, style: Style, between: list[bytes], walls: list[bytes]) -> bytes:
+        """Return a row of pixels: margin and wall, what is `between` walls, `walls`, margin."""
+        floor, left = bytes(style.floor), self.columns[0]
+        right = PICTURE_SIZE - self.columns[-1] - self.thickness
+        parts = [floor * left + bytes(style.wall) * self.thickness]
+        parts += between + walls
+        parts[1::2], parts[2::2] = between, walls
+        parts.append(floor * right)
+        return b"".join(parts)
+
+
+@lru_cache(maxsize=64)
+def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
+    most = max(height, width)
+    if most > MAX_PICTURED_SIDE:
+        raise ValueError(
+            f"a {height}x{width} labyrinth does not fit a picture of {PICTURE_SIZE} pixels: "
+            f"{MAX_PICTURED_SIDE} rows and columns at most"
+        )
+    # A twelfth of a cell looks right in small labyrinths; two pixels survive the way to 64 x 64.
+    usual = max(PICTURE_SIZE // (12 * most), 2 if PICTURE_SIZE // most >= 4 else 1)
+    thickness = usual if wall_pixels is None else min(wall_pixels, usual)
+    span = PICTURE_SIZE - thickness
+
+    def lines(count: int) -> tuple[int, ...]:
+        margin = (span - count * span // most) // 2
+        return tuple(margin + line * span // most for line in range(count + 1))
+
+    return _Grid(columns=lines(width), rows=lines(height), thickness=thickness)
+
+
+@lru_cache(maxsize=4_096)
+def _line(grid: _Grid, style: Style, passages: int) -> Strip:
+    """Return the strip of a horizontal wall; `passages` is the bit set of columns it is open in."""
+    floor, wall = bytes(style.floor), bytes(style.wall)
+    colours = grid.choose(passages, wall, floor)
+    between = [colour * wide for colour, wide in zip(colours, grid.wide, strict=True)]
+    posts = [wall * grid.thickness] * len(between)
+    return KeptStrip([(grid.pixels(style, between, posts), grid.thickness)])
+
+
+@lru_cache(maxsize=8_192)
+def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passages: int) -> Strip:
+    """Return the strip of a row of cells, without the walls above and below it."""
+    walls = grid.choose(passages, *(bytes(c) * grid.thickness for c in (style.wall, style.floor)))
+    cells = list(zip(codes, grid.wide, strict=True))
+    different = set(cells)
+    # What is nested is as far from the bottom as from the top, so the lower half mirrors the upper.
+    insets = sorted({tall * t // 12 for code, _ in different for t, _ in _squares(style, code)})
+    upper: list[Band] = []
+    for top, bottom in pairwise([*insets, tall - insets[-1]]):
+        looks = {cell: _tile_row(style, *cell, tall, top) for cell in different}
+        row = grid.pixels(style, [looks[cell] for cell in cells], walls)
+        upper.append((row, bottom - top))
+    return KeptStrip(upper + upper[-2::-1])
+
+
+@lru_cache(maxsize=8_192)
+def _with_tile(grid: _Grid, style: Style, strip: Strip, column: int, code: int) -> Strip:
+    """Return the strip of a row of cells with one cell showing something else."""
+    left, wide = 3 * (grid.columns[column] + grid.thickness), grid.wide[column]
+    right = left + 3 * wide
+    bottoms = list(accumulate(count for _, count in strip))
+    tall = bottoms[-1]
+    insets = {tall * twelfths // 12 for twelfths, _ in _squares(style, code)}
+    borders = sorted(insets.union([tall - inset for inset in insets], bottoms))
+    bands: list[Band] = []
+    rows = iter(zip((row for row, _ in strip), bottoms, strict=True))
+    row, end = next(rows)
+    for top, bottom in pairwise(borders):
+        if top == end:
+            row, end = next(rows)
+        tile = _tile_row(style, code, wide, tall, top)
+        changed = row if row[left:right] == tile else row[:left] + tile + row[right:]
+        if bands and bands[-1][0] == changed:
+            bands[-1] = (changed, bands[-1][1] + bottom - top)
+        else:
+            bands.append((changed, bottom - top))
+    return KeptStrip(bands)
+
+
+@lru_cache(maxsize=4_096)
+def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
+    """Return the pixels of one tile at height `y`: nested squares, the outermost first."""
+    pixels = b""
+    for twelfths, colour in _squares(style, code):
+        if tall * twelfths // 12 <= y < tall - tall * twelfths // 12:
+            inset = wide * twelfths // 12
+            middle = bytes(colour) * (wide - 2 * inset)
+            pixels = pixels[: 3 * inset] + middle + pixels[3 * (wide - inset) :]
+    return pixels
+
+
+@lru_cache(maxsize=256)
+def _squares(style: Style, code: int) -> list[tuple[int, Colour]]:
+    """Return the squares that a cell shows, as (inset in twelfths of a cell, colour)."""
+    agent, tile = code & ~7, code & 7
+    squares = [(0, style.floor)]
+    if tile == _KEY:
+        squares += [(3, style.wall), (4, style.key)]
+    elif tile == _OPEN_DOOR:
+        squares += [(0, style.door), (1, style.floor)]
+    elif tile != _FLOOR:
+        colours = {
+            _START: style.start,
+            _GOAL: style.goal,
+            _DOOR: style.door,
+            _ICE: style.ice,
+            _HIDDEN: style.hidden,
+        }
+        squares += [(0, colours[tile])]
+    if agent:
+        squares += [(2, style.agent)]
+    if agent == _AGENT_WITH_KEY:
+        squares += [(4, style.key)]
+    return squares

@@ -1,0 +1,144 @@
+"""Pictures at another size straight from their strips.
+
+By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
+`area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
+between the four pixels nearest to its centre, with no antialiasing, as tensors are resized by
+default (`torch.nn.functional.interpolate`, `align_corners=False`): thin lines between two centres
+vanish. That is for comparison with results that were got so.
+
+A strip comes back at the same height in many pictures, so what it adds to the pixels of the small
+picture is worked out once. All sums are in whole numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.png import PICTURE_SIZE, Strip
+
+REMEMBERED_BYTES = 32 * 2**20
+"""About what the shares of strips that are remembered may take, for each size of picture.
+
+The narrowed rows they are made of may take as much again.
+"""
+
+RESIZES = ("area", "bilinear")
+"""How a picture becomes smaller; `bilinear` makes none larger."""
+
+
+class _Share(NamedTuple):
+    """What a strip adds to a small picture, before the division."""
+
+    first: int
+    """The first row of pixels that it touches."""
+    end: int
+    sums: NDArray[np.int32]
+    """Shape (end - first, image_size * 3); at most 255 * 600 * 600 in all, which fits."""
+    height: int
+    """Rows of the strip in the large picture."""
+
+
+def shrink(strips: Sequence[Strip], image_size: int, resize: str = "area") -> NDArray[np.uint8]:
+    """Return a picture at another size, its values rounded.
+
+    Args:
+        strips: The picture of `PICTURE_SIZE` each way, from top to bottom.
+        image_size: Side of the result, shape (image_size, image_size, 3).
+        resize: One of `RESIZES`.
+    """
+    if image_size == PICTURE_SIZE:
+        return _unshrunk(strips)
+    share_of = _remembering_shares(image_size, resize)
+    unit = int(_weights(image_size, resize)[0].sum()) ** 2
+    # Half of it first, so that the division rounds.
+    sums = np.full((image_size, 3 * image_size), unit // 2, np.int32)
+    top = 0
+    for strip in strips:
+        first, end, share, height = share_of(strip, top)
+        sums[first:end] += share
+        top += height
+    sums //= unit
+    return sums.astype(np.uint8).reshape(image_size, image_size, 3)
+
+
+def area_average(picture: NDArray[np.uint8], image_size: int) -> NDArray[np.uint8]:
+    """Return a square picture at another size, each pixel the rounded mean of what it covers.
+
+    Args:
+        picture: Shape (side, side, 3).
+        image_size: Side of the result, shape (image_size, image_size, 3).
+    """
+    side = len(picture)
+    if side == image_size:
+        return picture
+    weights = _weights(image_size, "area", side)
+    # Sums of whole numbers below 2 ** 53, so floats hold them exactly.
+    rows = weights @ picture.reshape(side, -1).astype(np.float64)
+    sums = weights @ rows.reshape(image_size, side, 3)
+    return ((2 * sums + side**2) // (2 * side**2)).astype(np.uint8)
+
+
+def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
+    bands = [band for strip in strips for band in strip]
+    rows = np.frombuffer(b"".join([row for row, _ in bands]), np.uint8)
+    counts = [count for _, count in bands]
+    return rows.reshape(len(bands), PICTURE_SIZE, 3).repeat(counts, axis=0)
+
+
+@lru_cache(maxsize=4)
+def _remembering_shares(image_size: int, resize: str = "area") -> Callable[[Strip, int], _Share]:
+    # A tenth of a picture is about what a strip is of, with the rows it shares with the next.
+    share_bytes = 4 * 3 * image_size * (image_size // 10 + 2)
+    shares = max(32, REMEMBERED_BYTES // share_bytes)
+    return lru_cache(maxsize=shares)(partial(_share, image_size=image_size, resize=resize))
+
+
+def _share(strip: Strip, top: int, *, image_size: int, resize: str = "area") -> _Share:
+    height = sum(count for _, count in strip)
+    weights = _weights(image_size, resize)
+    touched = np.flatnonzero(weights[:, top : top + height].any(axis=1))
+    first, end = (int(touched[0]), int(touched[-1]) + 1) if touched.size else (0, 0)
+    sums = np.zeros((end - first, 3 * image_size), np.int32)
+    narrow = _remembering_narrow(image_size, resize)
+    for row, count in strip:
+        weight = weights[first:end, top : top + count].sum(axis=1, keepdims=True)
+        sums += weight.astype(np.int32) * narrow(row)
+        top += count
+    return _Share(first, end, sums, height)
+
+
+@lru_cache(maxsize=4)
+def _remembering_narrow(image_size: int, resize: str) -> Callable[[bytes], NDArray[np.int32]]:
+    rows = max(32, REMEMBERED_BYTES // (4 * 3 * image_size))
+    return lru_cache(maxsize=rows)(partial(_narrow, image_size=image_size, resize=resize))
+
+
+def _narrow(row: bytes, image_size: int, resize: str) -> NDArray[np.int32]:
+    """Return a row of pixels at another width, weighted sums, shape (image_size * 3,)."""
+    pixels = np.frombuffer(row, np.uint8).reshape(PICTURE_SIZE, 3)
+    # In floats, which hold these whole numbers exactly and are multiplied much faster.
+    sums = _weights(image_size, resize) @ pixels.astype(np.float64)
+    return sums.astype(np.int32).reshape(-1)
+
+
+@lru_cache(maxsize=4)
+def _weights(image_size: int, resize: str, side: int = PICTURE_SIZE) -> NDArray[np.float64]:
+    """Return how much each pixel counts in a small one, shape (image_size, side).
+
+    In whole numbers, and the same in all for every small pixel: by `area` the unit is 1 /
+    `image_size` of a pixel, by `bilinear` half of that.
+    """
+    small = np.arange(image_size)[:, None]
+    if resize == "area":
+        starts, lows = np.arange(side) * image_size, small * side
+        overlap = np.minimum(starts + image_size, lows + side) - np.maximum(starts, lows)
+        return overlap.clip(0).astype(np.float64)
+    # From the centre of the first pixel to that of the small one.
+    centres = side * (2 * small + 1) - image_size
+    apart = abs(2 * image_size * np.arange(side) - centres)
+    return (2 * image_size - apart).clip(0).astype(np.float64)

@@ -1,0 +1,115 @@
+"""The vector form of a state, as the authors' environment has it: tiles, then a grid of walls.
+
+A labyrinth of height x width cells has a wall grid of (2 height - 1) x (2 width - 1) entries, row
+0 at the bottom: cells at even rows and columns, passages between them, and the points where four
+cells meet at odd rows and columns. The outer walls are left out.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.grid import row_and_column
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.visibility import visible_from
+
+OPEN, WALL, ICE = 0, 1, 2
+"""Entries of the wall grid; what the agent does not see looks like a wall."""
+GONE = -1
+"""Position of a key that was picked up, or of a door that was opened."""
+
+VectorArray = NDArray[np.int32]
+
+
+def tile_count(task: Task) -> int:
+    """Return how many positions come before the wall grid: with key and door 5, otherwise 3."""
+    return 5 if task is Task.KEY_AND_DOOR else 3
+
+
+def grid_index(cell: int, width: int) -> int:
+    """Return where a cell lies in the flattened wall grid."""
+    row, column = row_and_column(cell, width)
+    return 2 * row * (2 * width - 1) + 2 * column
+
+
+def grid_indices(height: int, width: int) -> VectorArray:
+    """Return where each cell lies in the flattened wall grid, shape (cells,)."""
+    grid = np.arange((2 * height - 1) * (2 * width - 1), dtype=np.int32)
+    return grid.reshape(2 * height - 1, 2 * width - 1)[::2, ::2].flatten()
+
+
+def wall_grid(labyrinth: Labyrinth) -> VectorArray:
+    """Return the wall grid with nothing hidden, shape (2 height - 1, 2 width - 1), row 0 first."""
+    structure = labyrinth.structure
+    grid = np.full((2 * structure.height - 1, 2 * structure.width - 1), WALL, np.int32)
+    grid[::2, ::2] = OPEN
+    grid[1::2, ::2][_mask(structure.up, structure.height, structure.width)[:-1]] = OPEN
+    grid[::2, 1::2][_mask(structure.right, structure.height, structure.width)[:, :-1]] = OPEN
+    for cell in labyrinth.ice:
+        row, column = labyrinth.position(cell)
+        grid[2 * row, 2 * column] = ICE
+    return grid
+
+
+def _mask(bits: int, height: int, width: int) -> NDArray[np.bool_]:
+    """Return a bit set over cells as an array, shape (height, width)."""
+    size = height * width
+    packed = np.frombuffer(bits.to_bytes((size + 7) // 8, "little"), np.uint8)
+    flat = np.unpackbits(packed, count=size, bitorder="little")
+    return flat.reshape(height, width).astype(np.bool_)
+
+
+def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
+    """Turn into wall, in place, the cells that are hidden and the passages between two of them.
+
+    Args:
+        grids: Wall grids, shape (..., 2 height - 1, 2 width - 1).
+        visible: Which cells are seen, shape (..., height, width).
+    """
+    grids[..., ::2, ::2][~visible] = WALL
+    grids[..., 1::2, ::2][~(visible[..., :-1, :] | visible[..., 1:, :])] = WALL
+    grids[..., ::2, 1::2][~(visible[..., :, :-1] | visible[..., :, 1:])] = WALL
+
+
+@lru_cache(maxsize=1024)
+def initial_vector(labyrinth: Labyrinth) -> VectorArray:
+    """Return the vector of the initial state, nothing hidden; read-only, as it is kept."""
+    width = labyrinth.structure.width
+    tiles = [labyrinth.start, labyrinth.start, labyrinth.goal]
+    if labyrinth.key is not None and labyrinth.door is not None:
+        tiles += [labyrinth.key, labyrinth.door]
+    positions = np.array([grid_index(cell, width) for cell in tiles], np.int32)
+    vector = np.concatenate([positions, wall_grid(labyrinth).ravel()])
+    vector.setflags(write=False)
+    return vector
+
+
+def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
+    """Return what the agent observes in a state, as a vector of its own.
+
+    Returns:
+        Shape (tiles + (2 height - 1) * (2 width - 1),), dtype int32. First the positions of
+        agent, start, goal, and in key and door of key and door, as indices into the flattened
+        wall grid, -1 for a key picked up and a door opened. Then the wall grid, row by row from
+        the bottom: wall 1, open 0, ice 2. Under partial observability a cell out of sight and a
+        passage between two such cells are 1, except that start and goal are always 0.
+    """
+    structure = labyrinth.structure
+    vector: VectorArray = initial_vector(labyrinth).copy()
+    vector[0] = grid_index(state.agent, structure.width)
+    if labyrinth.door is not None:
+        if state.has_key:
+            vector[3] = GONE
+        if state.door_open:
+            vector[4] = GONE
+    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+        visible = np.zeros((structure.height, structure.width), np.bool_)
+        visible.flat[list(visible_from(structure, state.agent))] = True
+        grid = vector[tile_count(labyrinth.task) :]
+        hide(grid.reshape(2 * structure.height - 1, 2 * structure.width - 1), visible)
+        grid[vector[1:3]] = OPEN
+    return vector

@@ -1,0 +1,1 @@
+"""Grid labyrinths: structures, tasks, dynamics, solver, sampling."""

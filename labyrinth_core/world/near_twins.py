@@ -1,0 +1,201 @@
+"""Which structures are few walls apart: exactly, and in time near linear in how many there are.
+
+Two structures of one size are as many walls apart as there are passages that only one of them
+has. Cut the passages of the grid into some blocks: structures that are at most `walls` apart
+differ in at most so many blocks, and agree in all others. So for each choice of blocks to leave
+out, the passages in the rest are a key to look up, and whoever shares no key with a structure is
+farther away; whoever does is compared in full. (Manku, Jain and Das Sarma, "Detecting
+near-duplicates for web crawling", WWW 2007, section 3.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import Structure
+
+JOINED_WALLS = 3
+"""Up to so many walls near twins are looked up; beyond, all pairs are compared."""
+MOST_PAIRS = 10**10
+"""Up to so many pairs are compared; at 5x5 that takes about half a minute."""
+FAR = -1
+"""Stands for a distance of more than `JOINED_WALLS`, where there are too many pairs."""
+
+_CANDIDATES = 1 << 20
+"""Pairs that are held in memory at a time."""
+_ONES = np.array([byte.bit_count() for byte in range(256)], np.uint8)
+
+
+class Nearest(NamedTuple):
+    """For each structure, the nearest one of some others."""
+
+    walls: NDArray[np.int64]
+    """How many walls away it is, `FAR` if that is not known, shape (structures,)."""
+    which: NDArray[np.int64]
+    """Which one it is, the first of several, shape (structures,); of no meaning where `FAR`."""
+
+
+def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
+    """Return which passages are open, shape (structures, passages of the grid).
+
+    First those that lead up, by cell, then those that lead right.
+
+    Args:
+        structures: All of one size; one at least.
+    """
+    cells = structures[0].cells
+    length = -(-cells // 8)
+    known = [*structures, _whole(structures[0])]
+    content = b"".join(
+        bits.to_bytes(length, "little") for each in known for bits in (each.up, each.right)
+    )
+    packed = np.frombuffer(content, np.uint8).reshape(len(known), 2, length)
+    table = np.unpackbits(packed, axis=2, count=cells, bitorder="little")
+    flat = table.reshape(len(known), 2 * cells).astype(np.bool_)
+    return flat[:-1, flat[-1]]
+
+
+def _whole(structure: Structure) -> Structure:
+    """Return the structure of the same size with every passage open."""
+    height, width = structure.height, structure.width
+    return Structure(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+
+
+def nearest(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
+    """Return the nearest structure of `among` for each of `of`; exact wherever it is not `FAR`.
+
+    Args:
+        of: A `passage_table`, shape (n, passages).
+        among: Another for structures of the same size, shape (m, passages), m at least 1.
+    """
+    # Distance and index in one number, the distance first: the least is the nearest.
+    best = np.full(len(of), np.iinfo(np.int64).max)
+    packed_of, packed_among = np.packbits(of, axis=1), np.packbits(among, axis=1)
+    for queries, others in _candidates(of, among, JOINED_WALLS):
+        walls = _ONES[packed_of[queries] ^ packed_among[others]].sum(axis=1, dtype=np.int64)
+        starts = np.flatnonzero(np.diff(queries, prepend=-1))
+        found = np.minimum.reduceat(walls * len(among) + others, starts)
+        best[queries[starts]] = np.minimum(best[queries[starts]], found)
+    walls, which = np.divmod(best, len(among))
+    far = np.flatnonzero(walls > JOINED_WALLS)
+    if len(far) * len(among) <= MOST_PAIRS:
+        walls[far], which[far] = _nearest_of_all(of[far], among)
+    else:
+        walls[far], which[far] = FAR, 0
+    return Nearest(walls, which)
+
+
+def _candidates(
+    of: NDArray[np.bool_], among: NDArray[np.bool_], walls: int
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield pairs (index in `of`, index in `among`) with all that are at most `walls` apart.
+
+    The former are in order; a pair may come several times.
+    """
+    blocks, left_out = _cut(of.shape[1], walls, len(among))
+    # A key is the sum of the random numbers of its open passages, and its blocks' sums add up.
+    numbers = np.random.default_rng(0).integers(2**64, size=(of.shape[1],), dtype=np.uint64)
+    sums_of, sums_among = (
+        np.stack([np.matmul(table[:, block], numbers[block]) for block in blocks], axis=1)
+        for table in (of, among)
+    )
+    for without in left_out:
+        kept = [number for number in range(len(blocks)) if number not in without]
+        keys = sums_of[:, kept].sum(axis=1)
+        held = sums_among[:, kept].sum(axis=1)
+        order = np.argsort(held, kind="stable")
+        held = held[order]
+        first = np.searchsorted(held, keys, side="left")
+        counts = np.searchsorted(held, keys, side="right") - first
+        ends = np.cumsum(counts)
+        start = 0
+        while start < len(of) and ends[-1]:
+            done = ends[start - 1] if start else 0
+            # One structure at least, however many share its key.
+            stop = max(int(np.searchsorted(ends, done + _CANDIDATES, side="right")), start + 1)
+            queries = np.repeat(np.arange(start, stop), counts[start:stop])
+            if len(queries):
+                place = np.arange(len(queries)) + done - (ends - counts)[queries]
+                yield queries, order[first[queries] + place]
+            start = stop
+
+
+def _cut(
+    passages: int, walls: int, structures: int
+) -> tuple[list[NDArray[np.int64]], list[tuple[int, ...]]]:
+    """Return blocks of passages, and each choice of blocks to leave out.
+
+    More blocks make longer keys, which fewer structures share by chance, but more of them.
+    """
+
+    def cost(blocks: int) -> float:
+        # Each passage of a random structure tells less than a bit: about 0.7, measured at 5x5.
+        shared_by_chance: float = structures * 2.0 ** (-0.7 * passages * (blocks - walls) / blocks)
+        # To compare a pair takes about a tenth of what it takes to make and look up a key.
+        return comb(blocks, walls) * (1 + shared_by_chance / 10)
+
+    most = max(walls + 1, min(passages, walls + 8))
+    blocks = min(range(walls + 1, most + 1), key=cost)
+    parts = [np.arange(number, passages, blocks) for number in range(blocks)]
+    return parts, list(combinations(range(blocks), walls))
+
+
+def _nearest_of_all(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
+    """Return the nearest by comparing all pairs: they differ where one is open, not both."""
+    walls, which = np.empty(len(of), np.int64), np.empty(len(of), np.int64)
+    others = among.astype(np.float32)  # Whole numbers below 2 ** 24 are exact.
+    of_others = others.sum(axis=1)
+    step = max(1, 16 * _CANDIDATES // len(among))
+    for start in range(0, len(of), step):
+        some = of[start : start + step].astype(np.float32)
+        apart = some @ others.T
+        apart *= -2
+        apart += of_others
+        at = apart.argmin(axis=1)
+        which[start : start + step] = at
+        walls[start : start + step] = apart[np.arange(len(some)), at] + some.sum(axis=1)
+    return Nearest(walls, which)
+
+
+class Neighbourhood:
+    """Structures of one size, and whether another one is within a number of walls of them."""
+
+    def __init__(self, height: int, width: int, walls: int, structures: int) -> None:
+        """Begin with none.
+
+        Args:
+            height: Rows of all structures.
+            width: Columns.
+            walls: A structure at most so far away is near.
+            structures: About how many there will be; only the speed depends on it.
+        """
+        self._walls = walls
+        self._shift = height * width
+        grid = vertical_edges(height, width) | horizontal_edges(height, width) << self._shift
+        places = [place for place in range(grid.bit_length()) if grid >> place & 1]
+        blocks, left_out = _cut(len(places), walls, structures)
+        cut = [sum(1 << places[passage] for passage in block) for block in blocks]
+        masks = [grid - sum(cut[number] for number in without) for without in left_out]
+        self._tables: list[tuple[int, dict[int, list[int]]]] = [(mask, {}) for mask in masks]
+
+    def add(self, structure: Structure) -> None:
+        """Add a structure."""
+        bits = structure.up | structure.right << self._shift
+        for mask, table in self._tables:
+            table.setdefault(bits & mask, []).append(bits)
+
+    def is_near(self, structure: Structure) -> bool:
+        """Return whether one that was added is at most so many walls away."""
+        bits = structure.up | structure.right << self._shift
+        return any(
+            (bits ^ other).bit_count() <= self._walls
+            for mask, table in self._tables
+            for other in table.get(bits & mask, ())
+        )

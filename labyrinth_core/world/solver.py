@@ -1,0 +1,200 @@
+"""Optimal behaviour: distances, optimal actions, shortest routes and simple routes.
+
+Everything works on the numbered states of `dynamics`, so each task is solved by the same code:
+in key and door the search runs over agent, key and door; ice is a state that ends without goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.world.dynamics import initial, state_count, state_index, transition_table
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_first
+
+Table = Sequence[Moves]
+
+Randomness = np.random.Generator | Callable[[], np.random.Generator]
+"""Or what makes one, if there is a choice: making it takes longer than a small labyrinth."""
+
+
+def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]:
+    """Return the least number of moves from each state to the goal, `UNREACHABLE` if none do.
+
+    Args:
+        labyrinth: What to solve.
+        table: Its transition table, when the caller has it.
+    """
+    if labyrinth.door is None:
+        return labyrinth.cell_distances
+    cells, count = labyrinth.structure.cells, state_count(labyrinth)
+    goals = range(labyrinth.goal, count, cells)
+    # States on the door before it opened cannot be: nothing leads there, nothing may come from it.
+    impossible = (labyrinth.door, labyrinth.door + cells)
+    predecessors: list[tuple[int, ...]] = [()] * count
+    for state, successors in enumerate(table or transition_table(labyrinth)):
+        if state not in impossible:
+            for successor in successors:
+                predecessors[successor] += (state,)
+    return breadth_first(predecessors, goals)
+
+
+def optimal_actions(labyrinth: Labyrinth) -> NDArray[np.bool_]:
+    """Return which actions begin a shortest route, shape (states, 4).
+
+    The rows of the goal, of ice, and of states without a way to the goal are all False.
+    """
+    table = transition_table(labyrinth)
+    distance = np.array(distances(labyrinth, table))
+    after = distance[np.array(table)]
+    optimal: NDArray[np.bool_] = (after != UNREACHABLE) & (after == distance[:, None] - 1)
+    return optimal
+
+
+def _choices(table: Table, distance: Sequence[int], state: int) -> list[int]:
+    """Return the optimal actions in a state that is not the goal."""
+    nearer = distance[state] - 1
+    return [action for action, after in enumerate(table[state]) if distance[after] == nearer]
+
+
+def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
+    """Return the actions of one shortest route, each such route being equally likely."""
+    table = transition_table(labyrinth)
+    distance = distances(labyrinth, table)
+    state = state_index(labyrinth, initial(labyrinth))
+    routes: dict[int, int] = {}
+    actions = []
+    while distance[state]:
+        nearer = distance[state] - 1
+        up, right, down, left = table[state]
+        after = (distance[up], distance[right], distance[down], distance[left])
+        action = after.index(nearer)
+        if after.count(nearer) > 1:
+            routes = routes or _count_shortest_routes(table, distance, state)
+            rng = rng() if callable(rng) else rng
+            # A choice weighs as much as the number of routes behind it.
+            ticket = _uniform_below(routes[state], rng)
+            for action in _choices(table, distance, state):
+                ticket -= routes[table[state][action]]
+                if ticket < 0:
+                    break
+        actions.append(action)
+        state = table[state][action]
+    return actions
+
+
+def _count_shortest_routes(table: Table, distance: Sequence[int], start: int) -> dict[int, int]:
+    """Return how many shortest routes lead on from each state that one from `start` visits."""
+    ahead: dict[int, list[int]] = {}
+    queue = [start]
+    for state in queue:  # It grows meanwhile, by distance from the start.
+        if state not in ahead:
+            nearer = distance[state] - 1
+            ahead[state] = [after for after in table[state] if distance[after] == nearer >= 0]
+            queue += ahead[state]
+    routes: dict[int, int] = {}
+    for state in reversed(ahead):
+        routes[state] = sum(map(routes.__getitem__, ahead[state])) or 1
+    return routes
+
+
+def _uniform_below(bound: int, rng: np.random.Generator) -> int:
+    """Return a whole number from 0 to `bound` - 1; the bias is below 2 ** -64."""
+    length = bound.bit_length() // 8 + 9
+    return int.from_bytes(rng.bytes(length), "little") * bound >> 8 * length
+
+
+def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[int]]:
+    """Return the actions of every shortest route, in the order of the actions.
+
+    Args:
+        labyrinth: What to solve.
+        limit: Stop after so many.
+    """
+    table = transition_table(labyrinth)
+    distance = distances(labyrinth, table)
+
+    def extend() -> Iterator[list[int]]:
+        stack = [(state_index(labyrinth, initial(labyrinth)), list[int]())]
+        while stack:
+            state, actions = stack.pop()
+            if not distance[state]:
+                yield actions
+                continue
+            choices = reversed(_choices(table, distance, state))
+            stack.extend((table[state][action], [*actions, action]) for action in choices)
+
+    return list(islice(extend(), limit))
+
+
+def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[int]]:
+    """Return the actions of every route that visits no state twice, shortest first.
+
+    In key and door a state is a cell, a key and a door: the agent may come back with the key.
+
+    Args:
+        labyrinth: What to solve.
+        limit: Stop the search after so many routes; those found are not always the shortest.
+    """
+    found = list(islice(_simple_routes(labyrinth), limit))
+    return sorted(found, key=lambda actions: (len(actions), actions))
+
+
+def _simple_routes(labyrinth: Labyrinth) -> Iterator[list[int]]:
+    table = transition_table(labyrinth)
+    count, cells = len(table), labyrinth.structure.cells
+    goals = set(range(labyrinth.goal, count, cells))
+    predecessors: list[list[int]] = [[] for _ in range(count)]
+    for state, successors in enumerate(table):
+        for successor in set(successors) - {state}:
+            predecessors[successor].append(state)
+    visited = bytearray(count)
+    for cell in labyrinth.ice:
+        visited[cell] = True
+
+    def promising(state: int) -> Iterator[tuple[int, int]]:
+        """Yield the moves from `state` after which the goal is within reach unvisited."""
+        alive = _reaching(goals, predecessors, visited)
+        for action, successor in enumerate(table[state]):
+            if not visited[successor] and successor in alive:
+                yield action, successor
+
+    start = state_index(labyrinth, initial(labyrinth))
+    visited[start] = True
+    path, actions, moves = [start], list[int](), [promising(start)]
+    while path:
+        move = next(moves[-1], None)
+        if move is None:
+            visited[path.pop()] = False
+            moves.pop()
+            if actions:
+                actions.pop()
+            continue
+        action, state = move
+        if state in goals:
+            yield [*actions, action]
+        else:
+            visited[state] = True
+            path.append(state)
+            actions.append(action)
+            moves.append(promising(state))
+
+
+def _reaching(
+    goals: set[int], predecessors: Sequence[Sequence[int]], visited: bytearray
+) -> set[int]:
+    """Return the unvisited states from which a goal can be reached over unvisited states.
+
+    Without this a search for simple routes loses itself in dead ends, exponentially.
+    """
+    alive = set(goals)
+    stack = list(goals)
+    while stack:
+        for state in predecessors[stack.pop()]:
+            if not visited[state] and state not in alive:
+                alive.add(state)
+                stack.append(state)
+    return alive

@@ -1,0 +1,1 @@
+"""Labyrinths beside other environments of Gymnasium: how much do episodes vary?"""

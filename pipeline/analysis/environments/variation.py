@@ -1,0 +1,129 @@
+"""What tells the episodes of one half of the seeds from those of the other half."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.analysis.environments.frames import Frame
+from pipeline.analysis.environments.summaries import Summary
+from pipeline.analysis.shift import Floats, cohens_d, holm, permutation_test
+
+PAIRS = 1_000
+"""Pairs of episodes, one of each half, that say how much two episodes differ."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How much the two halves differ, in their actions or in their states."""
+
+    distance: float
+    """Jensen-Shannon distance of discrete actions; else Wasserstein, mean of the dimensions."""
+    p_value: float
+    """By exchanging whole episodes."""
+    effect: float
+    """Cohen's d between the means of episodes, in absolute terms, mean of the dimensions."""
+    two_episodes: float
+    """The same distance between two episodes, mean of up to `PAIRS` pairs."""
+    holm: float = 1.0
+    """The p-value, corrected for all that are in a report; `corrected` sets it."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """An environment, as its expert's episodes show it."""
+
+    name: str
+    seeds: int
+    steps: int
+    average_reward: float
+    reward_deviation: float
+    """Standard deviation of the returns (ddof 0)."""
+    least_reward: float
+    actions: Difference
+    states: Difference
+    """Scaled to [0, 1] in each dimension; those that never change are left out."""
+    state_distances: tuple[float, ...]
+    """The distance in each dimension of the state, scaled; 0 in those that never change."""
+    first_states: float
+    """Manhattan distance of two first states, mean of all pairs."""
+    first_states_scaled: float
+    """The same with each dimension scaled, mean of the dimensions that change."""
+    beyond: float
+    """How far states went beyond where they are counted, at most, as a share of their range."""
+
+
+def measure(name: str, frame: Frame, summary: Summary, seed: int) -> Variation:
+    """Return how the episodes of even seeds (0, 2, ...) differ from those of odd seeds.
+
+    Args:
+        name: Of the environment.
+        frame: What its episodes were counted on.
+        summary: Of all episodes, in the order of the seeds 0, 1, ...
+        seed: Settles the permutations.
+    """
+    scale = summary.highest - summary.lowest
+    changing = scale > 0
+    unit = np.where(changing, scale, 1)
+
+    def in_each(a: Floats, b: Floats) -> Floats:
+        return frame.state_distances(a, b) / unit
+
+    def distances(a: Floats, b: Floats) -> Floats:
+        states = in_each(a, b)[..., changing].mean(axis=-1)
+        return np.stack([frame.action_distance(a, b), states], axis=-1)
+
+    even, odd = summary.counts[::2], summary.counts[1::2]
+    tested = permutation_test(even, odd, distances, np.random.default_rng([seed, *name.encode()]))
+    pairs = min(PAIRS, len(odd))
+    two = distances(even[:pairs].astype(float), odd[:pairs].astype(float)).mean(axis=0)
+    effect = np.abs(cohens_d(summary.means[::2], summary.means[1::2]))
+    first_of_states = len(effect) - len(scale)
+    effects = effect[:first_of_states].mean(), effect[first_of_states:][changing].mean()
+    actions, states = (
+        Difference(*map(float, numbers)) for numbers in zip(*tested, effects, two, strict=True)
+    )
+    outside = np.maximum(frame.lowest - summary.lowest, summary.highest - frame.highest) / unit
+    apart = manhattan_distances(summary.first)
+    return Variation(
+        name=name,
+        seeds=len(summary.totals),
+        steps=int(summary.steps.sum()),
+        average_reward=float(summary.totals.mean()),
+        reward_deviation=float(summary.totals.std()),
+        least_reward=float(summary.totals.min()),
+        actions=actions,
+        states=states,
+        state_distances=tuple(in_each(even.sum(axis=0), odd.sum(axis=0)).tolist()),
+        first_states=float(apart.sum()),
+        first_states_scaled=float((apart / unit)[changing].mean()),
+        beyond=float(max(outside.max(), 0)),
+    )
+
+
+def manhattan_distances(points: Floats) -> Floats:
+    """Return how far two points are apart in each dimension, the mean of all pairs.
+
+    Args:
+        points: Shape (n, dimensions), n at least 2.
+    """
+    count = len(points)
+    # Sorted, the i-th value (from 0) is above i others and below count - 1 - i.
+    weights = 2.0 * np.arange(count) - (count - 1)
+    return np.asarray(weights @ np.sort(points, axis=0) / (count * (count - 1) / 2), np.float64)
+
+
+def corrected(results: Sequence[Variation]) -> list[Variation]:
+    """Return the results with Holm's correction over all p-values there are."""
+    p_values = [[each.actions.p_value, each.states.p_value] for each in results]
+    adjusted = holm(np.ravel(p_values)).reshape(-1, 2)
+    return [
+        replace(
+            each,
+            actions=replace(each.actions, holm=float(of_actions)),
+            states=replace(each.states, holm=float(of_states)),
+        )
+        for each, (of_actions, of_states) in zip(results, adjusted, strict=True)
+    ]

@@ -1,0 +1,1 @@
+"""The report: a dataset as one HTML file."""

@@ -1,0 +1,179 @@
+"""What others found out about a dataset, as files beside it: its analysis, and evaluated runs.
+
+The report reads their files, not their code, and tells the page what it shows of them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import mean
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.evaluation.intervals import interval
+
+EVALUATIONS = "*/*/evaluation.json"
+"""In the folder of runs, by the stage `evaluate`."""
+
+EXAMPLES = 20
+"""Labyrinths named that two splits have in common, of each kind."""
+MOST_FAILED = 2_000
+"""Labyrinths named on which a run failed, in each split."""
+EVALUATED = [split for split in SPLITS if split != "random"]
+"""Splits on which policies are evaluated."""
+SOLVED = "s"
+"""The letter of an episode that reached the goal."""
+
+KINDS = ("equal", "mirrored", "symmetric", "same_route")
+"""What two labyrinths may have in common."""
+FIGURES = (
+    "labyrinths",
+    "sr",
+    "sr_interval",
+    "aer",
+    "aer_std",
+    "path_efficiency",
+    "accuracy_on_demonstrations",
+    "accuracy_elsewhere",
+    "failures",
+)
+"""What is shown of a run on a split."""
+
+Told = TypeVar("Told")
+
+
+def read_analysis(folder: Path, manifest: Manifest) -> dict[str, Any] | None:
+    """Return what the page shows of the analysis of a dataset, None if it was not analysed.
+
+    An analysis of what was in the folder before is none.
+
+    Raises:
+        DatasetError: The file cannot be read.
+    """
+    path = folder / ANALYSIS
+    return _read(path, partial(_analysis, manifest)) if path.is_file() else None
+
+
+def _analysis(manifest: Manifest, content: Mapping[str, Any]) -> dict[str, Any] | None:
+    if content["fingerprint"] != manifest.fingerprint:
+        return None
+    leakage = content["leakage"]
+    return {
+        "labyrinths": leakage["labyrinths"],
+        "repeated": leakage["repeated"],
+        "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
+        "pairs": [_pair(pair) for pair in leakage["pairs"]],
+        "permutations": content["shift"]["permutations"],
+        "shift": content["shift"]["measures"],
+    }
+
+
+def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "first": pair["first"],
+        "second": pair["second"],
+        "counts": {kind: len(pair[kind]) for kind in KINDS},
+        "examples": {kind: list(pair[kind].items())[:EXAMPLES] for kind in KINDS},
+        "within": pair["within"],
+        "spread": pair["spread"],
+    }
+
+
+def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
+    """Return what the page shows of the methods evaluated on datasets, each with its runs.
+
+    A method is all that a run's name says but its seed, such as `bc-resnet18`.
+
+    Args:
+        run_dir: Folder of the runs; there need not be one.
+        manifests: Of the datasets; runs of others are left out.
+
+    Raises:
+        DatasetError: A file cannot be read.
+    """
+    of = {manifest.config.name: manifest for manifest in manifests}
+    methods: dict[tuple[str, str], list[_Run]] = {}
+    for path in sorted(run_dir.glob(EVALUATIONS)):
+        run = _read(path, partial(_run, path.parent.name, of))
+        if run is not None:
+            methods.setdefault((run.config, run.method), []).append(run)
+    return [_method(sorted(runs, key=lambda run: run.seed)) for runs in methods.values()]
+
+
+class _Run(NamedTuple):
+    """One run's evaluation."""
+
+    config: str
+    """Of the dataset, such as `5x5`."""
+    method: str
+    seed: int
+    told: Mapping[str, Any]
+    """What the page shows of it alone."""
+    solved: Mapping[str, NDArray[np.float64]]
+    """Split -> 1 for each labyrinth that was solved, else 0, shape (labyrinths,)."""
+    failed: Mapping[str, Sequence[str]]
+    """Split -> ids of those that were not."""
+    baselines: Mapping[str, Any]
+
+
+def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _Run | None:
+    """Return the run that an evaluation tells of, None if it is of no dataset that is there."""
+    run = content["run"]
+    manifest = of.get(run["config"])
+    if manifest is None or manifest.fingerprint != run["fingerprint"]:
+        return None
+    seed, told, solved, failed = int(run["seed"]), {}, {}, {}
+    for split in EVALUATED:
+        scores = content["splits"][split]
+        solved[split] = np.array([letter == SOLVED for letter in scores["outcomes"]], np.float64)
+        failed[split] = scores["failed"]
+        held = sum(shard.labyrinths for shard in manifest.of(split))
+        if len(solved[split]) != held:
+            raise ValueError(f"{split} has {held} labyrinths, not {len(solved[split])}")
+        told[split] = {figure: scores[figure] for figure in FIGURES} | _named(failed[split])
+    method = name.replace(f"-seed{seed}", "", 1)
+    shown = {"name": name, "splits": told}
+    return _Run(run["config"], method, seed, shown, solved, failed, content["baselines"])
+
+
+def _method(runs: Sequence[_Run]) -> dict[str, Any]:
+    """Return what the page shows of a method: means over its runs, and each run."""
+    splits = {}
+    for split in EVALUATED:
+        told = [run.told["splits"][split] for run in runs]
+        solved = np.stack([run.solved[split] for run in runs])
+        by_all = set.intersection(*(set(run.failed[split]) for run in runs))
+        splits[split] = {
+            "sr": float(solved.mean()),
+            "sr_interval": interval(solved),
+            "aer": mean(each["aer"] for each in told),
+            "aer_std": mean(each["aer_std"] for each in told),
+            **_named([number for number in runs[0].failed[split] if number in by_all]),
+        }
+    return {
+        "config": runs[0].config,
+        "name": runs[0].method,
+        "splits": splits,
+        "baselines": runs[0].baselines,
+        "runs": [run.told for run in runs],
+    }
+
+
+def _named(failed: Sequence[str]) -> dict[str, Any]:
+    """Return the ids of labyrinths that were not solved, up to a limit, and how many there are."""
+    return {"failed": failed[:MOST_FAILED], "unsolved": len(failed)}
+
+
+def _read(path: Path, tell: Callable[[Any], Told]) -> Told:
+    try:
+        return tell(json.loads(path.read_bytes()))
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error

@@ -1,0 +1,170 @@
+"""The report on a folder of datasets: one HTML file to look at, offline, and its figures.
+
+The page is made of the files in `page/`, put into one, with the data beside them. It draws every
+picture itself, and asks the network for nothing: its content security policy forbids it.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from labyrinth_core import __version__
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import write_text
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES, draw_figures
+from pipeline.analysis.report.findings import read_analysis, read_results
+from pipeline.analysis.report.packing import PackedSplit, pack
+from pipeline.config.run import Run
+from pipeline.machinery import front_matter
+from pipeline.machinery.console import console, progress
+
+FOLDER = "report"
+"""In the data_dir; nothing of it is published."""
+PAGE = "index.html"
+
+PACKED_BYTES = 36_000_000
+"""Of labyrinths and episodes, all datasets together: as base64 that is 48 MB of the page."""
+
+SCRIPTS = (
+    "world",
+    "placing",
+    "language",
+    "dom",
+    "drawing",
+    "records",
+    "gallery",
+    "player",
+    "findings",
+    "figures",
+    "editor",
+    "main",
+)
+"""The page's program, in an order in which each uses those before it."""
+
+
+def run(run: Run) -> None:
+    """Write the report on the data_dir of a run.
+
+    Raises:
+        DatasetError: There is no dataset, or one is damaged.
+        OSError: The folder cannot be written.
+    """
+    page = write_report(run.local_dir, run.run_dir, workers=run.workers)
+    megabytes = page.stat().st_size / 1e6
+    console.print(
+        f"{page} ({megabytes:.1f} MB) opens in any browser.", highlight=False, soft_wrap=True
+    )
+
+
+def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
+    """Write the report on all finished datasets of a folder, and return its page.
+
+    Args:
+        data_dir: The folder.
+        run_dir: Folder of the runs trained on them; there need not be one.
+        workers: Processes that read shards.
+
+    Raises:
+        DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
+        OSError: The folder cannot be written.
+    """
+    manifests = front_matter.finished(data_dir)
+    if not manifests:
+        raise DatasetError(f"{data_dir} holds no finished dataset: stages=[build] makes one")
+    limit = PACKED_BYTES // (len(manifests) * len(SPLITS))
+    datasets = []
+    with progress() as bars:
+        rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
+        bar = bars.add_task("report", total=rows)
+        for manifest in manifests:
+            folder = data_dir / manifest.config.name
+            splits = pack(folder, manifest, limit, workers, lambda rows: bars.advance(bar, rows))
+            datasets.append(describe(manifest, splits, limit, read_analysis(folder, manifest)))
+    folder = data_dir / FOLDER
+    folder.mkdir(exist_ok=True)
+    results = read_results(run_dir, manifests)
+    has_figures = draw_figures(datasets, results, folder)
+    if not has_figures:
+        console.print("No figures as files: pip install -e '.[analysis]' for them.")
+    write_text(folder / PAGE, page(datasets, results, FIGURES if has_figures else None))
+    return folder / PAGE
+
+
+def describe(
+    manifest: Manifest,
+    splits: Mapping[str, PackedSplit],
+    limit: int,
+    analysis: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return what the page is told of a dataset.
+
+    Args:
+        manifest: Of the dataset.
+        splits: What is in it.
+        limit: About how many bytes of labyrinths and episodes of each split to tell.
+        analysis: As from `findings.read_analysis`.
+    """
+    config = manifest.config
+    return {
+        "name": config.name,
+        "height": config.height,
+        "width": config.width,
+        "task": str(config.task),
+        "seed": config.seed,
+        "splits": [{"name": name} | split.to_json(limit) for name, split in splits.items()],
+        "analysis": analysis,
+    }
+
+
+def page(
+    datasets: Sequence[Mapping[str, Any]],
+    results: Sequence[Mapping[str, Any]] = (),
+    figures: str | None = None,
+) -> str:
+    """Return the page.
+
+    Args:
+        datasets: As from `describe`.
+        results: As from `findings.read_results`.
+        figures: Folder, from where the page is, in which its figures are as files.
+    """
+    data = {
+        "version": __version__,
+        "colours": asdict(DEFAULT_STYLE),
+        "actionColours": list(ACTION_COLOURS.values()),
+        "datasets": datasets,
+        "results": results,
+        "figures": figures,
+    }
+    style, script = _source("style.css"), "\n".join(_source(f"{name}.js") for name in SCRIPTS)
+    policy = (
+        "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'; "
+        f"style-src '{_hash(style)}'; script-src '{_hash(script)}'"
+    )
+    html = _source("index.html")
+    # The data last: nothing in it is taken for a place to fill.
+    for name, text in {"policy": policy, "style": style, "script": script}.items():
+        html = html.replace(f"{{{{{name}}}}}", text)
+    plain = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    return html.replace("{{data}}", plain)
+
+
+@cache
+def _source(name: str) -> str:
+    return files("pipeline.analysis.report").joinpath(f"page/{name}").read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    """Return a text's hash the way that a content security policy names it."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"

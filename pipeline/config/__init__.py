@@ -1,0 +1,1 @@
+"""The configuration: options, their checks, and the plain frozen objects made from them."""

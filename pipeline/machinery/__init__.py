@@ -1,0 +1,1 @@
+"""What all stages work with: executor, locks, console, front matter."""

@@ -1,0 +1,72 @@
+"""What a person sees while the pipeline runs and when it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.manifest import Manifest
+
+Item = TypeVar("Item")
+
+console = Console(markup=False)
+
+
+def progress() -> Progress:
+    """Return a context in which stages show their progress bars."""
+    return Progress(
+        TextColumn("{task.description:>9}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+    )
+
+
+def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
+    """Yield items under a progress bar.
+
+    Args:
+        items: Each with how much of the total it completes.
+        description: The word before the bar.
+        total: Of the whole.
+    """
+    with progress() as bars:
+        bar = bars.add_task(description, total=total)
+        for amount, item in items:
+            yield item
+            bars.advance(bar, amount)
+
+
+def summary(manifest: Manifest) -> Table:
+    """Return the table of a dataset: what each split holds."""
+    table = Table(title=f"{manifest.config.name}, seed {manifest.config.seed}")
+    table.add_column("split")
+    for heading in ("labyrinths", "episodes", "rows", "mean moves", "longest", "MB"):
+        table.add_column(heading, justify="right")
+    for split in SPLITS:
+        shards = manifest.of(split)
+        episodes, rows = sum(s.episodes for s in shards), sum(s.rows for s in shards)
+        table.add_row(
+            split,
+            f"{sum(s.labyrinths for s in shards):,}",
+            f"{episodes:,}",
+            f"{rows:,}",
+            f"{(rows - episodes) / episodes:.2f}",
+            f"{max(s.longest for s in shards):,}",
+            f"{sum(s.bytes for s in shards) / 1e6:.2f}",
+        )
+    return table

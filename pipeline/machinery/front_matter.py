@@ -1,0 +1,173 @@
+"""The front matter of a dataset's README.md, by which `load_dataset` finds configs and splits."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.storage import AnyPath, write_text
+
+DEFAULT_CONFIG = "5x5"
+"""The config that is loaded when none is named, where it is there."""
+
+_FENCE = "---\n"
+_CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
+"""Other folders, such as a build's own, are no configs, whatever is in them."""
+
+
+BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
+END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
+"""The marks around what is generated; what a person writes before and after them is kept."""
+
+
+def check_replaceable(data_dir: AnyPath) -> None:
+    """Raise DatasetError if the folder has a README.md that is no dataset's."""
+    read(data_dir / "README.md")
+
+
+def finished(data_dir: AnyPath) -> list[Manifest]:
+    """Return the manifests of all finished datasets of a folder, the smallest first."""
+    folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
+    read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
+    # A copy under another name is no config: its files would not be where the card says.
+    manifests = [m for folder, m in read_from.items() if m.config.name == folder]
+    return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
+
+
+def default_config(manifests: list[Manifest]) -> str:
+    """Return the name of the config that is loaded when none is named."""
+    names = [manifest.config.name for manifest in manifests]
+    return DEFAULT_CONFIG if DEFAULT_CONFIG in names else names[0]
+
+
+def update(data_dir: AnyPath) -> None:
+    """Write the front matter for all finished datasets of a folder; the text below it stays.
+
+    Raises:
+        DatasetError: There is a README.md that is no dataset's.
+    """
+    path = data_dir / "README.md"
+    values, text = read(path)
+    manifests = finished(data_dir)
+    wanted = values | described(manifests)
+    if wanted == values and text:
+        return  # Not a byte of a card changes when nothing is new.
+    front = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=100)
+    text = text or with_generated("", _text(default_config(manifests)))
+    write_text(path, _FENCE + front + _FENCE + text)
+
+
+def described(manifests: list[Manifest]) -> dict[str, Any]:
+    """Return the values by which `load_dataset` knows configs, splits, features and counts."""
+    default = default_config(manifests)
+    return {
+        "configs": [_config(m, m.config.name == default) for m in manifests],
+        "dataset_info": [_info(m) for m in manifests],
+    }
+
+
+def with_generated(text: str, generated: str) -> str:
+    """Return the text of a README.md with its generated part replaced.
+
+    Args:
+        text: What is there, empty if nothing; without marks it is a person's, and comes last.
+        generated: The new part, without marks.
+
+    Raises:
+        DatasetError: One of the two marks is missing, or they are in disorder.
+    """
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if bool(begin) != bool(end) or (not begin and END in text):
+        raise DatasetError("README.md: one of the two marks of the generated text is missing")
+    if not begin:
+        before, after = "\n", f"\n\n{text.strip()}\n" if text.strip() else "\n"
+    return f"{before}{BEGIN}\n\n{generated.strip()}\n\n{END}{after}"
+
+
+def read(path: AnyPath) -> tuple[dict[str, Any], str]:
+    """Return the front matter of a README.md and the text below it, both empty without a file.
+
+    Raises:
+        DatasetError: There is a README.md that is no dataset's.
+    """
+    try:
+        content = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return {"license": "mit", "pretty_name": "Labyrinth"}, ""
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
+    _, fence, rest = content.partition(_FENCE)
+    front, closing, text = rest.partition("\n" + _FENCE)
+    try:
+        values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
+    except yaml.YAMLError:
+        values = None
+    if not fence or not isinstance(values, dict) or "configs" not in values:
+        raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
+    return values, text
+
+
+def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
+    name = manifest.config.name
+    files = [{"split": split, "path": f"{name}/{split}-*.parquet"} for split in SPLITS]
+    return {"config_name": name, "data_files": files} | ({"default": True} if default else {})
+
+
+def _info(manifest: Manifest) -> dict[str, Any]:
+    splits = []
+    for split in SPLITS:
+        shards = manifest.of(split)
+        splits.append(
+            {
+                "name": split,
+                "num_bytes": sum(shard.bytes for shard in shards),
+                "num_examples": sum(shard.rows for shard in shards),
+            }
+        )
+    size = sum(shard.bytes for shard in manifest.shards)
+    return {
+        "config_name": manifest.config.name,
+        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in COLUMNS],
+        "splits": splits,
+        "download_size": size,
+        "dataset_size": size,
+    }
+
+
+def _dtype(feature: dict[str, Any]) -> Any:
+    """Return a feature the way cards write it."""
+    if feature["_type"] == "ClassLabel":
+        return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
+    return feature.get("dtype", feature["_type"].lower())
+
+
+def _text(config: str) -> str:
+    columns = "\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS)
+    splits = "\n".join(f"| `{split}` | {meaning} |" for split, meaning in SPLITS.items())
+    return f"""
+# Labyrinth
+
+Grid labyrinths with optimal actions, for imitation learning that can tell memorising from
+generalising: no structure, and no mirror image of one that keeps start and goal, is in two of
+train, validation and test.
+
+```python
+from datasets import load_dataset
+
+dataset = load_dataset("path or id of this dataset", "{config}")
+```
+
+| column | meaning |
+|---|---|
+{columns}
+
+| split | holds |
+|---|---|
+{splits}
+"""

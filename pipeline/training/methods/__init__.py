@@ -1,0 +1,1 @@
+"""The methods of learning; each is a module with `Settings` and `Method`."""

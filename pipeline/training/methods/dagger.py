@@ -1,0 +1,67 @@
+"""DAgger (Ross, Gordon and Bagnell 2011): the learner acts, the expert says what was right.
+
+Algorithm 3.1 of the paper with beta_1 = 1 and beta_i = 0 from then on, the choice that it calls
+parameter-free: D begins as the demonstrations; in each round the policy acts once in every
+training labyrinth, the expert labels the states it came to, D becomes D and those, and the policy
+is fitted to D by cross-entropy. The expert is the solver: any optimal action, drawn once a state.
+
+Departures: D is a set, so a state that is in it already is not added again; an episode ends where
+the policy comes back to a state, since from there on it would only repeat itself; the policy
+goes on from its last weights instead of being fitted anew; of its iterations the one that is best
+on validation is kept, as the paper has it, but every few epochs instead of every round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.training.methods.acting import draw
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+
+
+@dataclass(frozen=True)
+class Settings(BaseSettings):
+    """An epoch is one pass over D."""
+
+    epochs_a_round: int = setting(5, 1)
+    """Passes over D before the policy acts again."""
+
+
+class Method(Learner):
+    """The policy, and D: `states` with their `labels`."""
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        self.states = problem.demonstrations.states
+        self.labels = problem.demonstrations.actions
+        self.epochs = 0
+
+    def epoch(self) -> dict[str, float]:
+        if self.epochs and self.epochs % self.settings.epochs_a_round == 0:
+            self.aggregate(self.visited())
+        self.epochs += 1
+        loss = self.clone(self.policy, self.optimizer, (self.states,), self.labels)
+        return {"loss": loss, "aggregated": len(self.states)}
+
+    def visited(self) -> NDArray[np.int64]:
+        """Return the states in which the policy acts in one greedy episode a labyrinth."""
+        worlds = self.problem.worlds
+        actions = self.outputs(self.policy).argmax(1).cpu().numpy()
+        seen = np.zeros(len(worlds.observations), np.bool_)
+        where = worlds.initial
+        while len(where):
+            seen[where] = True
+            where = worlds.next_state[where, actions[where]]
+            where = where[~seen[where] & ~worlds.terminal[where]]
+        return np.flatnonzero(seen)
+
+    def aggregate(self, visited: NDArray[np.int64]) -> None:
+        """Add the states that are not in D yet, with the expert's labels."""
+        optimal = self.problem.worlds.optimal
+        new = np.setdiff1d(visited, self.states)
+        choices = optimal[new] / optimal[new].sum(axis=1, keepdims=True)
+        self.states = np.concatenate([self.states, new])
+        self.labels = np.concatenate([self.labels, draw(choices, self.problem.rng)])

@@ -1,0 +1,202 @@
+"""What a method is: settings, and a learner that is asked for one epoch after the other.
+
+A method is a module of this package with two classes, `Settings` and `Method`, and a file of the
+same name in `conf/method/`. docs/new-method.md shows one.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import Field, dataclass, field, fields
+from functools import cached_property
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.optim import Adam
+
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from pipeline.config.errors import ConfigError
+from pipeline.training.methods.relabelling import Routes
+from pipeline.training.networks.network import ACTIONS, Network, NetworkSpec
+from pipeline.training.policy import outputs_of
+from pipeline.training.steps import Steps
+
+LEARNING_RATE = 5e-4
+"""Of Adam, for all methods (supplement, section 3)."""
+
+
+def setting(default: float, low: float = 0, high: float = float("inf")) -> Any:
+    """Return the field of a setting: its default, and the least and greatest value allowed.
+
+    One whose default is True or False is either, and has no least and greatest value.
+    """
+    return field(default=default, metadata={"low": low, "high": high})
+
+
+@dataclass(frozen=True)
+class BaseSettings:
+    """What every method lets one choose; its own settings are made by `setting`, too."""
+
+    epochs: int = setting(100, 1)
+    """How often `Learner.epoch` is called."""
+    evaluate_every: int = setting(2, 1)
+    """Epochs after which the policy is tried on train and validation."""
+    batch_size: int = setting(64, 2)
+    """Of a gradient step."""
+    learning_rate: float = setting(LEARNING_RATE, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All that a method may learn from, and what it computes with."""
+
+    worlds: LabyrinthArrays
+    """The training labyrinths; never those of another split."""
+    observations: Tensor
+    """Those of `worlds`, on the device, shape (S, ...)."""
+    demonstrations: Steps
+    exploration: Callable[[], Steps]
+    """Returns the steps of the random policy; DatasetError where the dataset has none."""
+    spec: NetworkSpec
+    rng: np.random.Generator
+    """Of all that is drawn, but for weights and dropout, which are torch's."""
+
+    @cached_property
+    def routes(self) -> Routes:
+        """The demonstrations, to draw relabelled pictures of them."""
+        return Routes(self.worlds, self.demonstrations)
+
+
+class Learner(ABC):
+    """A method at work.
+
+    Its attributes that are networks, optimizers, arrays and numbers are its state: checkpoints
+    keep them, and nothing else may change between epochs.
+    """
+
+    policy: nn.Module
+    """What is evaluated and kept; its highest output is the action."""
+
+    def __init__(self, problem: Problem, settings: Any) -> None:
+        self.problem = problem
+        self.settings = settings
+        self.policy = self.make(problem.spec, settings).to(problem.observations.device)
+        self.optimizer = self.adam(self.policy)
+
+    @classmethod
+    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
+        """Return a fresh network for the policy; another one than `Network` for some methods."""
+        return Network(spec)
+
+    @abstractmethod
+    def epoch(self) -> dict[str, float]:
+        """Learn for an epoch; return figures to show and keep, `loss` among them."""
+
+    def network(self, outputs: int = ACTIONS, frames: int = 1) -> Network:
+        """Return a fresh network with the run's encoder; see `Network`."""
+        return Network(self.problem.spec, outputs, frames).to(self.problem.observations.device)
+
+    def adam(self, *networks: nn.Module) -> Adam:
+        """Return the optimizer of networks."""
+        weights = [weight for network in networks for weight in network.parameters()]
+        return Adam(weights, lr=self.settings.learning_rate)
+
+    def tensor(self, array: NDArray[Any]) -> Tensor:
+        """Return an array on the device."""
+        return torch.as_tensor(array, device=self.problem.observations.device)
+
+    def see(self, *states: NDArray[np.int64]) -> Tensor:
+        """Return the observations of states, of several along the last axis."""
+        return torch.cat([self.problem.observations[self.tensor(each)] for each in states], -1)
+
+    def outputs(self, network: nn.Module) -> Tensor:
+        """Return a network's outputs in all states, for acting and judging, shape (S, outputs)."""
+        return outputs_of(network, self.problem.observations)
+
+    def batches(self, count: int) -> list[NDArray[np.int64]]:
+        """Return the numbers below `count` in random order, in batches."""
+        order = self.problem.rng.permutation(count)
+        return np.array_split(order, -(-count // self.settings.batch_size))
+
+    def clone(
+        self,
+        network: nn.Module,
+        optimizer: Adam,
+        states: tuple[NDArray[np.int64], ...],
+        labels: NDArray[np.int64],
+    ) -> float:
+        """Fit a classifier to labels by one pass over them; return the mean cross-entropy.
+
+        Args:
+            network: Is set to training mode.
+            optimizer: Its own.
+            states: Numbers of states, shape (N,); of several states that it looks at together,
+                several such arrays.
+            labels: The classes, shape (N,).
+        """
+        network.train()
+        total = 0.0
+        for batch in self.batches(len(labels)):
+            scores = network(self.see(*(each[batch] for each in states)))
+            loss = functional.cross_entropy(scores, self.tensor(labels[batch]))
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            total += loss.item() * len(batch)
+        return total / len(labels)
+
+
+def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSettings]:
+    """Return a method and its settings, by the name of its module in this package.
+
+    Args:
+        name: An identifier, such as `bc`.
+        values: Of some settings; the others are the defaults.
+
+    Raises:
+        ConfigError: There is no such method or setting, or a value that is not allowed.
+    """
+    module_name = f"{__package__}.{name}"
+    try:
+        module = import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name != module_name:
+            raise
+        module = None
+    method, settings = getattr(module, "Method", None), getattr(module, "Settings", None)
+    if method is None or settings is None:
+        raise ConfigError(f"method={name}: pipeline/training/methods has no method of that name")
+    return method, settings_of(settings, values)
+
+
+def settings_of(cls: type[BaseSettings], values: Mapping[str, Any]) -> BaseSettings:
+    """Return settings with the given values, the others being the defaults.
+
+    Raises:
+        ConfigError: There is no such setting, or the value is not allowed.
+    """
+    known = {each.name: each for each in fields(cls)}
+    for name, value in values.items():
+        if name not in known:
+            raise ConfigError(f"method.{name} is no option: choose from [{', '.join(known)}]")
+        _check(known[name], value)
+    return cls(**values)
+
+
+def _check(known: Field[Any], value: object) -> None:
+    if isinstance(known.default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"method.{known.name}={value}: give true or false")
+        return
+    low, high = known.metadata["low"], known.metadata["high"]
+    kinds = (int, float) if isinstance(known.default, float) else (int,)
+    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
+        kind = "a whole number" if kinds == (int,) else "a number"
+        limit = "or more" if high == float("inf") else f"to {high}"
+        raise ConfigError(f"method.{known.name}={value}: give {kind}, {low} {limit}")

@@ -1,0 +1,115 @@
+"""A planner: it learns to see what steps cost, and plans with that; its network is `planning`.
+
+It stands on value iteration networks (Tamar et al. 2016), which plan inside a network that is
+trained by imitation, and on value propagation (Nardelli et al. 2019), which learns where values
+pass; on recurrent networks that are trained on small mazes and think longer on larger ones, with
+tied weights and a recall of the input (Schwarzschild et al. 2021; Bansal et al. 2022); on
+relabelling in hindsight (Andrychowicz et al. 2017); on averaging over symmetries, as Cohen and
+Welling (2016) build into weights. The loss is that of behavioural cloning.
+
+It learns from the demonstrations of the split train and from nothing else: no steps of its own, no
+solver, no other labyrinths. But it is given what the other methods are not, and each gift can be
+taken away:
+
+- `augment`: a turned labyrinth is solved by turned actions.
+- `relabel`: a part of a route is a route, also backwards, and can be drawn (`relabelling`).
+- `average`: when acting it looks at a picture in all eight ways.
+- `path_prior`: costs of steps add up, and the cheapest way is taken. Without, planning is a gated
+  convolution that is iterated.
+- `grid_prior`: how many pixels a cell has, so that the internal grid has one position a cell.
+- `colour_prior`: the agent's colour, to find it by. Without, attention to find it is learnt. With
+  both, the actions of all states on a route are learnt from each picture of one of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils import clip_grad_norm_
+
+from pipeline.config.errors import ConfigError
+from pipeline.config.training import IMAGE_SIZE
+from pipeline.training.methods import bc
+from pipeline.training.methods.method import Problem, setting
+from pipeline.training.methods.relabelling import NO_LABEL
+from pipeline.training.networks.network import NetworkSpec
+from pipeline.training.networks.planning import Planner
+
+RISE, FALL = 0.05, 0.5
+"""Shares of the training over which the learning rate rises at first, and falls at last."""
+MAX_GRADIENT = 1.0
+"""To which the norm of a gradient is clipped; many iterations make some of them large."""
+
+
+@dataclass(frozen=True)
+class Settings(bc.Settings):
+    """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
+
+    epochs: int = setting(30, 1)
+    evaluate_every: int = setting(10, 1)
+    batch_size: int = setting(32, 2)
+    learning_rate: float = setting(4e-3, 0)
+    augment: bool = setting(True)
+    relabel: bool = setting(True)
+    average: bool = setting(True)
+    path_prior: bool = setting(True)
+    grid_prior: bool = setting(True)
+    colour_prior: bool = setting(True)
+    channels: int = setting(32, 1, 1024)
+    iterations: int = setting(20, 1, 1000)
+    """Of planning, in cells; with `path_prior` only while learning, else as many as it takes."""
+    sharpness: float = setting(3.0, 0)
+    """Power to which costs are raised when acting: ways grow with a labyrinth, walls have to.
+    With `grid_prior` only."""
+
+
+class Method(bc.Method):
+    """The policy, and how many epochs are over."""
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        self.epochs = 0
+
+    @classmethod
+    def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
+        if settings.grid_prior and spec.height != spec.width:
+            raise ConfigError(
+                f"size={spec.height}x{spec.width}: method.grid_prior=true needs as many rows as "
+                "columns; give method.grid_prior=false"
+            )
+        return Planner(
+            IMAGE_SIZE / max(spec.height, spec.width),
+            channels=settings.channels,
+            iterations=settings.iterations,
+            sharpness=settings.sharpness,
+            path_prior=settings.path_prior,
+            grid_prior=settings.grid_prior,
+            colour_prior=settings.colour_prior,
+        )
+
+    def epoch(self) -> dict[str, float]:
+        whole = self.settings.grid_prior and self.settings.colour_prior
+        loss = self.learn_drawn(whole=whole)
+        self.epochs += 1
+        return {"loss": loss}
+
+    def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
+        if labels.dim() == 1:
+            return super().loss(pictures, labels)
+        planner = next(each for each in self.policy.modules() if isinstance(each, Planner))
+        return functional.cross_entropy(planner.plan(pictures), labels, ignore_index=NO_LABEL)
+
+    def step(self, share: float) -> None:
+        over = (self.epochs + share) / self.settings.epochs
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.settings.learning_rate * _rate(over)
+        clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
+        super().step(share)
+
+
+def _rate(over: float) -> float:
+    """Return the share of the learning rate after a share of the training is over."""
+    return min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)

@@ -1,0 +1,111 @@
+"""Soft Q imitation learning, SQIL (Reddy, Dragan and Levine 2020).
+
+Off-policy soft Q-learning on a buffer of demonstrations, whose steps are rewarded with 1, and of
+the learner's own steps, rewarded with 0; each batch holds as many of one as of the other. The loss
+is the mean of (Q(s, a) - y)^2 (Algorithm 1, with lambda_samp = 1), where
+
+    y = r + gamma V(s'),    V(s) = tau log sum_a exp(Q(s, a) / tau),
+
+and the policy acts by softmax(Q / tau). The policy that is evaluated takes the highest Q.
+
+The goal is absorbing: an expert that reached it stays there and goes on being rewarded with 1, so
+that V(goal) = (1 + tau log 4) / (1 - gamma), whoever reached it. With V(goal) = 0 instead, staying
+away from the goal would pay best, as no reward is below 0. Ice is absorbing, too, and worth
+nothing, as no expert is ever there.
+
+Departures: V(s') comes from a copy of the network, renewed once an epoch and looked up in a table
+of all states; the agent acts in all training labyrinths in lock-step; the temperature tau, 1 in
+the paper, is a setting. Learning uses the network as it acts, without dropout and with the running
+statistics of its normalisation, which are settled once, before it begins, on all states: targets
+from a network in the one mode for a network in the other would not agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from pipeline.training.methods.acting import softmax, walk
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from pipeline.training.networks.network import ACTIONS
+from pipeline.training.policy import settle
+
+
+@dataclass(frozen=True)
+class Settings(BaseSettings):
+    """An epoch is some steps in every labyrinth and some gradient steps."""
+
+    epochs: int = setting(150, 1)
+    batch_size: int = setting(128, 2)
+    """Half of it demonstrations, half of it the learner's own steps."""
+    updates: int = setting(30, 1)
+    """Gradient steps in an epoch."""
+    steps: int = setting(10, 1)
+    """Of the agent in each labyrinth, in an epoch."""
+    buffer: int = setting(50_000, 1)
+    """Most steps of its own that are remembered, the last ones."""
+    gamma: float = setting(0.9, 0, 0.999)
+    """Discount; with 1 the goal would be worth more than any number."""
+    temperature: float = setting(0.1, 0.001)
+    """tau."""
+
+
+class Method(Learner):
+    """Q, and the learner's own steps, an array (N, 3) of s, a, s'."""
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        settle(self.policy, problem.observations)
+        worlds = problem.worlds
+        self.where, self.taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
+        self.own = np.zeros((0, 3), np.int64)
+        self.values = np.zeros(len(worlds.observations))
+
+    def epoch(self) -> dict[str, float]:
+        q = self.outputs(self.policy)
+        self.values = self.soft_values(q)
+        self.act(q)
+        losses = [self.update() for _ in range(self.settings.updates)]
+        return {"loss": float(np.mean(losses)), "value": float(self.values.mean())}
+
+    def soft_values(self, q: Tensor) -> NDArray[np.float64]:
+        """Return V of all states, shape (S,), from Q of all states, shape (S, 4)."""
+        settings, worlds = self.settings, self.problem.worlds
+        tau = settings.temperature
+        values: NDArray[np.float64] = (tau * torch.logsumexp(q.double() / tau, 1)).cpu().numpy()
+        # In an absorbing state all actions do the same, which is what the entropy is worth there.
+        forever = (1 + tau * np.log(ACTIONS)) / (1 - settings.gamma)
+        return np.where(worlds.terminal, np.where(worlds.goal, forever, 0), values)
+
+    def act(self, q: Tensor) -> None:
+        """Take some steps in every labyrinth, and remember them."""
+        settings, problem = self.settings, self.problem
+        probabilities = softmax(q / settings.temperature)
+        steps = walk(
+            problem.worlds, probabilities, self.where, self.taken, settings.steps, problem.rng
+        )
+        new = np.stack([steps.states, steps.actions, steps.next_states], 2).reshape(-1, 3)
+        self.own = np.concatenate([self.own, new])[-settings.buffer :]
+
+    def update(self) -> float:
+        """Take a gradient step and return the loss."""
+        settings, rng = self.settings, self.problem.rng
+        demonstrated = np.stack(self.problem.demonstrations, axis=1)
+        half = settings.batch_size // 2
+        batch = np.concatenate(
+            [steps[rng.integers(len(steps), size=half)] for steps in (demonstrated, self.own)]
+        )
+        states, actions, after = batch.T
+        rewards = np.repeat([1.0, 0.0], half)
+        targets = self.tensor(rewards + settings.gamma * self.values[after]).float()
+        q = self.policy(self.see(states)).gather(1, self.tensor(actions)[:, None])[:, 0]
+        loss = functional.mse_loss(q, targets)
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        return loss.item()

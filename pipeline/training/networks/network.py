@@ -1,0 +1,225 @@
+"""The networks of the benchmark (supplement, Tables 1 and 2), written out.
+
+All take observations as they are, and scale them themselves: pictures as uint8, shape (batch,
+size, size, channels); vectors as integers, shape (batch, length).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from labyrinth_core.pictures.vector import tile_count
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Task
+
+ACTIONS = len(Action)
+SLOPE = 0.01
+DROPOUT = 0.3
+MOMENTUM = 0.1
+"""Of the running statistics of normalisation."""
+WIDTH = 512
+"""Inputs of every classifier's second layer (Table 1)."""
+CNN_FEATURES = 1024
+"""Of a picture of 64 x 64: 4 x 4 places with 64 channels (Table 1a)."""
+
+
+@dataclass(frozen=True)
+class NetworkSpec:
+    """All that the shape of a policy's network depends on."""
+
+    encoder: str
+    """cnn, resnet18 or mlp."""
+    pool_stride: int
+    """Of ResNet-18's first pooling: 1 in Table 1, 2 in the original ResNet."""
+    height: int
+    """Of the labyrinths, in cells; the length of vectors depends on it."""
+    width: int
+    task: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it in plain types."""
+        return asdict(self)
+
+
+class Cnn(nn.Sequential):
+    """The encoder of Table 1a, from Deep Q-Networks: 64 x 64 pixels to 1024 features."""
+
+    features = CNN_FEATURES
+
+    def __init__(self, channels: int = 3) -> None:
+        super().__init__(
+            nn.Conv2d(channels, 32, 8, stride=4),
+            nn.LeakyReLU(SLOPE),
+            nn.Conv2d(32, 64, 4, stride=2),
+            nn.BatchNorm2d(64, momentum=MOMENTUM),
+            nn.LeakyReLU(SLOPE),
+            nn.Conv2d(64, 64, 3),
+            nn.BatchNorm2d(64, momentum=MOMENTUM),
+            nn.LeakyReLU(SLOPE),
+            nn.Flatten(),
+        )
+
+
+class Block(nn.Module):
+    """The basic block of ResNet-18 (He et al. 2016, figure 2): two convolutions, and a way past."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
+        super().__init__()
+        self.straight = nn.Sequential(
+            nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1, bias=False),
+            nn.BatchNorm2d(outputs, momentum=MOMENTUM),
+            nn.ReLU(),
+            nn.Conv2d(outputs, outputs, 3, padding=1, bias=False),
+            nn.BatchNorm2d(outputs, momentum=MOMENTUM),
+        )
+        self.past: nn.Module = nn.Identity()
+        if stride != 1 or inputs != outputs:
+            self.past = nn.Sequential(
+                nn.Conv2d(inputs, outputs, 1, stride=stride, bias=False),
+                nn.BatchNorm2d(outputs, momentum=MOMENTUM),
+            )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the features after the block."""
+        return functional.relu(self.straight(x) + self.past(x))
+
+
+class ResNet18(nn.Sequential):
+    """The encoder of Table 1b: pictures of any size to 512 features.
+
+    The table's four blocks are the four stages of PyTorch's implementation, which the supplement
+    says it follows: two basic blocks each, of 64, 128, 256 and 512 channels, then the mean over
+    all places. Weights are drawn as there.
+    """
+
+    features = 512
+
+    def __init__(self, channels: int = 3, pool_stride: int = 1) -> None:
+        stages = [(64, 64, 1), (64, 128, 2), (128, 256, 2), (256, 512, 2)]
+        super().__init__(
+            nn.Conv2d(channels, 64, 7, stride=2, padding=3, bias=False),
+            nn.BatchNorm2d(64, momentum=MOMENTUM),
+            nn.ReLU(),
+            nn.MaxPool2d(3, stride=pool_stride, padding=1),
+            *(
+                block
+                for inputs, outputs, stride in stages
+                for block in (Block(inputs, outputs, stride), Block(outputs, outputs, 1))
+            ),
+            nn.AdaptiveAvgPool2d(1),
+            nn.Flatten(),
+        )
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
+
+
+class Mlp(nn.Module):
+    """An encoder of ours for vectors, the wall grid as it is and positions one-hot: 512 features.
+
+    The supplement has none. A position is a number of a place, not an amount.
+    """
+
+    features = WIDTH
+
+    def __init__(self, spec: NetworkSpec, frames: int = 1) -> None:
+        super().__init__()
+        self.tiles = tile_count(Task(spec.task))
+        self.grid = (2 * spec.height - 1) * (2 * spec.width - 1)
+        inputs = frames * (self.tiles * (self.grid + 1) + self.grid)
+        self.layer = nn.Linear(inputs, WIDTH)
+
+    def forward(self, vectors: Tensor) -> Tensor:
+        """Return the features of vectors, those of several frames being one after the other."""
+        frames = vectors.long().reshape(len(vectors), -1, self.tiles + self.grid)
+        # -1 is a key or a door that is gone.
+        places = functional.one_hot(frames[:, :, : self.tiles] + 1, self.grid + 1)
+        walls = frames[:, :, self.tiles :]
+        inputs = torch.cat([places.flatten(1), walls.flatten(1)], 1).float()
+        return functional.leaky_relu(self.layer(inputs), SLOPE)
+
+
+def make_encoder(spec: NetworkSpec, frames: int = 1) -> Cnn | ResNet18 | Mlp:
+    """Return a fresh encoder for observations, or for several one after the other."""
+    if spec.encoder == "mlp":
+        return Mlp(spec, frames)
+    if spec.encoder == "resnet18":
+        return ResNet18(3 * frames, spec.pool_stride)
+    return Cnn(3 * frames)
+
+
+def as_input(observations: Tensor) -> Tensor:
+    """Return what an encoder takes: pictures scaled to [0, 1], channels first; vectors as they are.
+
+    Pictures keep their layout in memory, which is the one that convolutions like best.
+    """
+    if observations.dtype == torch.uint8:
+        return observations.permute(0, 3, 1, 2).float().div_(255)
+    return observations
+
+
+class Network(nn.Module):
+    """An encoder and the classifier of Table 1: layers 9 to 15 for the CNN, 12 to 18 for ResNet.
+
+    The policy of every method has four outputs. With `frames=2` it looks at a state and the next,
+    along the last axis: the inverse dynamics model of BCO and IUPE.
+    """
+
+    def __init__(self, spec: NetworkSpec, outputs: int = ACTIONS, frames: int = 1) -> None:
+        super().__init__()
+        self.encoder = make_encoder(spec, frames)
+        self.classifier = nn.Sequential(
+            nn.Linear(self.encoder.features, WIDTH),
+            nn.LeakyReLU(SLOPE),
+            nn.Dropout(DROPOUT),
+            nn.Linear(WIDTH, WIDTH),
+            nn.LeakyReLU(SLOPE),
+            nn.Dropout(DROPOUT),
+            nn.Linear(WIDTH, outputs),
+        )
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return the outputs, shape (batch, outputs)."""
+        outputs: Tensor = self.classifier[-1](self.hidden(observations))
+        return outputs
+
+    def hidden(self, observations: Tensor) -> Tensor:
+        """Return what the last layer is given, shape (batch, WIDTH)."""
+        features: Tensor = self.classifier[:-1](self.encoder(as_input(observations)))
+        return features
+
+
+class Discriminator(nn.Module):
+    """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
+
+    Its own encoder has the shape of the CNN without normalisation. Vectors have none in the
+    source; they are encoded by `Mlp`.
+    """
+
+    def __init__(self, spec: NetworkSpec) -> None:
+        super().__init__()
+        self.encoder: nn.Module
+        if spec.encoder == "mlp":
+            self.encoder, features = Mlp(spec), Mlp.features
+        else:
+            layers = [layer for layer in Cnn() if not isinstance(layer, nn.BatchNorm2d)]
+            self.encoder, features = nn.Sequential(*layers), CNN_FEATURES
+        self.classifier = nn.Sequential(
+            nn.Linear(features + ACTIONS, 256),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(256, 256),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(256, 1),
+        )
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return the logits that (observation, action) is a demonstration's, shape (batch, 4)."""
+        features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
+        actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
+        logits: Tensor = self.classifier(torch.cat([features, actions], 1))
+        return logits.view(-1, ACTIONS)

@@ -1,0 +1,1 @@
+"""Evaluations of many runs as tables."""

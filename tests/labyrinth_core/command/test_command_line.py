@@ -1,0 +1,343 @@
+import io
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labyrinth_core.command.arguments import parser
+from labyrinth_core.command.main import main
+from labyrinth_core.command.terminal_play import KEYS, draw, pressed
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.sampling import ALGORITHMS
+
+ROOT = Path(__file__).parents[3]
+DATA = ROOT / "tests" / "data"
+NAVIGATION = str(DATA / "valid" / "figure_1a_navigation.labyrinth")
+KEY_AND_DOOR = str(DATA / "valid" / "figure_1c_key_and_door.labyrinth")
+INVALID = str(DATA / "invalid" / "unknown_tile.labyrinth")
+COMMAND = [sys.executable, "-m", "labyrinth_core.command.main"]
+
+
+@pytest.fixture
+def run(capsys):
+    def run(*arguments):
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def refused(run):
+    """Run a command that has to end with status 1 and one message, and return that."""
+
+    def refused(*arguments):
+        status, out, err = run(*arguments)
+        assert status == 1
+        assert out == ""
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        return err
+
+    return refused
+
+
+def test_check_says_size_task_and_route_length_of_each_file(run):
+    status, out, err = run("check", NAVIGATION, KEY_AND_DOOR)
+    assert status == 0
+    assert out == (
+        f"{NAVIGATION}: ok, 3x3, navigation, 4 moves\n"
+        f"{KEY_AND_DOOR}: ok, 3x3, key_and_door, 8 moves\n"
+    )
+    assert err == ""
+
+
+def test_check_goes_on_after_a_file_that_failed(run, tmp_path):
+    status, out, err = run("check", INVALID, tmp_path, "/nowhere/at/all", NAVIGATION)
+    assert status == 1
+    assert out.count(": ok, ") == 1
+    assert err.startswith(f"{INVALID}:7:3: in a line of cells: expected ")
+    assert f"labyrinth: {tmp_path}: Is a directory\n" in err
+    assert err.endswith("labyrinth: /nowhere/at/all: No such file or directory\n")
+
+
+def test_a_dash_reads_standard_input(run, monkeypatch):
+    text = Path(NAVIGATION).read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text)))
+    assert run("check", "-") == (0, "-: ok, 3x3, navigation, 4 moves\n", "")
+
+
+def test_mistakes_on_standard_input_are_reported_under_its_name(run, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\xff")))
+    status, _, err = run("check", "-")
+    assert status == 1
+    assert err.startswith("<stdin>:1:1: the file is no text: expected UTF-8, found the byte 0xff\n")
+
+
+def test_show_without_a_terminal_prints_the_canonical_text(run):
+    text = Path(NAVIGATION.replace(".labyrinth", ".canonical")).read_text()
+    assert run("show", NAVIGATION) == (0, text, "")
+
+
+def test_show_marks_a_shortest_route(run):
+    status, out, _ = run("show", NAVIGATION, "--solution")
+    assert status == 0
+    assert "|   | .   E |\n|   +   + - |\n| .   .     |\n|   + - +   |\n| S     |   |" in out
+
+
+def test_show_colours_on_a_terminal_unless_no_color_is_set(run, monkeypatch):
+    monkeypatch.setattr(type(sys.stdout), "isatty", lambda _: True)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert "\x1b[1;31mS\x1b[0m" in run("show", NAVIGATION)[1]
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b" not in run("show", NAVIGATION)[1]
+
+
+@pytest.mark.parametrize("options", [[], ["--solution"]])
+def test_show_writes_a_picture(run, tmp_path, options):
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "picture.png"
+    assert run("show", KEY_AND_DOOR, "--png", path, *options) == (0, "", "")
+    with image.open(path) as picture:
+        assert (picture.size, picture.mode) == ((600, 600), "RGB")
+
+
+def test_the_solution_is_drawn_over_the_picture(run, tmp_path):
+    plain, solved = tmp_path / "plain.png", tmp_path / "solved.png"
+    run("show", NAVIGATION, "--png", plain)
+    run("show", NAVIGATION, "--png", solved, "--solution")
+    assert plain.read_bytes() != solved.read_bytes()
+
+
+def test_a_labyrinth_too_large_for_a_picture_is_refused(run, refused, tmp_path):
+    path = tmp_path / "large.labyrinth"
+    path.write_text(run("new", "--size", "2x400")[1])
+    assert "a picture has room for" in refused("show", path, "--png", tmp_path / "x.png")
+
+
+def test_a_picture_that_cannot_be_written_is_reported(refused, tmp_path):
+    assert "Is a directory" in refused("show", NAVIGATION, "--png", tmp_path)
+
+
+def test_solve_prints_the_actions_as_words(run):
+    assert run("solve", NAVIGATION) == (0, "4 moves: up right up right\n", "")
+
+
+def test_solve_prints_every_route_without_a_loop(run, tmp_path):
+    path = tmp_path / "open.labyrinth"
+    path.write_text(run("new", "--size", "2x3", "--open-walls", "1")[1])
+    status, out, err = run("solve", path, "--all")
+    assert (status, err) == (0, "")
+    assert out == (
+        "3 moves: up right right\n"
+        "3 moves: right up right\n"
+        "3 moves: right right up\n"
+        "5 moves: up right down right up\n"
+    )
+    status, out, err = run("solve", path, "--all", "--limit", "2")
+    assert (status, out.count("\n")) == (0, 2)
+    assert err == "labyrinth: stopped after 2 routes (--limit)\n"
+
+
+def test_a_limit_without_all_is_refused(refused):
+    assert refused("solve", NAVIGATION, "--limit", "3") == "labyrinth: --limit goes with --all\n"
+
+
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize("sampler", ALGORITHMS)
+def test_new_prints_a_labyrinth_of_the_task(run, task, sampler):
+    arguments = ("new", "--size", "5x6", "--task", task, "--sampler", sampler, "--seed", "1")
+    status, out, err = run(*arguments, "--open-walls", "0.2")
+    assert (status, err) == (0, "")
+    labyrinth = parse(out)
+    assert (labyrinth.task, labyrinth.size_name) == (task, "5x6")
+    assert dump(labyrinth) == out
+    assert run(*arguments, "--open-walls", "0.2")[1] == out
+
+
+def test_new_without_a_seed_prints_another_one_each_time(run):
+    assert len({run("new", "--size", "8")[1] for _ in range(3)}) == 3
+
+
+def test_new_says_that_no_structure_can_hold_the_task(refused):
+    err = refused("new", "--size", "2", "--task", "icy-floor")
+    assert err.startswith("labyrinth: size=2x2, task=icy_floor, ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["new", "--size", "0"], "argument --size: size=0: give a whole number from 2 to 1,000"),
+        (["new", "--size", "9999999"], "argument --size: size=9999999: give"),
+        (["new", "--open-walls", "2"], "argument --open-walls: '2': give a probability"),
+        (["new", "--open-walls", "nan"], "argument --open-walls: 'nan': give a probability"),
+        (["new", "--task", "maze"], "argument --task: 'maze': choose one of navigation, "),
+        (["new", "--seed", "-1"], "argument --seed: '-1': give a whole number from 0 on"),
+        (["new", "--sampler", "maze"], "sampler=maze: choose one of wilson, "),
+        (["solve", NAVIGATION, "--all", "--limit", "0"], "argument --limit: '0': give a whole"),
+        (["check"], "the following arguments are required: FILE"),
+        (["fly"], "argument COMMAND: invalid choice: 'fly'"),
+        ([], "the following arguments are required: COMMAND"),
+        (["solve", "/nowhere"], "/nowhere: No such file or directory"),
+        (["play", NAVIGATION], "play reads keys: give it a file, and a terminal"),
+        (["play", "-"], "play reads keys: give it a file, and a terminal"),
+    ],
+)
+def test_a_mistake_of_the_user_gets_one_message(refused, monkeypatch, arguments, message):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO()))
+    assert message in refused(*arguments)
+
+
+def test_convert_turns_a_list_of_edges_into_the_language(run, tmp_path):
+    path = tmp_path / "edges.txt"
+    path.write_text("[(0, 1), (1, 2), (0, 3), (2, 5)];(0, 0);(1, 2);[(1, 0)]\n")
+    status, out, err = run("convert", path, "--size", "2x3")
+    assert (status, err) == (0, "")
+    assert "icy_floor: True" in out
+    assert "| I |   | E |\n|   + - +   |\n| S         |" in out
+
+
+def test_a_mistake_in_a_list_of_edges_names_the_file(run, tmp_path):
+    path = tmp_path / "edges.txt"
+    path.write_text("[(0, 1)")
+    assert run("convert", path)[2].startswith(f"{path}:1:8: in a list of edges: expected ")
+
+
+@pytest.mark.parametrize("command", [[], ["check"], ["show"], ["solve"], ["new"], ["convert"]])
+def test_help_ends_with_status_0(run, command):
+    status, out, _ = run(*command, "--help")
+    assert status == 0
+    assert out.startswith("usage: labyrinth")
+
+
+def test_the_help_of_new_names_every_sampler_and_task(run):
+    out = " ".join(run("new", "--help")[1].split())
+    assert all(name in out for name in [*ALGORITHMS, *Task])
+
+
+def test_every_command_is_implemented():
+    from labyrinth_core.command.main import COMMANDS
+
+    for command in COMMANDS:
+        with pytest.raises(SystemExit, match="0"):
+            parser().parse_args([command, "--help"])
+
+
+def test_help_does_without_numpy():
+    code = "import sys; from labyrinth_core.command.main import main; main(['--help']); "
+    code += "sys.exit('numpy' in sys.modules)"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, cwd=ROOT).returncode == 0
+    )
+
+
+def test_ctrl_c_ends_with_status_130(run, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules["labyrinth_core.command.main"].COMMANDS, "check", interrupt)
+    assert run("check", NAVIGATION) == (130, "", "")
+
+
+def test_a_reader_that_has_gone_causes_no_traceback():
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = subprocess.run(
+        [*COMMAND, "solve", NAVIGATION], stdout=writing, stderr=subprocess.PIPE, cwd=ROOT
+    )
+    os.close(writing)
+    assert (process.returncode, process.stderr) == (1, b"")
+
+
+def play(file, *keys, interrupt=False):
+    """Return the exit status of `play` on a pseudo-terminal, and what it shows.
+
+    Each key is sent when the screen has been drawn after the one before.
+    """
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [*COMMAND, "play", file], stdin=theirs, stdout=theirs, stderr=theirs, cwd=ROOT
+    )
+    os.close(theirs)
+    shown = ""
+    screens = 0
+    while select.select([ours], [], [], 30)[0]:
+        try:
+            received = os.read(ours, 4096)
+        except OSError:  # What Linux says when the other end has been closed.
+            break
+        shown += received.decode()
+        while shown.count(" moves; ") > screens and shown.endswith("\n"):
+            screens += 1
+            if screens <= len(keys):
+                os.write(ours, keys[screens - 1])
+            elif interrupt:
+                process.send_signal(signal.SIGINT)
+    process.kill()
+    os.close(ours)
+    return process.wait(), shown
+
+
+def test_play_follows_the_arrow_keys_to_the_goal():
+    status, shown = play(NAVIGATION, b"\x1b[A", b"\x1b[C", b"\x1b[A", b"\x1b[C")
+    assert status == 0
+    assert "4 moves" in shown
+    assert "The episode ends: you have reached the goal." in shown
+
+
+def test_play_ends_on_ice():
+    status, shown = play(str(DATA / "valid" / "figure_1d_ice_floor.labyrinth"), b"d")
+    assert status == 0
+    assert "The episode ends: the ice broke." in shown
+
+
+def test_play_counts_bumps_starts_again_and_quits():
+    status, shown = play(NAVIGATION, b"\x1bOD", b"r", b"xq")
+    assert status == 0
+    assert "1 moves; that way is closed" in shown
+    assert shown.count("0 moves") == 2
+    assert "The episode ends" not in shown
+
+
+def test_ctrl_c_leaves_a_game_with_status_130():
+    assert play(NAVIGATION, b"w", interrupt=True)[0] == 130
+
+
+def test_a_key_may_arrive_in_parts():
+    reading, writing = os.pipe()
+    keys = pressed(reading)
+    parts = [b"\x1b", b"[", b"A", b"\x1b[1;5", b"C\x1b[B", b"\x1bz\x1b[5~\xffd"]
+    for part in parts[:3]:
+        os.write(writing, part)
+    assert next(keys) is Action.UP
+    for part in parts[3:]:
+        os.write(writing, part)
+    os.close(writing)
+    assert list(keys) == [Action.DOWN, Action.RIGHT]
+    os.close(reading)
+
+
+def test_every_action_has_an_arrow_key():
+    assert {KEYS[b"\x1b[" + letter] for letter in (b"A", b"B", b"C", b"D")} == set(Action)
+
+
+def test_hidden_cells_are_covered_and_their_walls_too():
+    from labyrinth_core.world.dynamics import State
+
+    labyrinth = parse(Path(NAVIGATION).read_text().replace("occlusion: False", "occlusion: True"))
+    drawing = draw(labyrinth, State(labyrinth.start)).split("\n")
+    assert drawing[6:11] == [
+        "|   | ? ? E |",
+        "|   + ? + ? |",
+        "|     ? ? ? |",
+        "|   + - + ? |",
+        "| @     | ? |",
+    ]

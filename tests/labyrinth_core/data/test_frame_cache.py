@@ -1,0 +1,491 @@
+"""The pictures that are kept: the same as without, whoever else writes, dies or meddles."""
+
+import errno
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from labyrinth_core.data import frame_cache, loader, mapped
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import (
+    Transition,
+    TransitionBatch,
+    Transitions,
+    load_episodes,
+    load_transitions,
+    stream_episodes,
+    stream_transitions,
+)
+from labyrinth_core.data.locks import locked
+from labyrinth_core.language.text import parse
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.rollout import replay
+
+FIELDS = [field.name for field in fields(Transitions)]
+
+
+@pytest.fixture(scope="module")
+def data_dir(small_dataset):
+    return small_dataset.data_dir
+
+
+@pytest.fixture
+def cache(tmp_path):
+    return tmp_path / "cache"
+
+
+def assert_same(some, others):
+    for name in FIELDS:
+        one, other = getattr(some, name), getattr(others, name)
+        assert (one.dtype, one.shape) == (other.dtype, other.shape)
+        np.testing.assert_array_equal(one, other)
+
+
+def only_file(cache):
+    (path,) = cache.iterdir()
+    return path
+
+
+@pytest.fixture
+def nothing_to_read(monkeypatch):
+    """Let no shard be read, so that what is loaded can only come from the cache."""
+
+    def refuse(*shards, **how):
+        raise AssertionError(f"reads {shards} {how}")
+
+    return lambda: monkeypatch.setattr(loader, "read_rows", refuse)
+
+
+# What is kept.
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_what_is_kept_is_what_was_loaded(data_dir, cache, split, nothing_to_read):
+    options = {"split": split, "image_size": 16}
+    without = load_transitions(data_dir, "3x3", cache_dir=False, **options)
+    cold = load_transitions(data_dir, "3x3", cache_dir=cache, **options)
+    nothing_to_read()
+    warm = load_transitions(data_dir, "3x3", cache_dir=str(cache), **options)
+    assert_same(cold, without)
+    assert_same(warm, without)
+    assert not any(getattr(warm, name).flags.writeable for name in FIELDS)
+    assert [path.name.rpartition("-")[0] for path in cache.iterdir()] == [f"3x3-{split}-16"]
+
+
+def test_numpy_reads_the_frames_of_the_file(data_dir, cache):
+    frames = load_transitions(data_dir, "3x3", image_size=16, cache_dir=cache).frames
+    there = np.load(only_file(cache), mmap_mode="r", allow_pickle=False)
+    np.testing.assert_array_equal(there, frames)
+
+
+def test_the_users_cache_folder_is_the_default(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    load_transitions(data_dir, "3x3", image_size=8)
+    assert only_file(tmp_path / "xdg" / "labyrinth-datasets").suffix == ".npy"
+    for unset in ("", "not/absolute"):
+        monkeypatch.setenv("XDG_CACHE_HOME", unset)
+        load_transitions(data_dir, "3x3", image_size=8)
+    assert only_file(tmp_path / "home" / ".cache" / "labyrinth-datasets").suffix == ".npy"
+
+
+@pytest.mark.parametrize("cache_dir", [False, None])
+def test_without_a_cache_nothing_is_written(data_dir, tmp_path, monkeypatch, cache_dir):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    transitions = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache_dir)
+    assert transitions.frames.flags.writeable
+    load_transitions(data_dir, "3x3", observation="vector")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_each_split_size_and_way_to_make_pictures_has_its_own_file(data_dir, cache):
+    for options in ({}, {"split": "test"}, {"image_size": 9}, {"draw": True}):
+        load_transitions(data_dir, "3x3", cache_dir=cache, **{"image_size": 8} | options)
+    assert len(list(cache.iterdir())) == 4
+
+
+def test_other_shards_have_another_file(data_dir, cache, build, tmp_path):
+    other = build(tmp_path / "other", seed=1).data_dir
+    for folder in (data_dir, other):
+        kept = load_transitions(folder, "3x3", image_size=8, cache_dir=cache)
+        assert_same(kept, load_transitions(folder, "3x3", image_size=8, cache_dir=False))
+    assert len(list(cache.iterdir())) == 2
+
+
+def test_other_pixels_have_another_file(data_dir, cache, monkeypatch):
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    monkeypatch.setattr(loader, "PIXELS", loader.PIXELS + 1)
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    assert len(list(cache.iterdir())) == 2
+
+
+def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, monkeypatch):
+    def rows(*_, **__):
+        yield from ()
+
+    monkeypatch.setattr(loader, "read_rows", rows)
+    with pytest.raises(DatasetError, match="there is no episode"):
+        load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    assert list(cache.iterdir()) == []
+
+
+# Files that are not right.
+
+
+def cut(content):
+    return content[:-1]
+
+
+def cut_in_the_frames(content):
+    return content[: len(content) // 2]
+
+
+def no_more_than_a_trailer(content):
+    return content[-48:]
+
+
+def emptied(_):
+    return b""
+
+
+def longer(content):
+    return content + bytes(64)
+
+
+def another_file(_):
+    return b"not a cache file at all" * 1000
+
+
+def other_numbers(content):
+    return content[:-48] + b"\xff" * 16 + content[-32:]
+
+
+def header_changed(content):
+    return content.replace(b"'|u1'", b"'|i1'", 1)
+
+
+def column_changed(content):
+    return content[:-100] + bytes([content[-100] ^ 1]) + content[-99:]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        cut,
+        cut_in_the_frames,
+        no_more_than_a_trailer,
+        emptied,
+        longer,
+        another_file,
+        other_numbers,
+        header_changed,
+        column_changed,
+    ],
+)
+def test_a_file_that_is_not_right_is_made_again(data_dir, cache, damage):
+    whole = load_transitions(data_dir, "3x3", image_size=8, cache_dir=False)
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    path = only_file(cache)
+    content = path.read_bytes()
+    damaged = damage(content)
+    assert damaged != content
+    path.unlink()  # What is still mapped is not to be cut.
+    path.write_bytes(damaged)
+    assert_same(load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache), whole)
+    assert only_file(cache).read_bytes() == content
+
+
+def test_a_file_of_another_key_is_made_again(data_dir, cache):
+    for split in ("train", "test"):
+        load_transitions(data_dir, "3x3", split=split, image_size=8, cache_dir=cache)
+    test, train = sorted(cache.iterdir())
+    test.replace(train)
+    expected = load_transitions(data_dir, "3x3", image_size=8, cache_dir=False)
+    assert_same(load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache), expected)
+
+
+# Folders that cannot be written.
+
+
+def test_a_folder_that_cannot_be_is_warned_of_and_done_without(data_dir, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.warns(UserWarning, match="the frame cache cannot be used: .* held in memory"):
+        kept = load_transitions(data_dir, "3x3", image_size=8, cache_dir=tmp_path / "file")
+    assert_same(kept, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
+
+
+def test_a_full_disk_is_warned_of_and_done_without(data_dir, cache, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.warns(UserWarning, match="No space left on device"):
+        kept = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    assert_same(kept, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
+    assert list(cache.iterdir()) == []
+
+
+# Several processes.
+
+LOAD = """
+import sys
+from labyrinth_core import load_transitions
+transitions = load_transitions(sys.argv[1], "3x3", image_size=8, cache_dir=sys.argv[2])
+print(len(transitions), int(transitions.frames.sum()))
+"""
+
+
+def start(program, *arguments, **how):
+    command = [sys.executable, "-W", "error", "-c", program, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **how)
+
+
+def test_processes_that_load_at_once_all_get_it_and_leave_one_file(data_dir, cache):
+    expected = load_transitions(data_dir, "3x3", image_size=8, cache_dir=False)
+    processes = [start(LOAD, data_dir, cache) for _ in range(4)]
+    said = {process.communicate(timeout=120)[0] for process in processes}
+    assert said == {f"{len(expected)} {int(expected.frames.sum())}\n"}
+    assert all(process.returncode == 0 for process in processes)
+    assert only_file(cache).suffix == ".npy"
+
+
+def test_who_waits_takes_what_the_other_has_made(data_dir, cache, monkeypatch):
+    written = []
+    write = frame_cache._write
+    monkeypatch.setattr(frame_cache, "_write", lambda *to: (written.append(1), write(*to)))
+    found = []
+
+    def load():
+        found.append(load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache))
+
+    threads = [threading.Thread(target=load) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert written == [1]
+    for transitions in found:
+        assert_same(transitions, found[0])
+
+
+KILLED = """
+import os, signal, sys
+from labyrinth_core.data import frame_cache
+gather = frame_cache.gather
+def die(episodes, keep):
+    gather(list(episodes)[:int(sys.argv[3])], keep)
+    os.kill(os.getpid(), signal.SIGKILL)
+frame_cache.gather = die
+"""
+
+
+@pytest.mark.parametrize("episodes", [1, 8])
+def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(data_dir, cache, episodes):
+    killed = start(KILLED + LOAD, data_dir, cache, episodes)
+    killed.communicate(timeout=120)
+    assert killed.returncode == -signal.SIGKILL
+    left = only_file(cache)
+    assert left.name.endswith(".tmp")
+    # Another split, of which the leftover is none.
+    load_transitions(data_dir, "3x3", split="test", image_size=8, cache_dir=cache)
+    assert not left.exists()
+    again = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    assert_same(again, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
+
+
+def test_a_leftover_of_the_same_file_is_written_over(data_dir, cache, monkeypatch):
+    killed = start(KILLED + LOAD, data_dir, cache, 8)
+    killed.communicate(timeout=120)
+    monkeypatch.setattr(frame_cache, "_remove_leftovers", lambda _: None)
+    again = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    assert_same(again, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
+    assert only_file(cache).suffix == ".npy"
+
+
+def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(data_dir, cache):
+    cache.mkdir()
+    with locked(cache / ".3x3-s0-8-0.frames.npy.tmp"):
+        load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+        assert len(list(cache.iterdir())) == 2
+
+
+def test_files_of_others_are_left_alone(data_dir, cache):
+    cache.mkdir()
+    others = [cache / name for name in (".other.npy.tmp", "x.frames.npy", "x.tmp")]
+    for path in others:
+        path.touch()
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    assert all(path.exists() for path in others)
+
+
+# Workers of a DataLoader.
+
+
+@pytest.fixture
+def kept(data_dir, cache):
+    return load_transitions(data_dir, "3x3", split="random", image_size=32, cache_dir=cache)
+
+
+def test_processes_are_sent_the_name_of_the_file_and_not_the_frames(kept):
+    sent = pickle.dumps(kept)
+    assert kept.frames.nbytes > 1_000_000
+    assert len(sent) < 2_000
+    received = pickle.loads(sent)
+    assert_same(received, kept)
+    assert len(pickle.dumps(received)) < 2_000
+
+
+def test_a_choice_of_transitions_is_sent_as_chosen(kept):
+    chosen = replace(kept, **{name: getattr(kept, name)[5:60:3] for name in FIELDS[1:]})
+    received = pickle.loads(pickle.dumps(chosen))
+    assert_same(received, chosen)
+    assert len(pickle.dumps(chosen)) < 5_000
+
+
+@pytest.mark.parametrize("chosen", [slice(3, 9), slice(0, 0), slice(None, None, -1)])
+def test_a_part_of_a_mapped_array_is_received_as_that_part(kept, chosen):
+    part = kept.frames[chosen]
+    received = mapped.as_received(pickle.loads(pickle.dumps(mapped.as_sent(part))))
+    np.testing.assert_array_equal(received, part)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"short"])
+def test_transitions_whose_file_is_gone_say_so(kept, cache, content):
+    sent = pickle.dumps(kept)
+    path = only_file(cache)
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(DatasetError, match=r"\A\S+\.npy is gone since it was loaded: [^\n]+\Z"):
+        pickle.loads(sent)
+
+
+WORKERS = """
+import multiprocessing, sys
+from labyrinth_core import load_transitions
+
+def work(transitions, indices, results):
+    steps = transitions.__getitems__(indices)
+    sums = [(int(step.observation.sum()), step.action, int(step.next_observation.sum()))
+            for step in steps]
+    results.put((indices, sums))
+
+if __name__ == "__main__":
+    folder, cache, method, count = sys.argv[1:]
+    context = multiprocessing.get_context(method)
+    t = load_transitions(folder, "3x3", split="random", image_size=32, cache_dir=cache)
+    results = context.Queue()
+    workers = [
+        context.Process(target=work, args=(t, list(range(number, len(t), int(count))), results))
+        for number in range(int(count))
+    ]
+    for worker in workers:
+        worker.start()
+    got = {}
+    for _ in workers:
+        got |= dict(zip(*results.get(timeout=60)))
+    for worker in workers:
+        worker.join()
+    expected = [(int(s.sum()), a, int(s_next.sum())) for s, a, s_next in t]
+    assert [got[index] for index in range(len(t))] == expected
+    print(len(got))
+"""
+
+
+@pytest.mark.parametrize("workers", [2, 4])
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_workers_forked_or_spawned_get_the_same(data_dir, kept, cache, tmp_path, method, workers):
+    script = tmp_path / "workers.py"
+    script.write_text(WORKERS)
+    command = [sys.executable, "-W", "error", str(script), data_dir, cache, method, str(workers)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert (done.stdout, done.stderr) == (f"{len(kept)}\n", "")
+
+
+def test_what_a_worker_makes_a_tensor_of_is_its_own_to_write_to(kept):
+    steps = kept.__getitems__([3, 0, 3])
+    for step, index in zip(steps, [3, 0, 3], strict=True):
+        assert type(step) is Transition
+        assert type(step.action) is int
+        for array, expected in zip((step[0], step[2]), kept[index][::2], strict=True):
+            assert array.flags.writeable
+            assert array.flags.c_contiguous
+            np.testing.assert_array_equal(array, expected)
+
+
+@pytest.mark.parametrize(
+    "indices", [[5, 2, 2, -1], np.array([7, 0]), slice(2, 9, 3), slice(None), [], np.zeros(0, int)]
+)
+def test_a_batch_is_the_transitions_of_its_indices(kept, indices):
+    if isinstance(indices, list) and not indices:
+        indices = np.array(indices, np.int64)
+    batch = kept[indices]
+    assert type(batch) is TransitionBatch
+    each = [kept[index] for index in np.arange(len(kept))[indices].tolist()]
+    for place, array in enumerate(batch):
+        expected = np.array([step[place] for step in each], array.dtype)
+        np.testing.assert_array_equal(array, expected.reshape(array.shape))
+        assert array.flags.writeable
+    assert batch.observation.shape == (len(each), 32, 32, 3)
+
+
+# Pictures that are drawn, and streams.
+
+
+@pytest.mark.parametrize(("split", "image_size"), [("random", 9), ("random", 64), ("s0", 600)])
+def test_drawn_pictures_are_those_that_are_decoded(data_dir, split, image_size):
+    options = {"split": split, "image_size": image_size}
+    decoded = load_episodes(data_dir, "3x3", **options)
+    drawn = load_episodes(data_dir, "3x3", draw=True, **options)
+    streamed = stream_episodes(data_dir, "3x3", draw=True, **options)
+    for one, other, another in zip(decoded, drawn, streamed, strict=True):
+        np.testing.assert_array_equal(one.observations, other.observations)
+        np.testing.assert_array_equal(one.observations, another.observations)
+
+
+@pytest.mark.parametrize("size", ["4", "3x5"])
+@pytest.mark.parametrize("task", ["partial_observability", "key_and_door", "icy_floor"])
+def test_pictures_of_every_task_are_drawn_as_they_are_decoded(build, tmp_path, task, size):
+    run = build(tmp_path / "data", task=task, size=size, labyrinths=2, random_steps=30)
+    for split in ("train", "random"):
+        options = {"split": split, "image_size": 64, "cache_dir": False}
+        decoded = load_transitions(run.data_dir, run.dataset.name, **options)
+        assert_same(load_transitions(run.data_dir, run.dataset.name, draw=True, **options), decoded)
+        episodes = load_episodes(run.data_dir, run.dataset.name, split=split)
+        expected = [
+            Painter(labyrinth).array(state, 64)
+            for episode in episodes
+            for labyrinth in [parse(episode.info)]
+            for state in replay(labyrinth, episode.actions.tolist()).states
+        ]
+        np.testing.assert_array_equal(decoded.frames, expected)
+
+
+def test_pictures_are_drawn_where_there_are_none(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr("labyrinth_core.data.observations._remembering_decoder", None)
+    assert len(load_transitions(data_dir, "3x3", image_size=8, draw=True, cache_dir=tmp_path)) > 0
+
+
+def prefetching():
+    return [thread for thread in threading.enumerate() if "prefetch" in thread.name]
+
+
+@pytest.mark.parametrize("stream", [stream_episodes, stream_transitions])
+def test_a_stream_that_is_left_ends_its_thread(data_dir, stream):
+    streamed = stream(data_dir, "3x3", split="random", image_size=8)
+    assert prefetching() == []
+    next(streamed)
+    assert len(prefetching()) == 1
+    streamed.close()
+    assert prefetching() == []

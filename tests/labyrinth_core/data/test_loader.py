@@ -1,0 +1,681 @@
+"""A dataset read back: episodes and transitions against a replay of what the files hold."""
+
+import json
+import os
+import pickle
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import huggingface_hub
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from labyrinth_core.data import observations as pictures
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import (
+    Transition,
+    load_episodes,
+    load_transitions,
+    stream_episodes,
+    stream_transitions,
+)
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.pictures.png import encode
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
+from pipeline.config.dataset import TaskConfig
+from pipeline.config.run import RunConfig, resolve
+from pipeline.generation import build
+
+TASKS = {
+    "3x3": "navigation",
+    "3x4-partial_observability": "partial_observability",
+    "4x4-key_and_door": "key_and_door",
+    "4x4-icy_floor": "icy_floor",
+}
+every_config = pytest.mark.parametrize("config", TASKS)
+every_split = pytest.mark.parametrize("split", SPLITS)
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory):
+    """A folder with a dataset of each task, three labyrinths a split, in two or three shards."""
+    folder = tmp_path_factory.mktemp("data") / "labyrinth"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "CELLS_PER_SHARD", 24)
+        for name, task in TASKS.items():
+            config = RunConfig(
+                stages=["build"],
+                size=name.partition("-")[0],
+                task=TaskConfig(task),
+                labyrinths=3,
+                random_steps=70,
+                data_dir=str(folder),
+            )
+            build.run(resolve(config))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def cache_of_its_own(monkeypatch, tmp_path):
+    """Each test makes the pictures it loads, since it may be about what making them says."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def no_network(monkeypatch):
+    def refuse(*to, **how):
+        raise AssertionError(f"connects: {to} {how}")
+
+    monkeypatch.setattr(socket, "getaddrinfo", refuse)
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+
+
+def shards_of(data_dir, config, split):
+    return sorted((data_dir / config).glob(f"{split}-*.parquet"))
+
+
+def rows_of(data_dir, config, split):
+    return [
+        row
+        for path in shards_of(data_dir, config, split)
+        for row in pq.read_table(path).to_pylist()
+    ]
+
+
+def replayed(data_dir, config, split):
+    """Return the episodes as lists of (labyrinth, state, row)."""
+    episodes = []
+    for row in rows_of(data_dir, config, split):
+        if row["episode_starts"]:
+            labyrinth = parse(row["info"])
+            state = initial(labyrinth)
+            episodes.append([])
+        episodes[-1].append((labyrinth, state, row))
+        if row["actions"] != -1:
+            state = transition(labyrinth, state, row["actions"])
+    return episodes
+
+
+def expected_transitions(data_dir, config, split, observe):
+    """Return each transition as a tuple of all that is known of it."""
+    return [
+        (
+            observe(labyrinth, state),
+            row["actions"],
+            observe(labyrinth, after),
+            np.float32(reward(labyrinth, after)),
+            is_terminal(labyrinth, after),
+            int(labyrinth_id(labyrinth), 16),
+        )
+        for episode in replayed(data_dir, config, split)
+        for (labyrinth, state, row), (_, after, _) in pairwise(episode)
+    ]
+
+
+def assert_same_transitions(transitions, expected):
+    arrays = (
+        transitions.observations,
+        transitions.actions,
+        transitions.next_observations,
+        transitions.rewards,
+        transitions.dones,
+        transitions.labyrinth_ids,
+    )
+    for array, values in zip(arrays, zip(*expected, strict=True), strict=True):
+        np.testing.assert_array_equal(array, np.array(values))
+
+
+def assert_same_episodes(some, others):
+    some, others = list(some), list(others)
+    assert len(some) == len(others) > 0
+    for one, other in zip(some, others, strict=True):
+        for field in ("observations", "actions", "rewards"):
+            assert getattr(one, field).dtype == getattr(other, field).dtype
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+        for field in ("labyrinth_id", "info", "terminated"):
+            assert getattr(one, field) == getattr(other, field)
+
+
+# What is loaded.
+
+
+@every_config
+@every_split
+def test_transitions_are_those_that_replaying_and_drawing_gives(data_dir, config, split):
+    transitions = load_transitions(data_dir, config, split=split)
+    expected = expected_transitions(data_dir, config, split, lambda *of: render(*of, 64))
+    assert_same_transitions(transitions, expected)
+
+
+@every_config
+@every_split
+def test_vectors_are_those_of_the_replayed_states(data_dir, config, split):
+    transitions = load_transitions(data_dir, config, split=split, observation="vector")
+    expected = expected_transitions(data_dir, config, split, vector_observation)
+    assert_same_transitions(transitions, expected)
+
+
+@pytest.mark.parametrize("image_size", [7, 600])
+def test_pictures_come_at_the_size_asked_for(data_dir, image_size):
+    transitions = load_transitions(str(data_dir), "3x3", split="s0", image_size=image_size)
+    expected = expected_transitions(data_dir, "3x3", "s0", lambda *of: render(*of, image_size))
+    assert_same_transitions(transitions, expected)
+
+
+def test_shapes_and_types_are_as_documented(data_dir):
+    images = load_transitions(data_dir, "3x3")
+    count = len(images)
+    for array in (images.observations, images.next_observations):
+        assert (array.shape, array.dtype) == ((count, 64, 64, 3), np.uint8)
+    vectors = load_transitions(data_dir, "4x4-key_and_door", observation="vector")
+    assert vectors.observations.shape == (len(vectors), 5 + 7 * 7)
+    assert vectors.observations.dtype == np.int32
+    types = {"actions": np.int64, "rewards": np.float32, "dones": np.bool_}
+    for field, kind in (types | {"labyrinth_ids": np.int64}).items():
+        assert getattr(images, field).shape == (count,)
+        assert getattr(images, field).dtype == kind
+
+
+def test_one_transition_is_state_action_and_next_state(data_dir):
+    transitions = load_transitions(data_dir, "3x3", split="train", image_size=64)
+    s, a, s_next = transitions[1]
+    np.testing.assert_array_equal(s, transitions.observations[1])
+    np.testing.assert_array_equal(s_next, transitions.next_observations[1])
+    assert a == transitions.actions[1]
+    assert type(a) is int
+    assert len(list(transitions)) == len(transitions)
+    with pytest.raises(IndexError):
+        transitions[len(transitions)]
+
+
+@every_config
+@every_split
+def test_there_is_a_transition_for_each_row_but_the_last_of_an_episode(data_dir, config, split):
+    rows = rows_of(data_dir, config, split)
+    transitions = load_transitions(data_dir, config, split=split, observation="vector")
+    lasts = [place for place, row in enumerate(rows) if row["actions"] == -1]
+    starts = [place for place, row in enumerate(rows) if row["episode_starts"]]
+    assert len(transitions) == len(rows) - len(starts)
+    assert set(transitions.rows) == set(range(len(rows))) - set(lasts)
+    assert not set(transitions.rows + 1) & set(starts)
+
+
+@every_config
+def test_a_random_episode_is_done_at_the_goal_or_on_ice_and_not_where_it_is_cut(data_dir, config):
+    transitions = load_transitions(data_dir, config, split="random", observation="vector")
+    episodes = list(load_episodes(data_dir, config, split="random", observation="vector"))
+    assert {episode.terminated for episode in episodes} == {True, False}
+    assert transitions.dones.sum() == sum(episode.terminated for episode in episodes)
+    assert set(transitions.rewards[transitions.dones]) <= {np.float32(1), np.float32(-100)}
+    assert (transitions.rewards[~transitions.dones] > -1).all()
+    assert (transitions.rewards[~transitions.dones] < 0).all()
+
+
+def test_the_id_of_a_labyrinth_is_the_one_it_has_elsewhere(data_dir):
+    for episode in load_episodes(data_dir, "3x3", observation="vector"):
+        assert f"{episode.labyrinth_id:016x}" == labyrinth_id(parse(episode.info))
+        assert len(episode) == len(episode.actions) == len(episode.observations) - 1
+
+
+# Streams.
+
+
+@every_split
+def test_a_stream_gives_the_same_episodes(data_dir, split):
+    assert len(shards_of(data_dir, "3x3", split)) == 2
+    for observation in ("image", "vector"):
+        options = {"split": split, "observation": observation, "image_size": 32}
+        assert_same_episodes(
+            stream_episodes(data_dir, "3x3", **options), load_episodes(data_dir, "3x3", **options)
+        )
+
+
+def divided(data_dir, folder, split, *, rows_a_file, rows_a_group):
+    """Return a copy of the 3x3 dataset, a split of it divided wherever the numbers say."""
+    shutil.copytree(data_dir, folder)
+    old = shards_of(folder, "3x3", split)
+    table = pa.concat_tables([pq.read_table(path) for path in old])
+    for path in old:
+        path.unlink()
+    count = -(-len(table) // rows_a_file)
+    manifest = json.loads((folder / "3x3" / "manifest.json").read_bytes())
+    shard = next(shard for shard in manifest["shards"] if shard["split"] == split)
+    kept = [other for other in manifest["shards"] if other["split"] != split]
+    for number in range(count):
+        path = folder / "3x3" / f"{split}-{number:05d}-of-{count:05d}.parquet"
+        rows = table.slice(number * rows_a_file, rows_a_file)
+        pq.write_table(rows, path, row_group_size=rows_a_group)
+        kept.append(shard | {"path": path.name, "sha256": file_sha256(path)})
+    (folder / "3x3" / "manifest.json").write_text(json.dumps(manifest | {"shards": kept}))
+    return folder
+
+
+@pytest.mark.parametrize(("rows_a_file", "rows_a_group"), [(50, 7), (64, 1), (1000, 9)])
+def test_files_and_batches_may_end_in_the_middle_of_an_episode(
+    data_dir, tmp_path, rows_a_file, rows_a_group
+):
+    sizes = {"rows_a_file": rows_a_file, "rows_a_group": rows_a_group}
+    other = divided(data_dir, tmp_path / "divided", "random", **sizes)
+    options = {"split": "random", "image_size": 16}
+    expected = list(load_episodes(data_dir, "3x3", **options))
+    assert_same_episodes(load_episodes(other, "3x3", **options), expected)
+    assert_same_episodes(stream_episodes(other, "3x3", **options), expected)
+
+
+def test_a_stream_of_transitions_gives_the_same_pairs(data_dir, tmp_path):
+    other = divided(data_dir, tmp_path / "divided", "random", rows_a_file=41, rows_a_group=5)
+    options = {"split": "random", "image_size": 16}
+    transitions = load_transitions(data_dir, "3x3", **options)
+    count = 0
+    for streamed, loaded in zip(
+        stream_transitions(other, "3x3", **options), transitions, strict=True
+    ):
+        np.testing.assert_array_equal(streamed.observation, loaded.observation)
+        np.testing.assert_array_equal(streamed.next_observation, loaded.next_observation)
+        assert streamed.action == loaded.action
+        count += 1
+    assert count == len(transitions)
+
+
+# With a DataLoader.
+
+
+def collate(samples):
+    """Return a batch as `torch.utils.data.default_collate` makes one of named tuples."""
+    fields = zip(*samples, strict=True)
+    return type(samples[0])(*(np.stack([np.asarray(value) for value in field]) for field in fields))
+
+
+def batches(dataset, batch_size, seed):
+    """Yield batches the way a shuffling `DataLoader` fetches them: `len`, then `__getitems__`."""
+    order = np.random.default_rng(seed).permutation(len(dataset)).tolist()
+    for begin in range(0, len(order), batch_size):
+        indices = order[begin : begin + batch_size]
+        samples = dataset.__getitems__(indices)
+        assert isinstance(samples, list)
+        assert len(samples) == len(indices)
+        yield indices, collate(samples)
+
+
+def test_a_data_loader_gets_each_transition_once_in_batches(data_dir):
+    transitions = load_transitions(data_dir, "3x3", image_size=16)
+    met = []
+    for indices, batch in batches(transitions, batch_size=5, seed=0):
+        assert isinstance(batch, Transition)
+        np.testing.assert_array_equal(batch.observation, transitions.observations[indices])
+        np.testing.assert_array_equal(batch.action, transitions.actions[indices])
+        np.testing.assert_array_equal(
+            batch.next_observation, transitions.next_observations[indices]
+        )
+        met += indices
+    assert sorted(met) == list(range(len(transitions)))
+
+
+def test_transitions_can_be_sent_to_the_processes_of_a_data_loader(data_dir):
+    transitions = load_transitions(data_dir, "3x3", image_size=16)
+    again = pickle.loads(pickle.dumps(transitions))
+    for field in ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(transitions, field))
+    assert type(again[0]) is Transition
+
+
+def python(program, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
+
+
+def test_importing_the_loader_imports_no_heavy_library():
+    heavy = "{'torch', 'datasets', 'huggingface_hub', 'pyarrow', 'pandas', 'PIL'}"
+    program = f"import sys, labyrinth_core.data.loader; print(sorted({heavy} & set(sys.modules)))"
+    assert python(program) == "[]\n"
+
+
+# The Hub.
+
+
+def test_from_the_hub_come_only_the_manifest_and_the_split(data_dir, monkeypatch):
+    asked = []
+
+    def snapshot_download(source, **options):
+        asked.append((source, options))
+        return str(data_dir)
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    options = {"split": "s0", "image_size": 8}
+    episodes = load_episodes("user/labyrinth", "3x3", revision="v1", **options)
+    assert_same_episodes(episodes, load_episodes(data_dir, "3x3", **options))
+    patterns = ["3x3/manifest.json", "3x3/s0-*.parquet"]
+    assert asked == [
+        (
+            "user/labyrinth",
+            {"repo_type": "dataset", "revision": "v1", "allow_patterns": patterns},
+        )
+    ]
+
+
+@pytest.mark.parametrize("function", ["load_transitions", "stream_episodes", "stream_transitions"])
+def test_a_hub_that_cannot_be_reached_gives_one_line(tmp_path, function):
+    program = (
+        f"from labyrinth_core.data.loader import {function}\n"
+        "from labyrinth_core.data.manifest import DatasetError\n"
+        f"try: {function}('nobody/labyrinth', '3x3')\n"
+        "except DatasetError as error: print(error)\n"
+    )
+    said = python(program, HF_HUB_OFFLINE="1", HF_HOME=str(tmp_path))
+    assert said.startswith("nobody/labyrinth is no folder (python run.py makes one), and not")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("load", [load_transitions, load_episodes, stream_episodes])
+@pytest.mark.parametrize(
+    "source", ["a/b/c", "../x", "./x", "x/..", "/nowhere/at/all", "labyrinth", "a--b/c", "a/b..c"]
+)
+@pytest.mark.usefixtures("no_network")
+def test_what_is_neither_a_folder_nor_an_id_is_refused_here(load, source, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DatasetError) as refusal:
+        load(source, "3x3")
+    assert str(refusal.value) == f"{source} is neither a folder nor an id such as user/labyrinth"
+
+
+@pytest.mark.usefixtures("no_network")
+def test_an_id_that_the_hub_forbids_is_refused_here():
+    with pytest.raises(DatasetError, match=r"\Auser/labyrinth\. is no folder .*alphanumeric.+\Z"):
+        load_transitions("user/labyrinth.", "3x3")
+
+
+# Mistakes of a person.
+
+
+LOADS = pytest.mark.parametrize(
+    "load", [load_transitions, load_episodes, stream_episodes, stream_transitions]
+)
+
+
+@LOADS
+def test_an_unknown_config_is_told_which_there_are(data_dir, load):
+    there = ", ".join(sorted(TASKS))
+    with pytest.raises(DatasetError, match=rf"\Aconfig=9x9: .* holds {there}\Z"):
+        load(data_dir, "9x9")
+
+
+@LOADS
+def test_an_unknown_split_is_told_which_there_are(data_dir, load):
+    there = ", ".join(SPLITS)
+    with pytest.raises(DatasetError, match=rf"\Asplit=eval: the dataset has {there}\Z"):
+        load(data_dir, "3x3", split="eval")
+
+
+@LOADS
+def test_a_folder_without_datasets_is_told_so(tmp_path, load):
+    with pytest.raises(DatasetError, match=r"\Aconfig=3x3: .* holds none\Z"):
+        load(tmp_path, "3x3")
+
+
+@LOADS
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"observation": "picture"}, "observation=picture: choose one of image, vector"),
+        ({"image_size": 0}, "image_size=0: give 1 or more"),
+        ({"image_size": -64}, "image_size=-64: give 1 or more"),
+        ({"revision": "main"}, "revision=main: .* is a folder, which has no revisions"),
+    ],
+)
+def test_an_impossible_argument_is_refused_at_once(data_dir, load, options, message):
+    with pytest.raises(ValueError, match=rf"\A{message}\Z"):
+        load(data_dir, "3x3", **options)
+
+
+# Damaged datasets.
+
+
+def no_last_row(rows):
+    del rows[next(place for place, row in enumerate(rows) if row["actions"] == -1)]
+
+
+def end_missing(rows):
+    del rows[-1]
+
+
+def first_row_missing(rows):
+    del rows[0]
+
+
+def start_moved(rows):
+    rows[0]["episode_starts"], rows[1]["episode_starts"] = False, True
+
+
+def two_starts(rows):
+    rows[1]["episode_starts"] = True
+
+
+def only_a_last_row(rows):
+    rows.insert(0, rows[0] | {"actions": -1})
+
+
+def labyrinth_exchanged(rows):
+    rows[1]["info"] = next(row["info"] for row in rows if row["info"] != rows[0]["info"])
+
+
+def no_action(rows):
+    rows[0]["actions"] = 4
+
+
+def other_negative_action(rows):
+    rows[1]["actions"] = -2
+
+
+def step_after_the_goal(rows):
+    place = next(place for place, row in enumerate(rows) if row["actions"] == -1)
+    rows.insert(place, rows[place] | {"actions": 0})
+
+
+def info_garbled(rows):
+    for row in rows:
+        row["info"] = "labyrinth:\n-----\n"
+
+
+def info_is_code(rows):
+    for row in rows:
+        row["info"] = "__import__('os').abort()"
+
+
+def null_action(rows):
+    rows[0]["actions"] = None
+
+
+def null_info(rows):
+    rows[0]["info"] = None
+
+
+def null_reward(rows):
+    rows[0]["rewards"] = None
+
+
+ROWS = [
+    (no_last_row, "an episode ends without its last row"),
+    (end_missing, "the last episode ends without its last row"),
+    (first_row_missing, "row 0 episode_starts: False where an episode must begin"),
+    (start_moved, "row 0 episode_starts: False where an episode must begin"),
+    (two_starts, "row 1: an episode ends without its last row"),
+    (only_a_last_row, "row 0 actions: -1 in the first row"),
+    (labyrinth_exchanged, "row 1: an episode ends without its last row"),
+    (no_action, "an episode cannot be replayed: action 4"),
+    (other_negative_action, "an episode cannot be replayed: action -2"),
+    (step_after_the_goal, "an episode cannot be replayed: .* another action follows"),
+    (info_garbled, "an episode cannot be replayed: "),
+    (info_is_code, "an episode cannot be replayed: "),
+    (null_action, "actions=None: every row needs int"),
+    (null_info, "info=None: every row needs str"),
+    (null_reward, "rewards=None: every row needs float"),
+]
+
+
+def no_picture(png):  # noqa: ARG001
+    return None
+
+
+def empty(png):  # noqa: ARG001
+    return b""
+
+
+def garbage(png):
+    return b"garbage" * len(png)
+
+
+def cut_short(png):
+    return png[: len(png) // 2]
+
+
+def cut_in_the_header(png):
+    return png[:20]
+
+
+def a_jpeg(png):  # noqa: ARG001
+    return b"\xff\xd8\xff\xe0\x00\x10JFIF" + bytes(100)
+
+
+def another_size(png):  # noqa: ARG001
+    return encode([((bytes(900), 200),)], 300)
+
+
+def a_claim_to_be_huge(png):
+    return png[:16] + b"\x00\x00\xff\xff" * 2 + png[24:]
+
+
+PICTURES = [
+    (no_picture, "obs: a row has no picture"),
+    *((edit, "obs: a picture cannot be decoded: ") for edit in (empty, garbage, cut_short)),
+    *((edit, "obs: a picture cannot be decoded: ") for edit in (cut_in_the_header, a_jpeg)),
+    (another_size, "obs: a picture cannot be decoded: it has 300 x 200 pixels"),
+    (a_claim_to_be_huge, "obs: a picture cannot be decoded: "),
+]
+
+
+def edited(data_dir, folder, edit=lambda _: None):
+    """Return a copy of the datasets; train of 3x3 is one shard, its rows changed."""
+    shutil.copytree(data_dir, folder)
+    path = shards_of(folder, "3x3", "train")[0]
+    table = pq.read_table(path)
+    rows = table.to_pylist()
+    edit(rows)
+    schema = pa.schema([field for field in table.schema if field.name in rows[0]])
+    pq.write_table(pa.Table.from_pylist(rows, schema), path)
+    for other in shards_of(folder, "3x3", "train")[1:]:
+        other.unlink()
+    manifest = Manifest.read(folder / "3x3")
+    shards = [s for s in manifest.shards if s.split != "train"]
+    first = next(s for s in manifest.shards if s.path == path.name)
+    shards.append(replace(first, sha256=file_sha256(path)))
+    Manifest(manifest.config, manifest.versions, tuple(shards)).write(folder / "3x3")
+    return folder
+
+
+def assert_refused(folder, message):
+    """Check that both ways to load say the same thing."""
+    for load in (load_episodes, stream_episodes):
+        with pytest.raises(DatasetError, match=message) as refusal:
+            list(load(folder, "3x3", image_size=8))
+        assert re.fullmatch(r"[^\n]+", str(refusal.value))
+    with pytest.raises(DatasetError, match=message):
+        load_transitions(folder, "3x3", image_size=8)
+
+
+@pytest.mark.parametrize(("edit", "message"), ROWS)
+def test_rows_that_make_no_episodes_are_refused(data_dir, tmp_path, edit, message):
+    assert_refused(edited(data_dir, tmp_path / "damaged", edit), message)
+
+
+@pytest.mark.parametrize("column", ["actions", "info"])
+def test_a_shard_without_a_column_is_refused(data_dir, tmp_path, column):
+    def drop(rows):
+        for row in rows:
+            del row[column]
+
+    folder = edited(data_dir, tmp_path / "damaged", drop)
+    with pytest.raises(DatasetError, match=f"{column}=None: every row needs"):
+        load_transitions(folder, "3x3", image_size=8)
+
+
+@pytest.mark.parametrize(("edit", "message"), PICTURES)
+def test_a_picture_that_is_none_is_refused(data_dir, tmp_path, edit, message):
+    def edit_picture(rows):
+        rows[1]["obs"]["bytes"] = edit(rows[1]["obs"]["bytes"])
+
+    assert_refused(edited(data_dir, tmp_path / "damaged", edit_picture), message)
+
+
+def test_vectors_need_no_pictures(data_dir, tmp_path):
+    def remove_pictures(rows):
+        for row in rows:
+            row["obs"]["bytes"] = None
+
+    folder = edited(data_dir, tmp_path / "without", remove_pictures)
+    whole = edited(data_dir, tmp_path / "with")
+    for load in (load_episodes, stream_episodes):
+        assert_same_episodes(
+            load(folder, "3x3", observation="vector"), load(whole, "3x3", observation="vector")
+        )
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut short", "empty", "text", "no column"])
+def test_a_file_that_is_no_shard_is_refused(data_dir, tmp_path, damage):
+    folder = edited(data_dir, tmp_path / "damaged")
+    (path,) = shards_of(folder, "3x3", "train")
+    whole = path.read_bytes()
+    if damage == "missing":
+        path.unlink()
+    elif damage == "no column":
+        pq.write_table(pq.read_table(path).drop_columns(["actions"]), path)
+    else:
+        path.write_bytes({"cut short": whole[:-99], "empty": b"", "text": b"text\n" * 99}[damage])
+    with pytest.raises(DatasetError, match=r"\A.+\Z"):
+        load_transitions(folder, "3x3")
+
+
+@pytest.mark.parametrize("load", [load_transitions, stream_transitions])
+def test_random_flips_in_a_file_never_show_a_traceback(data_dir, tmp_path, load):
+    folder = edited(data_dir, tmp_path / "damaged")
+    (path,) = shards_of(folder, "3x3", "train")
+    whole = path.read_bytes()
+    random = np.random.default_rng(0)
+    refused = 0
+    for place in random.integers(len(whole), size=30).tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(damaged)
+        try:
+            list(load(folder, "3x3", image_size=8))
+        except DatasetError:
+            refused += 1
+    # A stream has no whole file to compare with the manifest, so that some flips go unseen.
+    assert refused == 30 if load is load_transitions else refused > 0
+
+
+# Memory.
+
+
+def test_remembered_pictures_take_no_more_than_a_fixed_space():
+    for image_size in (8, 64, 600, 4000):
+        remembered = pictures._remembering_decoder(image_size).cache_info().maxsize
+        assert remembered >= 1
+        assert remembered == 1 or remembered * 3 * image_size**2 <= pictures.CACHED_BYTES

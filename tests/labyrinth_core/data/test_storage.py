@@ -1,0 +1,304 @@
+"""Datasets in object stores: whole or not there, the bytes of a local build, and how it goes on."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import fsspec
+import numpy as np
+import pytest
+from s3_server import S3Server, serving
+
+from labyrinth_core.data import storage
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_transitions
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.storage import (
+    RemotePath,
+    file_sha256,
+    folder_at,
+    local_copy,
+    new_file,
+    write_bytes,
+)
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.generation import build as generation
+from pipeline.generation import validate as validation
+from pipeline.release import card
+
+Build = Callable[..., Run]
+
+TRAIN = "train-00000-of-00001.parquet"
+
+
+@pytest.fixture
+def memory() -> Iterator[str]:
+    """The URL of a folder in memory."""
+    name = uuid4().hex
+    yield f"memory://{name}/labyrinth"
+    filesystem = fsspec.filesystem("memory")
+    if filesystem.exists(f"/{name}"):
+        filesystem.rm(f"/{name}", recursive=True)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[S3Server]:
+    with serving() as (server, address), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AWS_ENDPOINT_URL", address)
+        patch.setenv("AWS_ACCESS_KEY_ID", "nobody")
+        patch.setenv("AWS_SECRET_ACCESS_KEY", "nothing")
+        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        yield server
+
+
+@pytest.fixture
+def bucket(server: S3Server) -> Iterator[str]:
+    """The URL of a folder in a new bucket."""
+    name = uuid4().hex
+    fsspec.filesystem("s3", use_listings_cache=False).mkdir(name)
+    server.requests.clear()
+    yield f"s3://{name}/data"
+    server.fault = lambda _method, _path: False
+
+
+def content_of(folder: Path | RemotePath) -> dict[str, bytes]:
+    """Return the content of all files of a folder, and of those in it."""
+    files = [*folder.glob("*"), *folder.glob("*/*"), *folder.glob(".*"), *folder.glob(".*/*")]
+    prefix = len(str(folder)) + 1
+    return {str(p)[prefix:].replace("\\", "/"): p.read_bytes() for p in files if p.is_file()}
+
+
+# Files.
+
+
+@pytest.fixture(params=["local", "memory", "s3"])
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path | RemotePath:
+    if request.param == "local":
+        return tmp_path
+    return folder_at(request.getfixturevalue({"memory": "memory", "s3": "bucket"}[request.param]))
+
+
+def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_path: Path) -> None:
+    deeper = folder / "a" / "b"
+    assert not deeper.exists()
+    assert not list(folder.glob("*/*"))
+    with pytest.raises(FileNotFoundError):
+        (deeper / "one.txt").read_bytes()
+    deeper.mkdir(parents=True, exist_ok=True)
+    write_bytes(deeper / "one.txt", b"old")
+    write_bytes(deeper / "one.txt", b"new")
+    with new_file(deeper / "two.txt", tmp_path) as local:
+        local.write_bytes(b"2")
+        assert not (deeper / "two.txt").exists()
+    assert [path.name for path in sorted(deeper.iterdir(), key=str)] == ["one.txt", "two.txt"]
+    assert [str(path) for path in (folder / "a").glob("*/one*")] == [str(deeper / "one.txt")]
+    assert (deeper / "one.txt").read_text(encoding="utf-8") == "new"
+    assert (deeper / "one.txt").parent == deeper
+    assert deeper.is_dir()
+    assert (deeper / "one.txt").is_file()
+    assert not deeper.is_file()
+    with (deeper / "one.txt").open("rb") as file:
+        assert file.read(2) == b"ne"
+    with local_copy(deeper / "two.txt") as local:
+        assert local.read_bytes() == b"2"
+    (deeper / "one.txt").unlink()
+    (deeper / "one.txt").unlink(missing_ok=True)
+    assert [path.name for path in deeper.iterdir()] == ["two.txt"]
+
+
+def test_a_file_that_is_not_finished_is_not_there(
+    folder: Path | RemotePath, tmp_path: Path
+) -> None:
+    def write_half() -> None:
+        with new_file(folder / "shard", tmp_path) as local:
+            local.write_bytes(b"half of it")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_half()
+    assert not list(folder.glob("*"))
+
+
+def test_what_a_store_raises_becomes_one_os_error_with_the_url(
+    monkeypatch: pytest.MonkeyPatch, memory: str
+) -> None:
+    class Failing:
+        _strip_protocol = staticmethod(str)
+
+        def cat_file(self, path: str) -> bytes:
+            raise RuntimeError(f"no\ncredentials for {path}")
+
+    monkeypatch.setattr(storage, "_filesystem", lambda _protocol: Failing())
+    with pytest.raises(OSError, match="RuntimeError: no credentials") as caught:
+        RemotePath(f"{memory}/x").read_bytes()
+    assert caught.value.filename == f"{memory}/x"
+
+
+def test_a_file_url_is_a_local_folder(tmp_path: Path) -> None:
+    assert folder_at(f"file://{tmp_path}") == tmp_path
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ({"data_dir": "nosuch://a/b"}, ["data_dir=nosuch://a/b", "nosuch"]),
+        ({"data_dir": "gs://a/b"}, ["data_dir=gs://a/b", "missing", "install gcsfs"]),
+        (
+            {
+                "data_dir": "memory://a",
+                "stages": ["publish"],
+                "publish": {"repo_id": "a/b", "version": "1.0.0"},
+            },
+            ["memory://a", "publish needs a local folder"],
+        ),
+    ],
+    ids=["unknown", "missing", "publish"],
+)
+def test_a_place_that_cannot_be_used_is_answered_with_one_line(
+    options: dict[str, Any], parts: list[str]
+) -> None:
+    config = RunConfig(**{"stages": ["build"]} | options)
+    if "publish" in options:
+        config.publish = type(RunConfig().publish)(**options["publish"])
+    with pytest.raises(ConfigError) as caught:
+        resolve(config)
+    assert all(part in str(caught.value) for part in parts), caught.value
+    assert "\n" not in str(caught.value)
+
+
+# Datasets.
+
+
+@pytest.fixture
+def url(request: pytest.FixtureRequest) -> str:
+    return str(request.getfixturevalue(request.param))
+
+
+@pytest.mark.parametrize("url", ["memory", "bucket"], indirect=True)
+def test_a_dataset_in_a_store_is_the_local_one_and_is_used_like_it(
+    build: Build, url: str, small_dataset: Run, tmp_path: Path
+) -> None:
+    run = build(url)
+    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+    validation.run(run)
+    card.run(run)
+    local = resolve_local(small_dataset, tmp_path)
+    card.run(local)
+    assert content_of(run.data_dir) == content_of(local.data_dir)
+    here, there = (load_transitions(p, "3x3", cache_dir=False) for p in (local.data_dir, url))
+    assert np.array_equal(here.observations, there.observations)
+    assert build(url).data_dir == run.data_dir  # Complete already.
+
+
+def resolve_local(run: Run, folder: Path) -> Run:
+    """Return the run of a copy of its dataset."""
+    shutil.copytree(run.data_dir, folder, dirs_exist_ok=True)
+    return replace(run, data_dir=folder)
+
+
+@pytest.mark.parametrize("url", ["memory", "bucket"], indirect=True)
+def test_another_configuration_leaves_nothing_of_the_one_before(
+    build: Build, url: str, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(generation, "CELLS_PER_SHARD", 9)
+        build(url, labyrinths=2, random_steps=5)
+    with pytest.raises(DatasetError, match="labyrinths=2, not 8"):
+        build(url)
+    run = build(url, overwrite=True)
+    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+
+
+def test_in_a_store_a_dataset_that_is_being_replaced_is_none_until_the_new_one_is_whole(
+    build: Build, memory: str, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_job: generation.ShardJob) -> Any:
+        raise OSError("no quota left")
+
+    build(memory, labyrinths=2, random_steps=5)
+    with monkeypatch.context() as patch:
+        patch.setattr(generation, "make_shard", fail)
+        with pytest.raises(DatasetError, match="no quota left"):
+            build(memory, overwrite=True)
+    assert not (folder_at(memory) / "3x3" / MANIFEST).exists()
+    run = build(memory)
+    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+
+
+def denied(part: str, times: int) -> Callable[[str, str], bool]:
+    """Return a fault for uploads of names with `part`, after `times` of them went well."""
+    seen: list[str] = []
+
+    def fault(method: str, path: str) -> bool:
+        if method == "PUT" and part in path:
+            seen.append(path)
+        return method == "PUT" and part in path and len(seen) > times
+
+    return fault
+
+
+@pytest.mark.parametrize(
+    ("part", "times"),
+    [("config.json", 0), (".parquet", 0), (".parquet", 3), (".json", 4), (MANIFEST, 0)],
+)
+def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_goes_on(
+    build: Build, server: S3Server, bucket: str, small_dataset: Run, part: str, times: int
+) -> None:
+    server.fault = denied(part, times)
+    with pytest.raises((DatasetError, OSError), match=f"{bucket}|quota"):
+        build(bucket)
+    folder = folder_at(bucket) / "3x3"
+    assert not (folder / MANIFEST).exists()
+    finished = {path.name for path in (folder.parent / ".3x3.building").glob("*-of-*.json")}
+    server.fault = lambda _method, _path: False
+    server.requests.clear()
+    run = build(bucket)
+    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+    uploads = [path.rpartition("/")[2] for method, path in server.requests if method == "PUT"]
+    made_again = {path.replace(".parquet", ".json") for path in uploads if ".parquet" in path}
+    assert not made_again & finished
+    manifest_at = uploads.index(MANIFEST)
+    assert not any(".parquet" in path for path in uploads[manifest_at:])
+
+
+def test_a_damaged_object_is_made_again(
+    build: Build, server: S3Server, bucket: str, small_dataset: Run
+) -> None:
+    server.fault = denied(MANIFEST, 0)
+    with pytest.raises(DatasetError):
+        build(bucket)
+    server.fault = lambda _method, _path: False
+    shard = folder_at(bucket) / "3x3" / TRAIN
+    content = shard.read_bytes()
+    write_bytes(shard, content[:-1] + b"?")  # As long as it was.
+    run = build(bucket)
+    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+
+
+def test_a_shard_that_did_not_arrive_keeps_the_manifest_away(
+    build: Build, memory: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_shard = generation.make_shard
+
+    def lose(job: generation.ShardJob) -> Any:
+        shard = make_shard(job)
+        if job.split == "s0":
+            job.path.unlink()
+        return shard
+
+    monkeypatch.setattr(generation, "make_shard", lose)
+    with pytest.raises(DatasetError, match="has no s0-00000-of-00001"):
+        build(memory)
+    assert not (folder_at(memory) / "3x3" / MANIFEST).exists()
+
+
+def test_the_manifest_of_a_store_describes_its_shards(build: Build, memory: str) -> None:
+    run = build(memory, labyrinths=2, random_steps=5)
+    for shard in Manifest.read(run.folder).shards:
+        assert file_sha256(run.folder / shard.path) == shard.sha256

@@ -1,0 +1,470 @@
+"""The single environment: what it says is true, and a seed settles it."""
+
+import sys
+import warnings
+from itertools import islice
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import PassiveEnvChecker, TimeLimit
+from hypothesis import given, settings
+from known_labyrinths import OPEN
+from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
+from strategies import labyrinths
+
+from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.dynamics import State, is_terminal, reward, state_index, transition
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.solver import distances, optimal_actions, shortest_route
+from labyrinth_core.world.tasks import tiles_matter
+
+NAME = "labyrinth_core.env:Labyrinth-v0"
+KINDS = ["image", "vector", "state"]
+UP, RIGHT, DOWN, LEFT = Action
+
+ICY_FLOOR = """
+icy_floor: True
+labyrinth:
+-------------
+|   | I   E |
+|   +   +   |
+| S         |
+-------------
+end
+"""
+CORRIDOR = """
+labyrinth:
+-------------
+|       | E |
+|   +   +   |
+|   |       |
+|   +   + - |
+| S |       |
+-------------
+end
+"""
+
+TEXTS = {Task.NAVIGATION: OPEN, Task.KEY_AND_DOOR: KEY_AND_DOOR, Task.ICY_FLOOR: ICY_FLOOR}
+
+
+@pytest.fixture(autouse=True)
+def no_screen(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+def walk(env, actions):
+    """Return what each of the actions gives, from a reset on."""
+    env.reset()
+    return [env.step(action) for action in actions]
+
+
+def texts(env, count, **options):
+    return [env.reset(options=options)[1]["labyrinth"] for _ in range(count)]
+
+
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [4, "3x5"])
+def test_gymnasiums_checker_finds_nothing_to_say(task, kind, size):
+    env = gymnasium.make(NAME, size=size, task=task, observation=kind, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+
+
+def test_gymnasium_make_leaves_its_checker_on():
+    env = gymnasium.make(NAME)
+    checked = False
+    while env is not env.unwrapped:
+        checked |= isinstance(env, PassiveEnvChecker)
+        env = env.env
+    assert checked
+
+
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_observation_lies_in_the_space_and_the_space_is_no_larger(task, kind):
+    env = LabyrinthEnv(4, task, observation=kind)
+    observation, _ = env.reset(seed=1)
+    actions = np.random.default_rng(1).integers(4, size=300)
+    seen = [observation]
+    for action in actions:
+        observation, _, terminated, truncated, _ = env.step(action)
+        seen.append(observation)
+        if terminated or truncated:
+            seen.append(env.reset()[0])
+    assert all(observation in env.observation_space for observation in seen)
+    if kind == "vector":
+        assert env.observation_space.high.max() == 48
+        assert env.observation_space.low.min() == (-1 if task is Task.KEY_AND_DOOR else 0)
+        assert (env.observation_space.high[5:] == (2 if task is Task.ICY_FLOOR else 1)).all()
+
+
+@given(labyrinths())
+@settings(max_examples=60)
+def test_a_walk_is_what_dynamics_solver_renderer_and_vector_form_say(labyrinth):
+    envs = [LabyrinthEnv(labyrinth=labyrinth, observation=kind) for kind in KINDS]
+    state = State(labyrinth.start)
+    for env in envs:
+        env.reset()
+    for action in np.random.default_rng(0).integers(4, size=12).tolist():
+        state = transition(labyrinth, state, action)
+        number = state_index(labyrinth, state)
+        (image, *rest, info), (vector, *_), (index, *_) = (env.step(action) for env in envs)
+        assert (image == render(labyrinth, state, 64)).all()
+        assert (vector == vector_observation(labyrinth, state)).all()
+        assert index == number
+        assert rest == [reward(labyrinth, state), is_terminal(labyrinth, state), False]
+        assert info["labyrinth"] == dump(labyrinth)
+        assert info["labyrinth_id"] == labyrinth_id(labyrinth)
+        assert info["distance"] == distances(labyrinth)[number]
+        assert (info["optimal_actions"] == optimal_actions(labyrinth)[number]).all()
+        assert envs[0].state == state
+        if is_terminal(labyrinth, state):
+            break
+
+
+@pytest.mark.parametrize("task", Task)
+def test_a_seed_settles_the_labyrinth_and_all_that_follow(task):
+    first, second = LabyrinthEnv(task=task), LabyrinthEnv(task=task)
+    texts(second, 3)
+    drawn = [env.reset(seed=7)[1]["labyrinth"] for env in (first, second)]
+    assert drawn[0] == drawn[1]
+    assert texts(first, 5) == texts(second, 5)
+    assert first.reset(seed=8)[1]["labyrinth"] != drawn[0]
+
+
+def test_a_seed_gives_the_labyrinth_that_it_always_gave():
+    ids = [LabyrinthEnv(task=task).reset(seed=0)[1]["labyrinth_id"] for task in Task]
+    assert ids == ["25d4232c5532085b", "22b41a3017447bf1", "4ec0d477c44bad83", "3507aa383feb3684"]
+
+
+def test_the_global_generators_are_neither_read_nor_seeded():
+    np.random.seed(3)  # noqa: NPY002
+    first = LabyrinthEnv().reset(seed=5)[1]["labyrinth"]
+    after = np.random.random()  # noqa: NPY002
+    np.random.seed(3)  # noqa: NPY002
+    assert np.random.random() == after  # noqa: NPY002
+    np.random.seed(4)  # noqa: NPY002
+    assert LabyrinthEnv().reset(seed=5)[1]["labyrinth"] == first
+
+
+def test_every_reset_draws_afresh_unless_a_labyrinth_is_kept():
+    assert len(set(texts(LabyrinthEnv(), 20))) == 20
+    assert len(set(texts(LabyrinthEnv(labyrinth=OPEN), 5))) == 1
+
+
+@pytest.mark.parametrize("task", [Task.KEY_AND_DOOR, Task.ICY_FLOOR])
+def test_fresh_labyrinths_have_tiles_of_their_own_that_matter(task):
+    drawn = [parse(text) for text in texts(LabyrinthEnv(task=task), 50)]
+    assert all(tiles_matter(labyrinth) for labyrinth in drawn)
+    assert len({(labyrinth.ice, labyrinth.key) for labyrinth in drawn}) > 10
+
+
+def test_key_and_door_come_back_on_reset():
+    env = LabyrinthEnv(labyrinth=KEY_AND_DOOR, observation="vector")
+    before, _ = env.reset()
+    steps = walk(env, [UP, DOWN, RIGHT, UP])
+    assert steps[0][0][3] == -1
+    assert steps[-1][0][4] == -1
+    after, _ = env.reset()
+    assert (before == after).all()
+    assert env.state == State(0)
+    assert walk(env, [RIGHT, UP])[-1][0][0] == 2, "the door must be locked again"
+
+
+def test_a_labyrinth_comes_as_itself_as_text_or_in_a_file(tmp_path):
+    path = tmp_path / "open.labyrinth"
+    path.write_text(OPEN)
+    for given_as in (OPEN, path, parse(OPEN)):
+        env = gymnasium.make(NAME, labyrinth=given_as)
+        assert env.reset()[1]["labyrinth"] == dump(parse(OPEN))
+        assert env.unwrapped.labyrinth == parse(OPEN)
+
+
+@pytest.mark.parametrize("size", [4, (4, 6), "4x6"])
+def test_sizes_are_written_in_three_ways(size):
+    labyrinth = parse(LabyrinthEnv(size).reset(seed=0)[1]["labyrinth"])
+    assert labyrinth.size_name == ("4x4" if size == 4 else "4x6")
+
+
+def test_options_change_task_start_and_goal_of_one_episode():
+    env = LabyrinthEnv(5)
+    options = {"task": "key_and_door", "start": (0, 4), "goal": (4, 0)}
+    _, info = env.reset(seed=0, options=options)
+    labyrinth = parse(info["labyrinth"])
+    assert (labyrinth.task, labyrinth.start, labyrinth.goal) == (Task.KEY_AND_DOOR, 4, 20)
+    assert tiles_matter(labyrinth)
+    plain = parse(env.reset()[1]["labyrinth"])
+    assert (plain.task, plain.start, plain.goal) == (Task.NAVIGATION, 0, 24)
+
+
+def test_an_option_does_not_change_what_a_seed_gives_later():
+    env = LabyrinthEnv()
+    plain = env.reset(seed=3)[1]["labyrinth"]
+    env.reset(options={"labyrinth": ICY_FLOOR})
+    assert env.reset(seed=3)[1]["labyrinth"] == plain
+
+
+@pytest.mark.parametrize("task", TEXTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_labyrinth_of_another_task_switches_the_task_and_the_space_with_it(task, kind):
+    env = gymnasium.make(NAME, size=6, task="partial_observability", observation=kind)
+    observation, _ = env.reset(options={"labyrinth": TEXTS[task]})
+    assert env.unwrapped.labyrinth == parse(TEXTS[task])
+    assert observation in env.observation_space
+    assert env.step(RIGHT)[0] in env.observation_space
+    observation, _ = env.reset()
+    assert env.unwrapped.labyrinth.task is Task.PARTIAL_OBSERVABILITY
+    assert observation in env.observation_space
+
+
+def test_tiles_stay_where_they_are_unless_start_goal_or_task_change():
+    env = LabyrinthEnv(labyrinth=KEY_AND_DOOR)
+    env.reset(options={"start": (0, 0), "task": "key_and_door"})
+    assert env.labyrinth == parse(KEY_AND_DOOR)
+    env.reset(seed=0, options={"goal": (0, 2)})
+    assert env.labyrinth.goal == 2
+    assert tiles_matter(env.labyrinth)
+    env.reset()
+    assert env.labyrinth == parse(KEY_AND_DOOR)
+
+
+def test_the_options_given_are_not_changed():
+    options = {"labyrinth": OPEN, "start": (0, 1)}
+    LabyrinthEnv().reset(options=options)
+    assert options == {"labyrinth": OPEN, "start": (0, 1)}
+
+
+IMPOSSIBLE = [
+    ({"colour": 1}, "option 'colour': choose among labyrinth, task, start, goal"),
+    ({"task": "sand"}, "task=sand: choose one of navigation, partial_observability, key_and_door"),
+    ({"start": (9, 0)}, r"start=\(9, 0\): give \(row, column\), rows from 0 \(bottom\) to 4"),
+    ({"goal": 7}, r"goal=7: give \(row, column\)"),
+    ({"goal": (1.5, 0)}, r"goal=\(1.5, 0\): give \(row, column\)"),
+    ({"goal": (1, 2, 3)}, r"goal=\(1, 2, 3\): give \(row, column\)"),
+    ({"goal": (0, 0)}, r"goal=\(0, 0\): start and goal must be two different cells"),
+    ({"labyrinth": OPEN, "goal": (0, 0)}, "start and goal must be two different cells"),
+    ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; ice would not matter"),
+    ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the path of a file"),
+    ({"labyrinth": "labyrinth: 5\n"}, "<text>:1:"),
+    ({"labyrinth": "no_such.labyrinth"}, "labyrinth=no_such.labyrinth: No such file"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), IMPOSSIBLE)
+def test_an_impossible_option_is_refused_with_what_is_allowed(options, message):
+    with pytest.raises(ValueError, match=message):
+        LabyrinthEnv().reset(options=options)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"size": 1}, "size=1: give a whole number from 2 to 1,000"),
+        ({"size": (2, 3, 4)}, "size=2x3x4: give"),
+        ({"size": 2.5}, "size=2.5: give"),
+        ({"task": "sand"}, "task=sand: choose one of navigation"),
+        ({"observation": "sound"}, "observation=sound: choose one of image, vector, state"),
+        ({"image_size": 0}, "image_size=0: give a whole number of pixels from 1 to 600"),
+        ({"reward": "much"}, "reward=much: choose one of default, normalised"),
+        ({"render_mode": "smell"}, "render_mode=smell: choose one of rgb_array, human, ansi"),
+        ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
+    ],
+)
+def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        LabyrinthEnv(**arguments)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.labyrinth: No such file"):
+        LabyrinthEnv(labyrinth=tmp_path / "none.labyrinth")
+
+
+def test_a_size_that_can_never_hold_the_task_is_said_to_be_so():
+    env = LabyrinthEnv(2, "icy_floor")
+    with pytest.raises(ValueError, match=r"size=2x2, task=icy_floor, .* none of 10,000"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize("size", [(2, 3), 5])
+def test_an_episode_that_never_ends_is_truncated_after_forty_steps_a_cell(size):
+    env = gymnasium.make(NAME, size=size, observation="state")
+    env.reset(seed=0)
+    cells = env.unwrapped.labyrinth.structure.cells
+    steps = [env.step(DOWN) for _ in range(40 * cells)]  # A wall, the start being at the bottom.
+    assert [truncated for _, _, _, truncated, _ in steps] == [False] * (40 * cells - 1) + [True]
+    assert not any(terminated for _, _, terminated, _, _ in steps)
+    assert sum(paid for _, paid, *_ in steps) == pytest.approx(-4.0, abs=1e-9)
+    env.reset()
+    assert not env.step(DOWN)[3]
+
+
+def test_an_episode_can_be_cut_sooner_and_never_later():
+    for make, most in [
+        (lambda steps: LabyrinthEnv(2, max_episode_steps=steps), LabyrinthEnv),
+        (lambda steps: gymnasium.make(NAME, size=2, max_episode_steps=steps), TimeLimit),
+    ]:
+        for limit, expected in [(1, 1), (7, 7), (1_000, 160)]:
+            env = make(limit)
+            assert isinstance(env, most)
+            env.reset(seed=0)
+            cut = next(step for step in range(1, 2_000) if env.step(DOWN)[3])
+            assert cut == expected
+
+
+@given(labyrinths())
+@settings(max_examples=60)
+def test_an_optimal_episode_returns_exactly_one_when_rewards_are_normalised(labyrinth):
+    env = LabyrinthEnv(labyrinth=labyrinth, reward="normalised", observation="state")
+    steps = walk(env, shortest_route(labyrinth, np.random.default_rng(0)))
+    assert steps[-1][2]
+    assert sum(paid for _, paid, *_ in steps) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_ice_ends_the_episode_and_a_wall_with_ice_behind_it_does_not():
+    env = LabyrinthEnv(labyrinth=ICY_FLOOR, observation="state")
+    *_, bump, slip = walk(env, [UP, RIGHT, DOWN, RIGHT, UP])[1], walk(env, [RIGHT, UP])[1]
+    assert bump[1:4] == (-0.1 / 6, False, False)
+    assert slip[1:4] == (-100.0, True, False)
+
+
+def test_distances_and_optimal_actions_lead_from_start_to_goal():
+    env = LabyrinthEnv(labyrinth=CORRIDOR)
+    _, info = env.reset()
+    left = []
+    while info["distance"]:
+        left.append(info["distance"])
+        _, _, terminated, _, info = env.step(np.flatnonzero(info["optimal_actions"])[0])
+    assert terminated
+    assert left == [6, 5, 4, 3, 2, 1]
+    assert not info["optimal_actions"].any()
+
+
+def test_steps_outside_an_episode_are_refused():
+    env = LabyrinthEnv(labyrinth=OPEN, render_mode="rgb_array")
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.step(UP)
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.render()
+    walk(env, [UP, RIGHT])
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.step(UP)
+    env.reset()
+    env.step(UP)
+
+
+@pytest.mark.parametrize("action", [-1, 4, 1.5, "up", None, np.array([1, 2])])
+def test_only_the_four_actions_are_actions(action):
+    env = LabyrinthEnv()
+    env.reset()
+    with pytest.raises(ValueError, match=r"action=.*: give 0 up, 1 right, 2 down or 3 left"):
+        env.step(action)
+
+
+@pytest.mark.parametrize("action", [1, np.int64(1), np.int8(1), np.array(1), Action.RIGHT])
+def test_an_action_may_come_in_any_whole_number_type(action):
+    assert walk(LabyrinthEnv(labyrinth=OPEN, observation="state"), [action])[0][0] == 1
+
+
+def test_the_picture_is_that_of_the_dataset():
+    env = LabyrinthEnv(labyrinth=KEY_AND_DOOR, render_mode="rgb_array", observation="state")
+    walk(env, [UP])
+    assert (env.render() == render(parse(KEY_AND_DOOR), State(3, True))).all()
+    assert env.render().shape == (600, 600, 3)
+
+
+def test_without_a_render_mode_nothing_is_drawn():
+    env = LabyrinthEnv(labyrinth=OPEN)
+    env.reset()
+    assert env.render() is None
+
+
+def test_the_drawing_shows_the_agent_and_what_is_left():
+    env = LabyrinthEnv(labyrinth=KEY_AND_DOOR, render_mode="ansi")
+    env.reset()
+    drawn = [env.render()]
+    for action in (UP, DOWN, RIGHT, UP, DOWN):
+        env.step(action)
+        drawn.append(env.render())
+    assert drawn[0].splitlines()[1:4] == ["| K | D   E |", "|   +   + - |", "| @         |"]
+    assert drawn[1].splitlines()[1:4] == ["| @ | D   E |", "|   +   + - |", "| S         |"]
+    assert drawn[5].splitlines()[1:4] == ["|   |     E |", "|   +   + - |", "| S   @     |"]
+
+
+def test_the_drawing_hides_what_the_agent_does_not_see():
+    env = LabyrinthEnv(labyrinth=f"occlusion: True\n{CORRIDOR}", render_mode="ansi")
+    env.reset()
+    assert env.render() == (
+        "-------------\n"
+        "|     ? ? E |\n"
+        "|   + ? + ? |\n"
+        "|   | ? ? ? |\n"
+        "|   + ? + ? |\n"
+        "| @ | ? ? ? |\n"
+        "-------------\n"
+    )
+
+
+def test_a_window_shows_each_step_and_closes():
+    pygame = pytest.importorskip("pygame")
+    env = LabyrinthEnv(labyrinth=OPEN, render_mode="human")
+    env.metadata = {**env.metadata, "render_fps": 1_000}
+    env.reset()
+    env.step(UP)
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+    assert (shown == render(parse(OPEN), State(2))).all()
+    assert env.render() is None
+    env.close()
+    assert not pygame.display.get_init()
+    env.close()
+
+
+def test_a_window_without_pygame_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    monkeypatch.delitem(sys.modules, "labyrinth_core.env.window", raising=False)
+    with pytest.raises(DependencyNotInstalled, match=r"pip install -e '.\[play\]'"):
+        LabyrinthEnv(render_mode="human").reset()
+
+
+@pytest.mark.parametrize("leave", ["q", "escape", "close"])
+def test_a_person_plays_with_the_arrow_keys(leave):
+    pygame = pytest.importorskip("pygame")
+    from labyrinth_core.env.play import play
+
+    env = LabyrinthEnv(labyrinth=OPEN)
+    walked = []
+    env.step, step = lambda action: (walked.append(action), step(action))[1], env.step
+    env.window()
+    pygame.display.set_mode((9, 9))
+    # The goal is reached by the second key; the third has no effect before R.
+    keys = [pygame.K_UP, pygame.K_RIGHT, pygame.K_LEFT, pygame.K_r, pygame.K_RIGHT, pygame.K_x]
+    for key in keys + {"q": [pygame.K_q], "escape": [pygame.K_ESCAPE]}.get(leave, []):
+        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    play(env)
+    assert walked == [UP, RIGHT, RIGHT]
+    assert env.state == State(1)
+    assert not pygame.display.get_init()
+
+
+def test_sampling_covers_many_structures():
+    env = LabyrinthEnv(3, observation="state")
+    env.reset(seed=0)
+    drawn = islice(iter(lambda: env.reset()[1]["labyrinth_id"], None), 1_000)
+    assert len(set(drawn)) > 250, "there are 431 connected structures"
+
+
+def test_an_environment_can_be_made_again_from_its_specification():
+    env = gymnasium.make(NAME, size=(3, 4), task="icy_floor", observation="vector")
+    again = gymnasium.make(env.spec)
+    assert (env.reset(seed=4)[0] == again.reset(seed=4)[0]).all()
+    assert isinstance(env.unwrapped.labyrinth, Labyrinth)

@@ -1,0 +1,290 @@
+"""The vector environment: the same as single environments, only many at once."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from known_labyrinths import OPEN
+
+from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.env.vector_env import LabyrinthVectorEnv
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.labyrinth import Task
+
+NAME = "labyrinth_core.env:Labyrinth-v0"
+CLOSER = OPEN.replace("|     E |", "| E     |")
+KEY_AND_DOOR = """
+key_and_lock: True
+labyrinth:
+---------
+| K | E |
+|   +   |
+| S   D |
+---------
+end
+"""
+
+
+def assert_same(ours, theirs, where=""):
+    """Check that values, types and keys are the same, however deeply they are nested."""
+    assert type(ours) is type(theirs), where
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys(), where
+        for key in ours:
+            assert_same(ours[key], theirs[key], f"{where}.{key}")
+    elif isinstance(ours, tuple):
+        for place, (our, their) in enumerate(zip(ours, theirs, strict=True)):
+            assert_same(our, their, f"{where}[{place}]")
+    elif isinstance(ours, np.ndarray):
+        assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape), where
+        if ours.dtype == object:
+            assert_same(tuple(ours), tuple(theirs), where)
+        else:
+            np.testing.assert_array_equal(ours, theirs, where)
+    else:
+        assert ours == theirs, where
+
+
+def pair(num_envs, mode=AutoresetMode.NEXT_STEP, **arguments):
+    """Return a vector environment and Gymnasium's own of as many single ones."""
+    return (
+        LabyrinthVectorEnv(num_envs, autoreset_mode=mode, **arguments),
+        SyncVectorEnv(
+            [lambda: LabyrinthEnv(**arguments) for _ in range(num_envs)], autoreset_mode=mode
+        ),
+    )
+
+
+def both(envs, call):
+    """Check that a call gives the same on both, and return what it gives."""
+    ours, theirs = (call(env) for env in envs)
+    assert_same(ours, theirs)
+    return ours
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize("kind", ["image", "vector", "state"])
+def test_every_step_is_that_of_single_environments(mode, task, kind):
+    steps, count = (120, 3) if kind == "image" else (400, 6)
+    envs = pair(
+        count, mode, size=(3, 4), task=task, observation=kind, image_size=16, max_episode_steps=50
+    )
+    actions = np.random.default_rng(0).integers(4, size=(steps, count))
+    both(envs, lambda env: env.reset(seed=11))
+    ended = 0
+    for action in actions:
+        *_, terminated, truncated, _ = both(envs, lambda env, action=action: env.step(action))
+        over = terminated | truncated
+        ended += over.sum()
+        if mode is AutoresetMode.DISABLED and over.any():
+            both(envs, lambda env, over=over: env.reset(options={"reset_mask": over.copy()}))
+    assert ended >= 2 * count, "the walk must see ends and new beginnings"
+
+
+def test_the_spaces_are_those_of_single_environments():
+    for task in Task:
+        for kind in ("image", "vector", "state"):
+            ours, theirs = pair(3, size=(3, 4), task=task, observation=kind)
+            for space in ("observation_space", "action_space"):
+                assert getattr(ours, space) == getattr(theirs, space)
+                assert getattr(ours, f"single_{space}") == getattr(theirs, f"single_{space}")
+            assert ours.reset(seed=0)[0] in ours.observation_space
+
+
+def test_an_optimal_episode_returns_exactly_one_in_all_when_rewards_are_normalised():
+    envs = pair(8, task="icy_floor", reward="normalised", observation="state")
+    _, infos = both(envs, lambda env: env.reset(seed=0))
+    total, going = np.zeros(8), np.ones(8, np.bool_)
+    while going.any():
+        action = infos["optimal_actions"].argmax(axis=1)
+        _, paid, ended, _, infos = both(envs, lambda env, action=action: env.step(action))
+        total += paid * going
+        going &= ~ended
+    np.testing.assert_allclose(total, 1.0, atol=1e-12)
+
+
+def test_seeds_may_be_given_one_by_one():
+    envs = pair(3, observation="state")
+    both(envs, lambda env: env.reset(seed=[5, 1, 9]))
+    both(envs, lambda env: env.reset(seed=[None, 1, None]))
+    both(envs, lambda env: env.reset())
+
+
+def test_a_mask_begins_only_some_episodes_anew():
+    envs = pair(4, AutoresetMode.DISABLED, observation="vector")
+    both(envs, lambda env: env.reset(seed=0))
+    both(envs, lambda env: env.step(np.array([0, 0, 1, 1])))
+    mask = np.array([True, False, False, True])
+    options = {"reset_mask": mask, "task": "navigation", "goal": (2, 2)}
+    both(envs, lambda env: env.reset(seed=3, options=dict(options)))
+    both(envs, lambda env: env.step(np.array([0, 0, 1, 1])))
+    assert options["reset_mask"] is mask
+
+
+def test_a_kept_labyrinth_stays_also_after_an_option_changed_it_for_an_episode():
+    envs = pair(2, labyrinth=OPEN, observation="vector")
+    both(envs, lambda env: env.reset(seed=0, options={"start": (0, 1)}))
+    both(envs, lambda env: env.step(np.array([0, 3])))
+    both(envs, lambda env: env.step(np.array([0, 3])))
+    both(envs, lambda env: env.reset())
+
+
+def test_given_labyrinths_are_dealt_out_in_turn_and_kept():
+    env = LabyrinthVectorEnv(5, labyrinths=[OPEN, parse(CLOSER)], observation="state")
+    env.reset()
+    for actions in [(0, 1, 0, 1, 0), (1, 0, 1, 0, 1), (1, 0, 1, 0, 1), (0,) * 5]:
+        *_, infos = env.step(np.array(actions))
+    texts = [parse(text) for text in infos["labyrinth"]]
+    assert texts == [parse(OPEN), parse(CLOSER)] * 2 + [parse(OPEN)]
+
+
+def test_key_and_door_come_back_with_the_next_episode():
+    env = LabyrinthVectorEnv(
+        1, labyrinths=[KEY_AND_DOOR], observation="vector", autoreset_mode="SameStep"
+    )
+    first, _ = env.reset()
+    for action in (0, 2, 1, 0):
+        last, _, terminated, _, infos = env.step(np.array([action]))
+    assert terminated[0]
+    assert infos["final_obs"][0][3:5].tolist() == [-1, -1]
+    assert (last == first).all()
+
+
+def test_make_vec_finds_it():
+    env = gymnasium.make_vec(
+        NAME,
+        num_envs=3,
+        vectorization_mode="vector_entry_point",
+        size="3x4",
+        task="key_and_door",
+        observation="vector",
+        autoreset_mode="SameStep",
+        max_episode_steps=9,
+    )
+    assert isinstance(env, LabyrinthVectorEnv)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert env.spec.kwargs["num_envs"] == 3
+    env.reset(seed=0)
+    assert not any(env.step(np.array([2, 2, 2]))[3].any() for _ in range(8))
+    assert env.step(np.array([2, 2, 2]))[3].all()
+    assert env.reset(seed=0)[0].shape == (3, 5 + 5 * 7)
+
+
+def test_an_episode_that_never_ends_returns_minus_four():
+    env = LabyrinthVectorEnv(3, 3, observation="state")
+    env.reset(seed=0)
+    steps = [env.step(np.array([2, 3, 2])) for _ in range(360)]
+    assert not any(truncated.any() for _, _, _, truncated, _ in steps[:-1])
+    assert steps[-1][3].all()
+    np.testing.assert_allclose(sum(paid for _, paid, *_ in steps), -4.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["image", "vector", "state"])
+def test_what_was_returned_is_never_changed_later(kind):
+    env = LabyrinthVectorEnv(3, 3, "key_and_door", observation=kind, autoreset_mode="SameStep")
+    kept = [env.reset(seed=0)]
+    copies = []
+    for action in np.random.default_rng(0).integers(4, size=(100, 3)):
+        copies.append(
+            (kept[-1][0].copy(), {name: array.copy() for name, array in kept[-1][-1].items()})
+            if "final_info" not in kept[-1][-1]
+            else (kept[-1][0].copy(), {})
+        )
+        kept.append(env.step(action))
+    for (observation, *_, infos), (was, infos_were) in zip(kept, copies, strict=False):
+        np.testing.assert_array_equal(observation, was)
+        for name, array in infos_were.items():
+            np.testing.assert_array_equal(infos[name], array)
+
+
+def test_changing_what_was_returned_changes_nothing_inside():
+    ours, untouched = (LabyrinthVectorEnv(3, 3, observation="vector") for _ in range(2))
+    for env in (ours, untouched):
+        env.reset(seed=0)
+    for action in np.random.default_rng(0).integers(4, size=(50, 3)):
+        returned, expected = ours.step(action), untouched.step(action)
+        assert_same(returned, expected)
+        for array in [*returned[:4], *returned[4].values()]:
+            if array.flags.writeable:
+                array[:] = 0
+
+
+def test_pictures_and_drawings_are_those_of_single_environments():
+    for mode in ("rgb_array", "ansi"):
+        envs = pair(2, render_mode=mode, task="partial_observability", observation="state")
+        both(envs, lambda env: env.reset(seed=0))
+        both(envs, lambda env: env.step(np.array([0, 1])))
+        both(envs, lambda env: env.render())
+    assert LabyrinthVectorEnv(2).render() is None
+
+
+def test_steps_outside_an_episode_are_refused():
+    env = LabyrinthVectorEnv(3, labyrinth=OPEN, autoreset_mode="Disabled", render_mode="ansi")
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.step(np.zeros(3, int))
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.render()
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.reset(options={"reset_mask": np.array([True, True, False])})
+    env.reset()
+    env.step(np.array([0, 0, 1]))
+    env.step(np.array([1, 0, 0]))
+    with pytest.raises(ResetNeeded, match="sub-environments 0, 2 are over"):
+        env.step(np.zeros(3, int))
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ([0, 4, 0], "action=4: give 0 up, 1 right, 2 down or 3 left"),
+        ([0, -1, 0], "action=-1: give 0 up"),
+        ([0, 1], r"actions: give whole numbers of shape \(3,\), not int64 of shape \(2,\)"),
+        ([0.0, 1.0, 2.0], "not float64"),
+    ],
+)
+def test_only_the_four_actions_are_actions(actions, message):
+    env = LabyrinthVectorEnv(3)
+    env.reset()
+    with pytest.raises(ValueError, match=message):
+        env.step(np.array(actions))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 0}, "num_envs=0: give a whole number from 1 on"),
+        ({"render_mode": "human"}, "render_mode=human: choose one of rgb_array, ansi"),
+        ({"autoreset_mode": "never"}, "autoreset_mode=never: choose one of NextStep, SameStep"),
+        ({"labyrinths": []}, "labyrinths: 0 for num_envs=2; give 1 to 2"),
+        ({"labyrinths": [OPEN] * 3}, "labyrinths: 3 for num_envs=2; give 1 to 2"),
+        ({"labyrinths": [OPEN], "labyrinth": OPEN}, "give labyrinth or labyrinths, not both"),
+        ({"labyrinths": [OPEN, KEY_AND_DOOR]}, "2x2 and navigation, not 2x2 and key_and_door"),
+        ({"reward": "much"}, "reward=much: choose one of"),
+        ({"max_episode_steps": 0}, "max_episode_steps=0"),
+        ({"size": 1}, "size=1"),
+        ({"task": "sand"}, "task=sand"),
+        ({"observation": "sound"}, "observation=sound"),
+    ],
+)
+def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        LabyrinthVectorEnv(**{"num_envs": 2, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"options": {"reset_mask": [True, False]}}, "option 'reset_mask': give a bool array"),
+        ({"options": {"reset_mask": np.ones(3, bool)}}, r"of shape \(2,\)"),
+        ({"options": {"reset_mask": np.zeros(2, bool)}}, "at least one entry must be True"),
+        ({"options": {"labyrinth": OPEN}}, "5x5 and navigation, not 2x2 and navigation"),
+        ({"options": {"task": "icy_floor"}}, "5x5 and navigation, not 5x5 and icy_floor"),
+        ({"options": {"colour": 1}}, "option 'colour': choose among"),
+        ({"seed": [1, 2, 3]}, "seed: give one, or 2 of them, not 3"),
+    ],
+)
+def test_an_impossible_reset_is_refused_with_what_is_allowed(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        LabyrinthVectorEnv(2).reset(**arguments)

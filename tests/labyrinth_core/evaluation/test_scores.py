@@ -1,0 +1,157 @@
+"""Evaluation by look-ups: exactly what the environment says, and figures that follow from it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from labyrinths_of_datasets import CONFIGS, labyrinths_of
+
+from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.evaluation.baselines import compare, fixed_path, majority_actions, walk
+from labyrinth_core.evaluation.following import follow, greedy_actions
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.scores import Scores, episodes_of, evaluate
+
+
+class Remembering:
+    """A policy that is a table from observations to actions: what is not in it goes up."""
+
+    def __init__(self, worlds, actions):
+        pairs = zip(worlds.observations, actions.tolist(), strict=True)
+        self.actions = {observation.tobytes(): action for observation, action in pairs}
+
+    def logits(self, observations):
+        chosen = [self.actions.get(each.tobytes(), 0) for each in observations]
+        return np.eye(4, dtype=np.float32)[chosen]
+
+
+def mistaken(worlds, share, seed=0):
+    """Return optimal actions, but for a share of random ones."""
+    rng = np.random.default_rng(seed)
+    wrong = rng.random(len(worlds.terminal)) < share
+    return np.where(wrong, rng.integers(4, size=len(wrong)), worlds.optimal.argmax(axis=1))
+
+
+def roll_out(policy, labyrinth, image_size):
+    """Return the rewards of an episode in the environment, and whether it ended by itself."""
+    env = LabyrinthEnv(labyrinth=labyrinth, image_size=image_size)
+    observation, _ = env.reset(seed=0)
+    rewards, over, terminated = [], False, False
+    while not over:
+        action = policy.logits(observation[None]).argmax()
+        observation, reward, terminated, truncated, _ = env.step(action)
+        rewards.append(reward)
+        over = terminated or truncated
+    return rewards, terminated
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_looking_up_is_rolling_out_in_the_environment(datasets, config, share):
+    worlds = load_arrays(datasets, config, "train", image_size=12)
+    policy = Remembering(worlds, mistaken(worlds, share))
+    episodes = follow(worlds, greedy_actions(policy, worlds))
+    returns = episodes.returns
+    for place, labyrinth in enumerate(labyrinths_of(datasets, config, "train").values()):
+        rewards, terminated = roll_out(policy, labyrinth, 12)
+        assert episodes.moves[place] == len(rewards)
+        assert returns[place] == pytest.approx(sum(rewards), abs=1e-9)
+        assert episodes.solved[place] == (rewards[-1] == 1)
+        assert (episodes.outcomes[place] in ("solved", "ice")) == terminated
+        assert (episodes.outcomes[place] == "ice") == (rewards[-1] == -100)
+    if share == 0:
+        assert episodes.solved.all()
+        assert (episodes.moves == worlds.distance).all()
+
+
+def test_a_failed_episode_returns_minus_four_and_says_why(datasets):
+    worlds = load_arrays(datasets, "3x4", "train", image_size=8)
+    up = np.zeros(len(worlds.terminal), np.int64)
+    episodes = follow(worlds, up)
+    assert set(episodes.outcomes) == {"wall"}
+    assert (episodes.returns == -4).all()
+    # Back from wherever an optimal action leads.
+    onward = worlds.optimal.argmax(axis=1)
+    there = worlds.next_state[worlds.initial, onward[worlds.initial]]
+    onward[there] = (onward[worlds.initial] + 2) % 4
+    round_and_round = follow(worlds, onward)
+    assert set(round_and_round.outcomes) == {"loop"}
+    assert (round_and_round.returns == -4).all()
+    assert (round_and_round.moves == worlds.step_limit).all()
+
+
+@pytest.mark.parametrize("cells", [9, 12, 16, 25, 100, 899])
+def test_the_step_limit_costs_exactly_four(cells):
+    told = {"outcomes": "lwc", "moves": [40 * cells] * 3}
+    assert episodes_of(told, cells).returns.tolist() == [-4, -4, -4]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
+def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
+    worlds = load_arrays(datasets, "3x4", "test", image_size=8)
+    scores = evaluate(Remembering(worlds, mistaken(worlds, share)), worlds)
+    returns = scores.episodes.returns
+    solved = returns[scores.episodes.solved].mean() if scores.sr else 0.0
+    assert scores.aer == pytest.approx(scores.sr * solved + (1 - scores.sr) * -4)
+    told = scores.to_json()
+    assert told["aer_std"] == pytest.approx(np.sqrt(np.mean((returns - scores.aer) ** 2)))
+    assert told["sr_interval"][0] <= scores.sr <= told["sr_interval"][1]
+    assert len(told["failed"]) == sum(told["failures"].values()) == round((1 - scores.sr) * 5)
+    assert sum(solved for solved, _ in told["by_distance"].values()) == round(scores.sr * 5)
+    again = episodes_of(json.loads(json.dumps(told)), worlds.cells)
+    assert again.returns.tolist() == returns.tolist()
+
+
+def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
+    worlds = load_arrays(datasets, "3x4-icy_floor", "validation", image_size=8)
+    best = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in worlds.optimal])
+    scores = evaluate(Remembering(worlds, best), worlds)
+    assert (scores.accuracy_on_demonstrations, scores.accuracy_elsewhere) == (1, 1)
+    assert scores.path_efficiency == 1
+    worst = np.array([np.flatnonzero(~row)[0] if not row.all() else 0 for row in worlds.optimal])
+    wrong = evaluate(Remembering(worlds, worst), worlds)
+    assert wrong.accuracy_on_demonstrations < 0.5
+    assert (wrong.sr, wrong.path_efficiency) == (0, None)
+
+
+def test_path_efficiency_is_of_the_labyrinths_that_were_solved():
+    episodes = episodes_of({"outcomes": "ssl", "moves": [4, 8, 360]}, 9)
+    scores = Scores(episodes, np.arange(3), np.array([4, 4, 4]), None, None)
+    assert scores.path_efficiency == 0.75
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
+    worlds = load_arrays(datasets, config, "train", image_size=8)
+    told = compare(worlds, worlds)["random"]
+    rng = np.random.default_rng(1)
+    episodes = 1500
+    state = np.tile(worlds.initial, episodes)
+    returns, solved = np.zeros(len(state)), np.zeros(len(state), np.bool_)
+    for _ in range(worlds.step_limit):
+        action = rng.integers(4, size=len(state))
+        alive = ~worlds.terminal[state]
+        returns += worlds.rewards[state, action] * alive
+        state = worlds.next_state[state, action]
+    solved = worlds.goal[state]
+    assert told["sr"] == pytest.approx(solved.mean(), abs=0.02)
+    assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
+    assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
+
+
+def test_the_other_baselines_are_what_they_say(datasets):
+    worlds = load_arrays(datasets, "3x4", "train", image_size=8)
+    figures = compare(worlds, worlds)
+    assert figures["oracle"]["sr"] == 1
+    path = fixed_path(worlds)
+    solved = walk(worlds, path).solved.sum()
+    assert solved >= 1
+    assert all(walk(worlds, route).solved.sum() <= solved for route in worlds.routes)
+    assert figures["fixed_path"]["sr"] == pytest.approx(solved / 5)
+    counts = np.zeros((12, 4))
+    for state, row in enumerate(worlds.demonstrated):
+        counts[worlds.position[state]] += row
+    seen = counts.any(axis=1)
+    assert (majority_actions(worlds)[seen] == counts.argmax(axis=1)[seen]).all()

@@ -1,0 +1,290 @@
+import importlib.util
+import pickle
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labyrinth_core.language.edge_list import parse_edges
+from labyrinth_core.language.source_text import MAX_TEXT, decode
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.solver import shortest_routes
+
+ROOT = Path(__file__).parents[3]
+VALID = ROOT / "tests" / "data" / "valid"
+UP, RIGHT, DOWN, LEFT = range(4)
+
+TINY = """\
+key_and_lock: False
+icy_floor: False
+occlusion: False
+
+labyrinth:
+---------
+|   | E |
+|   +   |
+| S     |
+---------
+end
+"""
+
+
+def _load_fuzzer():
+    spec = importlib.util.spec_from_file_location(
+        "fuzz_language", ROOT / "scripts" / "fuzz_language.py"
+    )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # Where dataclasses look for the module they are in.
+    spec.loader.exec_module(module)
+    return module
+
+
+fuzz = _load_fuzzer()
+
+
+def mistake(text, **options):
+    with pytest.raises(LabyrinthSyntaxError) as caught:
+        parse(text, **options)
+    return caught.value
+
+
+@st.composite
+def labyrinths(draw):
+    """Return labyrinths of every size up to 6x6 and every task, connected or not."""
+    height, width = draw(st.integers(2, 6)), draw(st.integers(2, 6))
+    cells = height * width
+    edges = [(cell, cell + width) for cell in range(cells - width)]
+    edges += [(cell, cell + 1) for cell in range(cells) if (cell + 1) % width]
+    closed = draw(st.sets(st.sampled_from(edges), max_size=len(edges) // 3))
+    structure = Structure.from_passages(height, width, [e for e in edges if e not in closed])
+    task = draw(st.sampled_from(Task))
+    tiles = draw(st.lists(st.integers(0, cells - 1), min_size=2, max_size=6, unique=True))
+    start, goal, *others = tiles
+    try:
+        if task is Task.KEY_AND_DOOR and len(others) >= 2:
+            return Labyrinth(structure, start, goal, task, others[0], others[1])
+        if task is Task.ICY_FLOOR and others:
+            return Labyrinth(structure, start, goal, task, ice=frozenset(others))
+        if task is not Task.PARTIAL_OBSERVABILITY:
+            task = Task.NAVIGATION
+        return Labyrinth(structure, start, goal, task)
+    except LabyrinthError:
+        everything = Structure.from_passages(height, width, edges)
+        return Labyrinth(everything, start, goal)
+
+
+@given(labyrinths())
+def test_parse_of_dump_is_the_identity(labyrinth):
+    assert parse(dump(labyrinth)) == labyrinth
+
+
+@given(labyrinths())
+def test_dump_of_parse_is_the_canonical_text(labyrinth):
+    text = dump(labyrinth)
+    assert dump(parse(text)) == text
+
+
+@given(st.integers(0, 2**32))
+def test_labyrinths_with_placed_tiles_come_back_the_same(seed):
+    labyrinth = fuzz.random_labyrinth(np.random.default_rng(seed))
+    assert parse(dump(labyrinth)) == labyrinth
+
+
+@given(labyrinths(), st.text(max_size=20), st.data())
+def test_a_comment_at_the_end_of_any_line_changes_nothing(labyrinth, comment, data):
+    lines = dump(labyrinth).split("\n")
+    line = data.draw(st.integers(0, len(lines) - 1))
+    lines[line] += f' """{comment.replace(chr(34), "")}"""'
+    assert parse("\n".join(lines)) == labyrinth
+
+
+@given(st.text())
+def test_any_text_is_a_labyrinth_or_a_syntax_error(text):
+    fuzz.check(text)
+
+
+def test_thousands_of_damaged_texts_are_labyrinths_or_syntax_errors():
+    summary = fuzz.fuzz(4_000, np.random.SeedSequence(20))
+    assert summary.failures == []
+    assert summary.accepted > 400
+    assert summary.rejected > 2_000
+
+
+@pytest.mark.parametrize(
+    ("figure", "task", "route"),
+    [
+        ("figure_1a_navigation", Task.NAVIGATION, [UP, RIGHT, UP, RIGHT]),
+        ("figure_1b_partial_observability", Task.PARTIAL_OBSERVABILITY, [UP, RIGHT, UP, RIGHT]),
+        (
+            "figure_1c_key_and_door",
+            Task.KEY_AND_DOOR,
+            [UP, RIGHT, RIGHT, DOWN, UP, LEFT, UP, RIGHT],
+        ),
+        ("figure_1d_ice_floor", Task.ICY_FLOOR, [UP, RIGHT, UP, RIGHT]),
+    ],
+)
+def test_the_figures_of_the_supplement_have_these_solutions(figure, task, route):
+    labyrinth = load(VALID / f"{figure}.labyrinth")
+    assert labyrinth.task is task
+    assert (labyrinth.start, labyrinth.goal) == (0, 8)
+    assert shortest_routes(labyrinth) == [route]
+    assert replay(labyrinth, route).states[-1].agent == labyrinth.goal
+
+
+def test_the_tiles_of_the_figures_are_where_they_are_drawn():
+    key_and_door = load(VALID / "figure_1c_key_and_door.labyrinth")
+    assert key_and_door.position(key_and_door.door) == (2, 1)
+    assert key_and_door.position(key_and_door.key) == (0, 2)
+    ice = load(VALID / "figure_1d_ice_floor.labyrinth").ice
+    assert {divmod(cell, 3) for cell in ice} == {(0, 1), (0, 2), (1, 2)}
+
+
+def test_the_drawing_has_row_0_at_the_bottom_and_column_0_at_the_left():
+    labyrinth = parse(TINY)
+    assert labyrinth == Labyrinth(Structure.from_passages(2, 2, [(0, 1), (0, 2), (1, 3)]), 0, 3)
+
+
+def test_the_identity_is_that_of_the_canonical_text():
+    assert labyrinth_id(parse(TINY)) == labyrinth_id(TINY) == identity(TINY)
+    assert labyrinth_id(TINY) == "3a0122bccc76c92e"
+
+
+def test_missing_tiles_follow_from_the_seed():
+    text = (VALID / "missing_key_and_door_are_placed.labyrinth").read_text()
+    placed = [parse(text, seed=seed) for seed in range(30)]
+    assert placed == [parse(text, seed=seed) for seed in range(30)]
+    assert len(set(placed)) > 1
+
+
+def test_an_error_knows_place_line_and_what_was_expected():
+    error = mistake(TINY.replace("| S ", "| s "), file="mine.labyrinth")
+    assert (error.file, error.line, error.column) == ("mine.labyrinth", 9, 3)
+    assert error.source_line == "| s     |"
+    assert error.expected == "S, E, K, D, I or a blank"
+    assert error.found == "'s'"
+    assert str(error) == (
+        "mine.labyrinth:9:3: in a line of cells: expected S, E, K, D, I or a blank, found 's'\n"
+        "| s     |\n"
+        "  ^"
+    )
+
+
+def test_an_error_survives_pickling():
+    error = mistake(TINY.replace("end", "fin"))
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error)
+    assert again.line == error.line
+
+
+def test_a_broken_rule_is_chained_to_the_syntax_error():
+    error = mistake(TINY.replace("|   +   |", "| - + - |"))
+    assert isinstance(error.__cause__, LabyrinthError)
+    assert (error.line, error.column) == (7, 7)
+
+
+def test_a_long_line_is_shown_in_part_with_the_caret_below_the_place():
+    line = "x" * 5_000 + "\t" + "y" * 5_000
+    message, shown, caret = str(mistake(f"occlusion: True\n{line}\n")).split("\n")
+    assert message.startswith("<text>:2:5001: ")
+    assert len(shown) <= 100
+    assert shown[caret.index("^")] == "?"
+
+
+def test_line_breaks_of_every_kind_give_the_same_labyrinth():
+    for breaks in ("\r\n", "\r"):
+        assert parse(TINY.replace("\n", breaks)) == parse(TINY)
+
+
+def test_a_text_that_is_too_long_is_refused():
+    error = mistake(TINY + " " * MAX_TEXT)
+    assert error.message == "the text is too long"
+    assert len(str(error)) < 300
+
+
+def test_a_file_that_is_too_long_is_refused(tmp_path):
+    path = tmp_path / "long.labyrinth"
+    path.write_bytes(b"\n" * (MAX_TEXT + 1))
+    with pytest.raises(LabyrinthSyntaxError, match=r"long\.labyrinth:1:1: the file is too long"):
+        load(path)
+
+
+def test_bytes_that_are_no_utf_8_are_reported_where_they_are():
+    with pytest.raises(LabyrinthSyntaxError, match=r"^f:2:3: .* the byte 0xff"):
+        decode(b"a\r\nbc\xff", "f")
+
+
+def test_the_largest_labyrinth_comes_back_the_same():
+    random = int.from_bytes(np.random.default_rng(0).bytes(125_000), "little")
+    right = random & horizontal_edges(1_000, 1_000) | (1 << 999) - 1  # Row 0 joins all columns.
+    labyrinth = Labyrinth(Structure(1_000, 1_000, vertical_edges(1_000, 1_000), right), 0, 999_999)
+    assert parse(dump(labyrinth)) == labyrinth
+
+
+def test_missing_tiles_are_placed_in_a_huge_labyrinth_too():
+    structure = sample_structure(60, 60, np.random.default_rng(0))
+    for setting in ("key_and_lock", "icy_floor"):
+        text = dump(Labyrinth(structure, 0, 3_599)).replace(f"{setting}: False", f"{setting}: True")
+        assert parse(text).structure == structure
+
+
+def test_a_drawing_with_too_many_rows_is_refused():
+    rows = "|   |   |\n|   +   |\n" * 1_000
+    error = mistake(f"labyrinth:\n---------\n{rows}| S   E |\n---------\nend\n")
+    assert error.line == 2_002
+    assert error.message == "the drawing is too high"
+
+
+@given(labyrinths().filter(lambda labyrinth: labyrinth.task is not Task.PARTIAL_OBSERVABILITY))
+def test_the_list_of_edges_gives_the_same_labyrinth(labyrinth):
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    assert parse_edges(fuzz.edge_list(labyrinth), height=height, width=width) == labyrinth
+
+
+def test_a_list_of_edges_without_a_size_is_the_smallest_square():
+    assert parse_edges("[(0, 1), (1, 3), (0, 2)]; (0, 0); (1, 1)\n") == parse(TINY)
+    assert parse_edges("[(0,1)];(0,0);(0,1)", height=3).size_name == "3x3"
+    assert parse_edges("[(0,3),(3,6)];(0,0);(2,0)").size_name == "3x3"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "1:1: in a list of edges: expected '[', found the end of the text"),
+        ("__import__('os')", "1:1: in a list of edges: expected '[', found '_'"),
+        ("[(0, 1)", "1:8: in a list of edges: expected ',' or ']', found the end of the text"),
+        ("[(0, 1),];(0, 0);(1, 1)", "1:9: in a list of edges: expected '(', found ']'"),
+        (
+            "[(0, -1)];(0, 0);(1, 1)",
+            "1:6: in a list of edges: expected a whole number of at most six digits, found '-'",
+        ),
+        ("[(0, 1)];(0, 0)", "1:16: in a list of edges: expected ';', found the end of the text"),
+        ("[(0, 1)];(0, 0);(0, 1) x", "1:24: in a list of edges: expected ';', found 'x'"),
+        (
+            "[(0, 1),\n (1, 2)];(0, 0);(0, 1)",
+            "2:2: in an edge: expected neighbouring cells of a 2x2 grid "
+            "(name its size if it is another), found 1 and 2",
+        ),
+        ("[(0, 1)];(0, 0);(1, 1)", "1:17: no route leads from start to goal"),
+        ("[(0, 1)];(0, 0);(0, 0)", "1:17: the start and the goal share a cell"),
+    ],
+)
+def test_a_mistake_in_a_list_of_edges_is_located(text, message):
+    with pytest.raises(LabyrinthSyntaxError) as caught:
+        parse_edges(text)
+    assert str(caught.value).split("\n")[0] == f"<text>:{message}"
+
+
+def test_tiles_and_edges_outside_a_given_size_are_refused():
+    with pytest.raises(LabyrinthSyntaxError, match=r"expected a \(row, column\) of a 2x2 grid"):
+        parse_edges("[(0, 1)];(0, 0);(2, 1)", height=2, width=2)
+    with pytest.raises(LabyrinthSyntaxError, match="the size does not fit"):
+        parse_edges("[(0, 1)];(0, 0);(0, 1)", height=1, width=2)
+    with pytest.raises(LabyrinthSyntaxError, match="the size does not fit"):
+        parse_edges("[(0, 1)];(0, 0);(0, 9999)")

@@ -1,0 +1,90 @@
+"""Small pictures from strips: those that averaging the large ones gives, to the last bit."""
+
+import hashlib
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import labyrinths
+
+from labyrinth_core.pictures import resize as shrinking
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.png_reading import strips_of
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Painter, Style, render
+from labyrinth_core.pictures.resize import area_average, shrink
+from labyrinth_core.world.dynamics import initial, state_at, state_count
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+
+
+@given(labyrinths(), st.integers(1, 130), st.data())
+def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
+    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    painter = Painter(labyrinth)
+    small = shrink(painter.strips(state), image_size)
+    np.testing.assert_array_equal(small, painter.array(state, image_size))
+    np.testing.assert_array_equal(small, area_average(painter.array(state), image_size))
+    decoded = strips_of(painter.png(state), PICTURE_SIZE)
+    np.testing.assert_array_equal(small, shrink(decoded, image_size))
+
+
+@given(labyrinths(), st.integers(1, 600), st.data())
+@settings(max_examples=25)
+def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
+    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    painter = Painter(labyrinth)
+    large = torch.tensor(painter.array(state)).permute(2, 0, 1)[None].double()
+    expected = torch.nn.functional.interpolate(
+        large, (image_size, image_size), mode="bilinear", align_corners=False, antialias=False
+    )[0].permute(1, 2, 0)
+    small = shrink(painter.strips(state), image_size, "bilinear")
+    # Rounded to whole numbers, here exactly.
+    assert np.abs(small - expected.numpy()).max() <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize(("size", "lost"), [(3, 1), (4, 3), (5, 3)])
+def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
+    # No passage leads from one column to the next, save in the top row.
+    columns = [(cell, cell + size) for cell in range(size * (size - 1))]
+    top = [(cell, cell + 1) for cell in range(size * (size - 1), size * size - 1)]
+    walled = Labyrinth(Structure.from_passages(size, size, columns + top), 0, size * size - 1)
+
+    def vanished(style, resize):
+        picture = shrink(Painter(walled, style).strips(initial(walled)), 64, resize)
+        row = picture[64 - 64 // size - 64 // (2 * size)].mean(axis=1)  # The second from below.
+        near = [slice(64 * line // size - 2, 64 * line // size + 3) for line in range(1, size)]
+        return sum(row[pixels].min() == 255 for pixels in near)
+
+    assert vanished(Style(wall_pixels=2), "bilinear") == lost
+    assert vanished(Style(wall_pixels=2), "area") == vanished(DEFAULT_STYLE, "bilinear") == 0
+
+
+@pytest.mark.parametrize("image_size", [1, 2, 64, 299, 599, 600, 601, 1000])
+def test_any_size_may_be_asked_for_larger_ones_too(image_size):
+    labyrinth = Labyrinth(Structure.from_passages(2, 2, [(0, 1), (1, 3), (2, 3)]), 0, 3)
+    small = shrink(Painter(labyrinth).strips(initial(labyrinth)), image_size)
+    assert (small.shape, small.dtype) == ((image_size, image_size, 3), np.uint8)
+    assert small.flags.writeable
+    np.testing.assert_array_equal(small, render(labyrinth, initial(labyrinth), image_size))
+
+
+def test_pure_white_stays_pure_white():
+    for image_size in (1, 7, 64, 600):
+        assert (shrink([((b"\xff" * 1800, 600),)], image_size) == 255).all()
+
+
+def test_what_is_remembered_takes_no_more_than_a_fixed_space():
+    for image_size in (1, 64, 599, 1000):
+        most = shrinking._remembering_shares(image_size).cache_info().maxsize
+        strip = shrinking._share(((bytes(1800), 60),), 0, image_size=image_size)
+        assert most == 32 or most * strip.sums.nbytes <= shrinking.REMEMBERED_BYTES
+
+
+def test_the_pixels_are_those_of_the_version_that_caches_name():
+    # Other hashes mean other pixels: then data.observations.PIXELS has to be increased.
+    labyrinth = Labyrinth(
+        Structure.from_passages(2, 2, [(0, 1), (1, 3), (2, 3)]), 0, 2, Task.KEY_AND_DOOR, 1, 3
+    )
+    small = shrink(Painter(labyrinth).strips(initial(labyrinth)), 64)
+    assert hashlib.sha256(small.tobytes()).hexdigest()[:16] == "46703e9322039d0e"

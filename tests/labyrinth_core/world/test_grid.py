@@ -1,0 +1,105 @@
+"""Cells, actions, neighbours and sizes."""
+
+import pytest
+from brute_force import WAYS, grid_passages
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labyrinth_core.world.grid import (
+    MAX_SIDE,
+    MIN_SIDE,
+    Action,
+    cell_at,
+    horizontal_edges,
+    manhattan,
+    neighbours,
+    parse_size,
+    row_and_column,
+    vertical_edges,
+)
+
+sides = st.integers(2, 12)
+valid_sides = st.integers(MIN_SIDE, MAX_SIDE)
+
+
+def test_the_actions_are_numbered_up_right_down_left():
+    assert [(action.name, action.value) for action in Action] == [
+        ("UP", 0),
+        ("RIGHT", 1),
+        ("DOWN", 2),
+        ("LEFT", 3),
+    ]
+
+
+@given(sides, sides)
+def test_cells_count_up_row_by_row_from_the_bottom_left(height, width):
+    places = [(row, column) for row in range(height) for column in range(width)]
+    assert [cell_at(row, column, width) for row, column in places] == list(range(height * width))
+    assert [row_and_column(cell, width) for cell in range(height * width)] == places
+
+
+@given(sides, sides, st.data())
+def test_an_action_leads_to_the_neighbour_in_its_direction(height, width, data):
+    cell = data.draw(st.integers(0, height * width - 1))
+    row, column = divmod(cell, width)
+    expected = {
+        action: (row + rows) * width + column + columns
+        for action, (rows, columns) in WAYS.items()
+        if 0 <= row + rows < height and 0 <= column + columns < width
+    }
+    assert neighbours(cell, height, width) == expected
+
+
+@given(sides, sides, st.data())
+def test_a_neighbour_is_one_move_away_and_the_opposite_action_leads_back(height, width, data):
+    cell = data.draw(st.integers(0, height * width - 1))
+    for action, beside in neighbours(cell, height, width).items():
+        assert manhattan(cell, beside, width) == 1
+        assert neighbours(beside, height, width)[Action((action + 2) % 4)] == cell
+
+
+@given(sides, sides, st.data())
+def test_the_manhattan_distance_counts_rows_and_columns_apart(height, width, data):
+    row_a, row_b = data.draw(st.tuples(*[st.integers(0, height - 1)] * 2))
+    column_a, column_b = data.draw(st.tuples(*[st.integers(0, width - 1)] * 2))
+    apart = manhattan(row_a * width + column_a, row_b * width + column_b, width)
+    assert apart == abs(row_a - row_b) + abs(column_a - column_b)
+
+
+@given(sides, sides)
+def test_the_edge_sets_hold_every_pair_of_neighbours_once(height, width):
+    up, right = vertical_edges(height, width), horizontal_edges(height, width)
+    pairs = [
+        frozenset({divmod(cell, width), divmod(cell + step, width)})
+        for bits, step in ((up, width), (right, 1))
+        for cell in range(bits.bit_length())
+        if bits >> cell & 1
+    ]
+    assert sorted(map(sorted, pairs)) == sorted(map(sorted, grid_passages(height, width)))
+
+
+@given(valid_sides, valid_sides)
+def test_a_size_is_height_by_width(height, width):
+    assert parse_size(f"{height}x{width}") == (height, width)
+
+
+@given(valid_sides)
+def test_one_number_is_a_square(side):
+    assert parse_size(str(side)) == (side, side)
+
+
+@pytest.mark.parametrize("text", [" 4x6 ", "4X6", "4 x 6", "04x6"])
+def test_a_size_may_be_written_loosely(text):
+    assert parse_size(text) == (4, 6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    (
+        "|x|1|0|-3|1001|3x|x3|3x1|1x3|3x1001|3x3x3|3,4|3.0|3 4|three|1e1|0x10|"
+        "\N{ARABIC-INDIC DIGIT THREE}|3x\N{ARABIC-INDIC DIGIT THREE}|" + "9" * 5000
+    ).split("|"),
+)
+def test_a_size_that_is_none_is_refused_with_what_is_allowed(text):
+    with pytest.raises(ValueError, match=r"^size=.*: give a whole number from 2 to 1,000 such as"):
+        parse_size(text)

@@ -1,0 +1,499 @@
+"""Structures and labyrinths: identity, symmetries, and the rules each labyrinth keeps."""
+
+import pickle
+from collections import Counter
+from dataclasses import FrozenInstanceError, replace
+from unittest.mock import patch
+
+import pytest
+from brute_force import (
+    all_structures,
+    drawn,
+    grid_passages,
+    is_connected,
+    keeps_the_rules,
+    labyrinth_of,
+    passages_of,
+    reachable,
+    structure_with,
+    world_of,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import connected_structures, labyrinths, randoms, structures
+
+from labyrinth_core.world.labyrinth import (
+    UNREACHABLE,
+    Labyrinth,
+    LabyrinthError,
+    Structure,
+    Task,
+    breadth_first,
+    identity,
+)
+
+
+def as_places(structure, pairs):
+    width = structure.width
+    return Counter(frozenset({divmod(a, width), divmod(b, width)}) for a, b in pairs)
+
+
+# Passages.
+
+
+@given(structures())
+def test_passages_and_moves_show_the_bits_that_define_a_structure(structure):
+    expected = Counter(passages_of(structure))
+    assert as_places(structure, structure.passages()) == expected
+    led = as_places(
+        structure,
+        (
+            (cell, target)
+            for cell, targets in enumerate(structure.moves)
+            for target in targets
+            if target != cell
+        ),
+    )
+    assert led == Counter(dict.fromkeys(expected, 2))
+    assert structure.loops == len(expected) - structure.cells + 1
+    ways = Counter(place for pair in expected for place in pair)
+    assert structure.junctions == sum(count > 2 for count in ways.values())
+
+
+@given(structures())
+def test_a_move_goes_in_its_direction_or_nowhere(structure):
+    for cell, targets in enumerate(structure.moves):
+        for target, step in zip(targets, (structure.width, 1, -structure.width, -1), strict=True):
+            assert target in (cell, cell + step)
+            assert 0 <= target < structure.cells
+
+
+@given(structures())
+def test_moves_of_a_grid_too_large_for_a_table_are_the_same(structure):
+    again = replace(structure)
+    with patch("labyrinth_core.world.labyrinth._REMEMBERED_CELLS", 0):
+        assert again.moves == structure.moves
+
+
+@given(structures(), randoms)
+def test_from_passages_takes_the_passages_in_any_order_and_direction(structure, random):
+    pairs = [random.sample(pair, 2) for pair in structure.passages()]
+    random.shuffle(pairs)
+    twice = pairs + pairs
+    assert Structure.from_passages(structure.height, structure.width, twice) == structure
+
+
+@pytest.mark.parametrize("pair", [(0, 2), (2, 3), (0, 0), (0, 4), (5, 8), (-1, 0), (-3, 0)])
+def test_a_passage_between_cells_that_are_no_neighbours_is_refused(pair):
+    with pytest.raises(ValueError, match="of a 2x3 grid are no neighbours"):
+        Structure.from_passages(2, 3, [pair])
+
+
+@pytest.mark.parametrize(
+    ("up", "right", "field"),
+    [
+        (0b001000, 0, "up"),
+        (1 << 6, 0, "up"),
+        (-1, 0, "up"),
+        (0, 0b000100, "right"),
+        (0, 0b100000, "right"),
+        (0, 1 << 6, "right"),
+        (0, -1, "right"),
+    ],
+)
+def test_a_passage_out_of_the_grid_is_refused(up, right, field):
+    with pytest.raises(ValueError, match=f"^{field}: a passage leads out of the grid"):
+        Structure(2, 3, up, right)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 3), (3, 1), (0, 0), (1001, 3), (3, 1001)])
+def test_a_structure_of_a_wrong_size_is_refused(height, width):
+    with pytest.raises(ValueError, match=f"2 to 1,000 rows and columns, not {height}x{width}"):
+        Structure(height, width, 0, 0)
+
+
+# Distances.
+
+
+def test_exactly_the_connected_ones_of_all_structures_are_called_connected():
+    sizes = [(2, 2), (2, 3), (3, 2), (3, 3), (2, 4)]
+    for height, width in sizes:
+        for structure in all_structures(height, width):
+            connected = is_connected(height, width, passages_of(structure))
+            assert structure.is_connected == connected
+
+
+@given(structures(), st.data())
+def test_distances_never_enter_blocked_cells(structure, data):
+    cells = st.integers(0, structure.cells - 1)
+    source = data.draw(cells)
+    blocked = data.draw(st.sets(cells.filter(lambda cell: cell != source), max_size=5))
+    distances = structure.distances(source, blocked)
+    within_reach = reachable(
+        passages_of(structure),
+        divmod(source, structure.width),
+        [divmod(cell, structure.width) for cell in blocked],
+    )
+    assert distances[source] == 0
+    for cell, distance in enumerate(distances):
+        before = {distances[beside] for beside in structure.moves[cell] if beside != cell}
+        if divmod(cell, structure.width) not in within_reach:
+            assert distance == UNREACHABLE
+        elif cell != source:
+            assert distance == min(before - {UNREACHABLE}) + 1
+
+
+@given(connected_structures(), st.data())
+def test_a_search_from_several_sources_finds_the_nearest(structure, data):
+    sources = data.draw(st.sets(st.integers(0, structure.cells - 1), min_size=1, max_size=4))
+    nearest = [min(each) for each in zip(*map(structure.distances, sources), strict=True)]
+    assert breadth_first(structure.moves, sources) == nearest
+
+
+# Identity.
+
+
+@pytest.mark.parametrize(
+    ("structure", "structure_id"),
+    [
+        (Structure(2, 2, 0, 0), "4e752f8b02cf3ce3"),
+        (Structure(3, 3, 0b111111, 0b011011011), "1adc6a45a340b03b"),
+        (Structure(2, 3, 0b101, 0b010001), "3d0b8b09680c5edf"),
+        (Structure(3, 2, 0b1001, 0b010001), "1eec707a5be0fe64"),
+        (Structure(5, 5, 0xFFFFF, 0), "33101e57e1df2199"),
+    ],
+)
+def test_a_structure_id_is_the_same_on_every_machine(structure, structure_id):
+    assert structure.structure_id == structure_id
+
+
+def test_no_two_structures_of_three_by_three_share_an_id():
+    ids = {structure.structure_id for structure in all_structures(3, 3)}
+    assert len(ids) == 4096
+    assert all(len(name) == 16 and int(name, 16) < 2**63 for name in ids)
+
+
+def test_the_same_bits_in_another_shape_have_another_id():
+    assert Structure(2, 3, 0, 0).structure_id != Structure(3, 2, 0, 0).structure_id
+
+
+@given(st.text(), st.text())
+def test_an_identity_is_sixteen_digits_that_differ_with_the_text(a, b):
+    assert (identity(a) == identity(b)) == (a == b)
+    assert identity(a) == f"{int(identity(a), 16):016x}"
+
+
+@given(structures(), structures())
+def test_structures_are_equal_when_their_size_and_passages_are(a, b):
+    same = (a.height, a.width, passages_of(a)) == (b.height, b.width, passages_of(b))
+    assert (a == b) == same
+    again = Structure(a.height, a.width, a.up, a.right)
+    assert a == again
+    assert len({a, again}) == 1
+
+
+@given(labyrinths())
+def test_labyrinths_are_equal_when_they_hold_the_same(labyrinth):
+    again = labyrinth_of(world_of(labyrinth), labyrinth.task)
+    assert labyrinth == again
+    assert hash(labyrinth) == hash(again)
+    backwards = Labyrinth(labyrinth.structure, labyrinth.goal, labyrinth.start)
+    assert labyrinth != backwards
+
+
+@given(labyrinths())
+def test_a_labyrinth_comes_back_from_a_pickle(labyrinth):
+    again = pickle.loads(pickle.dumps(labyrinth))
+    assert again == labyrinth
+    assert again.structure.moves == labyrinth.structure.moves
+
+
+@given(labyrinths())
+def test_a_pickle_leaves_out_what_can_be_computed(labyrinth):
+    holding, leaving = pickle.dumps(labyrinth), pickle.dumps(labyrinth.structure)
+    assert labyrinth.cell_distances
+    assert labyrinth.structure.moves
+    assert labyrinth.structure.structure_id
+    assert b"distances" not in holding
+    assert pickle.dumps(labyrinth) == holding
+    assert pickle.dumps(labyrinth.structure) == leaving
+
+
+def test_structures_and_labyrinths_do_not_change():
+    labyrinth = Labyrinth(Structure(2, 2, 0b11, 0b0101), 0, 3)
+    with pytest.raises(FrozenInstanceError):
+        labyrinth.start = 1
+    with pytest.raises(FrozenInstanceError):
+        labyrinth.structure.up = 0
+
+
+# Symmetries.
+
+
+def image(structure, turn):
+    """Return the structure with each place moved, and the shape that holds them all."""
+    moved = {frozenset(turn(*place) for place in pair) for pair in passages_of(structure)}
+    corner = turn(structure.height - 1, structure.width - 1)
+    opposite = turn(0, 0)
+    height, width = (abs(a - b) + 1 for a, b in zip(corner, opposite, strict=True))
+    low = [min(pair) for pair in zip(corner, opposite, strict=True)]
+    shifted = {frozenset((r - low[0], c - low[1]) for r, c in pair) for pair in moved}
+    return structure_with(height, width, shifted)
+
+
+@given(structures())
+def test_a_transposed_structure_exchanges_rows_and_columns(structure):
+    assert structure.transposed() == image(structure, lambda row, column: (column, row))
+
+
+@given(structures())
+def test_a_mirrored_structure_exchanges_left_and_right(structure):
+    assert structure.mirrored() == image(structure, lambda row, column: (row, -column))
+
+
+@given(structures())
+def test_transposing_or_mirroring_twice_changes_nothing(structure):
+    assert structure.transposed().transposed() == structure
+    assert structure.mirrored().mirrored() == structure
+
+
+@given(structures())
+def test_the_symmetries_are_the_four_turns_and_their_mirror_images(structure):
+    turns = [lambda r, c, a=a, b=b: (a * r, b * c) for a in (1, -1) for b in (1, -1)]
+    turns += [lambda r, c, a=a, b=b: (a * c, b * r) for a in (1, -1) for b in (1, -1)]
+    images = structure.symmetries()
+    assert images[0] == structure
+    assert Counter(images) == Counter(image(structure, turn) for turn in turns)
+
+
+@given(structures())
+def test_the_symmetries_of_an_image_are_the_same_eight(structure):
+    images = structure.symmetries()
+    for other in images:
+        assert Counter(other.symmetries()) == Counter(images)
+
+
+def test_a_structure_without_symmetry_has_eight_different_images():
+    assert len(set(Structure(3, 3, 0b1, 0b10).symmetries())) == 8
+    assert len(set(Structure(3, 3, 0b111111, 0b011011011).symmetries())) == 1
+
+
+@given(structures())
+def test_a_structure_and_its_mirror_image_on_the_diagonal_have_one_canonical_form(structure):
+    canonical = structure.canonical()
+    assert canonical.canonical() == canonical
+    if structure.height == structure.width:
+        images = (structure, structure.transposed())
+        assert (canonical.up, canonical.right) == min((each.up, each.right) for each in images)
+        assert structure.transposed().canonical() == canonical
+    else:
+        assert canonical == structure
+
+
+@given(connected_structures())
+def test_the_canonical_form_keeps_the_way_between_the_default_corners(structure):
+    canonical = structure.canonical()
+    assert canonical.distances(0)[-1] == structure.distances(0)[-1]
+
+
+def test_canonical_forms_pair_up_all_structures_that_are_not_their_own_mirror_image():
+    everything = list(all_structures(3, 3))
+    pairs = Counter(structure.canonical() for structure in everything)
+    # Four cells lie off the diagonal on each side; six passages are mirrored on the other six.
+    assert Counter(pairs.values()) == {1: 2**6, 2: (2**12 - 2**6) // 2}
+
+
+# The rules of a labyrinth.
+
+
+@st.composite
+def worlds_near_the_rules(draw):
+    """A labyrinth with up to three things changed, which may or may not break a rule."""
+    labyrinth = draw(labyrinths())
+    task, world, random = labyrinth.task, world_of(labyrinth), draw(randoms)
+    for _ in range(random.randint(0, 3)):
+        margin = random.choice([0, 0, 0, 1])
+        place = (random.randrange(world.height + margin), random.randrange(world.width))
+        passage = random.choice(grid_passages(world.height, world.width))
+        change = random.choice(["task", "start", "goal", "key", "door", "no key", "ice", "wall"])
+        if change == "task":
+            task = random.choice(list(Task))
+        elif change == "no key":
+            world = replace(world, key=None)
+        elif change == "ice":
+            world = replace(world, ice=world.ice ^ {place})
+        elif change == "wall":
+            world = replace(world, passages=world.passages ^ {passage})
+        elif change in ("start", "goal") or task is Task.KEY_AND_DOOR:
+            world = replace(world, **{change: place})
+    return task, world
+
+
+@given(worlds_near_the_rules())
+def test_a_labyrinth_is_refused_exactly_when_it_breaks_a_rule(task_and_world):
+    task, world = task_and_world
+    if keeps_the_rules(world, task):
+        assert world_of(labyrinth_of(world, task)) == world
+    else:
+        with pytest.raises(LabyrinthError):
+            labyrinth_of(world, task)
+
+
+@given(labyrinths())
+def test_a_labyrinth_that_keeps_the_rules_is_accepted(labyrinth):
+    assert keeps_the_rules(world_of(labyrinth), labyrinth.task)
+
+
+SNAKE = drawn(
+    """
+    -------------
+    |         E |
+    |   + - + - |
+    |           |
+    | - + - +   |
+    | S         |
+    -------------
+    """
+)
+"""Right, right, up, left, left, up, right, right, past nothing else."""
+
+NO_WAY = drawn(
+    """
+    ---------
+    |   | E |
+    |   + - |
+    | S     |
+    ---------
+    """
+)
+
+DEAD_END = drawn(
+    """
+    -------------
+    |         E |
+    |   + - + - |
+    |           |
+    |   + - + - |
+    | S         |
+    -------------
+    """
+)
+"""Right of the start a dead end, two places deep; the left column leads up to the goal."""
+
+
+@pytest.mark.parametrize(
+    ("world", "task", "message", "cell"),
+    [
+        (replace(SNAKE, start=(2, 2)), Task.NAVIGATION, "the start and the goal share a cell", 8),
+        (
+            replace(SNAKE, start=(3, 0)),
+            Task.NAVIGATION,
+            "the start is outside the grid: cell 9",
+            None,
+        ),
+        (
+            replace(SNAKE, goal=(-1, 0)),
+            Task.NAVIGATION,
+            "the goal is outside the grid: cell -3",
+            None,
+        ),
+        (NO_WAY, Task.NAVIGATION, "no route leads from start to goal", 3),
+        (NO_WAY, Task.PARTIAL_OBSERVABILITY, "no route leads from start to goal", 3),
+        (
+            replace(SNAKE, key=(0, 1)),
+            Task.NAVIGATION,
+            "a key and a door belong to key_and_door",
+            None,
+        ),
+        (
+            replace(SNAKE, door=(0, 1)),
+            Task.ICY_FLOOR,
+            "a key and a door belong to key_and_door",
+            None,
+        ),
+        (SNAKE, Task.KEY_AND_DOOR, "a key and a door belong to key_and_door, both or none", None),
+        (replace(SNAKE, key=(0, 1)), Task.KEY_AND_DOOR, "both or none", None),
+        (replace(SNAKE, door=(0, 1)), Task.KEY_AND_DOOR, "both or none", None),
+        (
+            replace(SNAKE, ice=frozenset({(0, 1)})),
+            Task.NAVIGATION,
+            "ice belongs to icy_floor",
+            None,
+        ),
+        (SNAKE, Task.ICY_FLOOR, "ice belongs to icy_floor, which needs some", None),
+        (
+            replace(SNAKE, ice=frozenset({(2, 2)})),
+            Task.ICY_FLOOR,
+            "the goal and the ice share a cell",
+            8,
+        ),
+        (
+            replace(SNAKE, ice=frozenset({(3, 1)})),
+            Task.ICY_FLOOR,
+            "the ice is outside the grid: cell 10",
+            None,
+        ),
+        (
+            replace(SNAKE, ice=frozenset({(1, 1)})),
+            Task.ICY_FLOOR,
+            "no route without ice leads from start to goal",
+            8,
+        ),
+        (
+            replace(DEAD_END, key=(0, 1), door=(0, 1)),
+            Task.KEY_AND_DOOR,
+            "the key and the door share a cell",
+            1,
+        ),
+        (
+            replace(DEAD_END, key=(0, 0), door=(1, 0)),
+            Task.KEY_AND_DOOR,
+            "the start and the key share a cell",
+            0,
+        ),
+        (
+            replace(DEAD_END, key=(0, 1), door=(2, 2)),
+            Task.KEY_AND_DOOR,
+            "the goal and the door share a cell",
+            8,
+        ),
+        (
+            replace(DEAD_END, key=(0, 1), door=(0, 2)),
+            Task.KEY_AND_DOOR,
+            "a route from start to goal avoids the door",
+            2,
+        ),
+        (
+            replace(DEAD_END, key=(2, 1), door=(1, 0)),
+            Task.KEY_AND_DOOR,
+            "the key cannot be reached without passing the door",
+            7,
+        ),
+    ],
+)
+def test_a_broken_rule_is_named_with_the_cell_at_fault(world, task, message, cell):
+    with pytest.raises(LabyrinthError, match=message) as caught:
+        labyrinth_of(world, task)
+    assert caught.value.cell == cell
+    assert isinstance(caught.value, ValueError)
+
+
+def test_a_key_in_a_dead_end_before_the_door_is_fine():
+    world = replace(DEAD_END, key=(0, 2), door=(1, 0))
+    assert world_of(labyrinth_of(world, Task.KEY_AND_DOOR)) == world
+
+
+def test_a_labyrinth_names_its_size_height_first_and_its_cells_by_row():
+    labyrinth = Labyrinth(Structure(2, 3, 0b111, 0b011011), 0, 5)
+    assert labyrinth.size_name == "2x3"
+    assert [labyrinth.position(cell) for cell in (0, 2, 3)] == [(0, 0), (0, 2), (1, 0)]
+
+
+def test_a_task_is_the_text_of_its_name():
+    assert [str(task) for task in Task] == [
+        "navigation",
+        "partial_observability",
+        "key_and_door",
+        "icy_floor",
+    ]
+    assert Task("icy_floor") is Task.ICY_FLOOR

@@ -1,0 +1,165 @@
+"""Episodes: what a route through the dynamics leaves behind."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from brute_force import chi_square, drawn, labyrinth_of, step, world_of
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import labyrinths
+
+from labyrinth_core.world.dynamics import State, is_terminal, step_limit, transition
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rollout import Episode, random_episode, replay
+from labyrinth_core.world.solver import shortest_route
+
+seeds = st.integers(0, 2**32 - 1)
+actions = st.lists(st.integers(0, 3), max_size=60)
+
+ROOM = labyrinth_of(
+    drawn(
+        """
+        ---------
+        |     E |
+        |   +   |
+        | S     |
+        ---------
+        """
+    )
+)
+
+
+def until_over(world, route):
+    """Return what the rules say the route visits and pays, cut where the episode is over."""
+    situations, rewards = [(world.start, False, False)], []
+    for action in route:
+        situation, reward, over = step(world, situations[-1], action)
+        situations.append(situation)
+        rewards.append(reward)
+        if over:
+            break
+    return situations, rewards
+
+
+@given(labyrinths(), actions)
+def test_a_replay_visits_and_pays_what_the_rules_say(labyrinth, route):
+    world = world_of(labyrinth)
+    situations, rewards = until_over(world, route)
+    episode = replay(labyrinth, route[: len(rewards)])
+    assert episode.labyrinth is labyrinth
+    assert [
+        (divmod(state.agent, world.width), state.has_key, state.door_open)
+        for state in episode.states
+    ] == situations
+    assert episode.actions.tolist() == route[: len(rewards)]
+    assert episode.rewards.tolist() == [np.float32(reward) for reward in rewards]
+    assert len(episode) == len(rewards) == len(episode.states) - 1
+    assert episode.terminated == (situations[-1][0] in {world.goal, *world.ice})
+
+
+@given(labyrinths(), st.lists(st.integers(0, 3), min_size=1, max_size=60))
+def test_an_action_after_the_end_of_the_episode_is_refused(labyrinth, more):
+    route = [*shortest_route(labyrinth, np.random.default_rng(0)), *more]
+    steps = len(route) - len(more)
+    assert replay(labyrinth, route[:steps]).terminated
+    with pytest.raises(ValueError, match=f"^{steps} steps end the episode, but another action"):
+        replay(labyrinth, route)
+
+
+@given(labyrinths(Task.ICY_FLOOR), actions)
+def test_a_route_is_replayed_exactly_when_it_does_not_go_on_after_the_end(labyrinth, route):
+    steps = len(until_over(world_of(labyrinth), route)[1])
+    if steps == len(route):
+        assert len(replay(labyrinth, route)) == steps
+    else:
+        with pytest.raises(ValueError, match=f"^{steps} steps end the episode, but"):
+            replay(labyrinth, route)
+
+
+@pytest.mark.parametrize("action", [-1, 4, 255])
+def test_an_action_that_is_none_of_the_four_is_refused(action):
+    with pytest.raises(ValueError, match=f"^action {action}: the actions are 0, 1, 2 and 3"):
+        replay(ROOM, [0, action])
+
+
+def test_an_episode_of_no_action_is_the_first_state_alone():
+    episode = replay(ROOM, [])
+    assert episode.states == (State(0),)
+    assert len(episode) == 0
+    assert not episode.terminated
+
+
+def test_an_episode_keeps_its_steps_into_walls():
+    episode = replay(ROOM, [3, 2, 0, 1])
+    assert [state.agent for state in episode.states] == [0, 0, 0, 2, 3]
+    assert episode.rewards.tolist() == pytest.approx([-0.025, -0.025, -0.025, 1.0])
+
+
+@given(labyrinths())
+def test_an_optimal_episode_returns_one_less_a_little_for_each_move_before_the_last(labyrinth):
+    episode = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(0)))
+    assert episode.terminated
+    assert episode.states[-1].agent == labyrinth.goal
+    expected = 1 - (len(episode) - 1) * 0.1 / labyrinth.structure.cells
+    assert episode.rewards.sum() == pytest.approx(expected, abs=1e-5)
+
+
+@given(labyrinths(), actions)
+def test_the_arrays_of_an_episode_are_read_only_and_small(labyrinth, route):
+    route = route[: len(until_over(world_of(labyrinth), route)[1])]
+    episode = replay(labyrinth, route)
+    assert (episode.actions.dtype, episode.rewards.dtype) == (np.int8, np.float32)
+    for array in (episode.actions, episode.rewards):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+
+
+@pytest.mark.parametrize(("actions", "rewards"), [(2, 3), (3, 2), (4, 4), (2, 2)])
+def test_an_episode_has_one_action_and_one_reward_for_each_state_but_the_last(actions, rewards):
+    states = (State(0), State(0), State(0), State(0))
+    with pytest.raises(
+        ValueError, match=f"^an episode of 4 states has 3 .*{actions} and {rewards}"
+    ):
+        Episode(ROOM, states, np.zeros(actions, np.int8), np.zeros(rewards, np.float32))
+    assert len(Episode(ROOM, states, np.zeros(3, np.int8), np.zeros(3, np.float32))) == 3
+
+
+@given(labyrinths(), seeds, st.integers(0, 300))
+def test_a_random_episode_ends_at_its_first_end_or_is_cut(labyrinth, seed, max_steps):
+    episode = random_episode(labyrinth, np.random.default_rng(seed), max_steps)
+    assert len(episode) <= max_steps
+    assert episode.terminated or len(episode) == max_steps
+    assert not any(is_terminal(labyrinth, state) for state in episode.states[:-1])
+    for action, (state, after) in zip(episode.actions, pairwise(episode.states), strict=True):
+        assert transition(labyrinth, state, action) == after
+
+
+@given(labyrinths(), seeds)
+def test_the_same_seed_gives_the_same_random_episode(labyrinth, seed):
+    first, second = (random_episode(labyrinth, np.random.default_rng(seed), 50) for _ in "ab")
+    assert first.states == second.states
+    assert first.actions.tolist() == second.actions.tolist()
+
+
+def test_random_episodes_take_each_action_as_often_as_the_others():
+    rng = np.random.default_rng(7)
+    firsts = [int(random_episode(ROOM, rng, 1).actions[0]) for _ in range(4000)]
+    counts = np.bincount(firsts, minlength=4)
+    assert len(counts) == 4
+    assert chi_square(counts.tolist(), [1000] * 4) < 5
+
+
+def test_an_agent_that_never_arrives_returns_minus_four_at_the_step_limit():
+    episode = replay(ROOM, [3] * step_limit(ROOM))
+    assert not episode.terminated
+    assert len(episode) == 160
+    assert episode.rewards.sum(dtype=np.float64) == pytest.approx(-4.0)
+
+
+def test_an_episode_that_ends_on_ice_is_terminated_far_below_zero():
+    icy = replace(world_of(ROOM), ice=frozenset({(1, 0)}))
+    episode = replay(labyrinth_of(icy, Task.ICY_FLOOR), [3, 0])
+    assert episode.terminated
+    assert episode.rewards.tolist() == pytest.approx([-0.025, -100.0])

@@ -1,0 +1,209 @@
+"""Random structures: how many there are, and that each comes up as often as it should."""
+
+from collections import Counter
+from itertools import islice
+
+import numpy as np
+import pytest
+from brute_force import (
+    all_structures,
+    chi_square,
+    count_structures,
+    is_connected,
+    passages_of,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.sampling import (
+    ALGORITHMS,
+    default_open_walls,
+    sample_structure,
+    sample_structures,
+)
+
+seeds = st.integers(0, 2**64 - 1)
+sides = st.integers(2, 7)
+algorithms = st.sampled_from(sorted(ALGORITHMS))
+
+
+def draw(count, height, width, seed, **options):
+    rng = np.random.default_rng(seed)
+    return list(islice(sample_structures(height, width, rng, **options), count))
+
+
+def connected(height, width):
+    return [
+        structure
+        for structure in all_structures(height, width)
+        if is_connected(height, width, passages_of(structure))
+    ]
+
+
+def spanning_trees(height, width):
+    """Return the connected structures with one passage less than cells, the fewest possible."""
+    passages = height * width - 1
+    return [each for each in connected(height, width) if len(passages_of(each)) == passages]
+
+
+# How many there are.
+
+
+def test_of_three_by_three_cells_there_are_431_connected_structures_and_192_trees():
+    assert sum(structure.is_connected for structure in all_structures(3, 3)) == 431
+    assert len(connected(3, 3)) == 431
+    assert len(spanning_trees(3, 3)) == 192
+
+
+@pytest.mark.parametrize(
+    ("side", "structures", "trees"),
+    [
+        (2, 5, 4),
+        (3, 431, 192),
+        (4, 555_195, 100_352),
+        (5, 10_286_937_043, 557_568_000),
+    ],
+)
+def test_the_passages_of_a_grid_allow_as_many_structures_as_are_known(side, structures, trees):
+    everything = Structure(side, side, vertical_edges(side, side), horizontal_edges(side, side))
+    passages = list(everything.passages())
+    assert count_structures(passages) == structures
+    assert count_structures(passages, trees=True) == trees
+
+
+# What every algorithm gives.
+
+
+@given(sides, sides, seeds, algorithms, st.sampled_from([None, 0, 0.2, 1]))
+def test_every_sampled_structure_is_connected(height, width, seed, algorithm, open_walls):
+    for structure in draw(3, height, width, seed, algorithm=algorithm, open_walls=open_walls):
+        assert (structure.height, structure.width) == (height, width)
+        assert is_connected(height, width, passages_of(structure))
+
+
+@given(sides, sides, seeds, algorithms)
+def test_without_opened_walls_every_structure_is_a_tree(height, width, seed, algorithm):
+    for structure in draw(3, height, width, seed, algorithm=algorithm, open_walls=0):
+        assert len(passages_of(structure)) == height * width - 1
+        assert is_connected(height, width, passages_of(structure))
+
+
+@given(sides, sides, seeds, algorithms)
+def test_with_every_wall_opened_none_is_left(height, width, seed, algorithm):
+    everything = Structure(
+        height, width, vertical_edges(height, width), horizontal_edges(height, width)
+    )
+    assert draw(2, height, width, seed, algorithm=algorithm, open_walls=1) == [everything] * 2
+
+
+@given(sides, sides, seeds, algorithms)
+def test_the_same_seed_gives_the_same_sequence(height, width, seed, algorithm):
+    first, second = (draw(4, height, width, seed, algorithm=algorithm) for _ in "ab")
+    assert first == second
+
+
+@given(sides, sides, seeds, algorithms, st.integers(0, 20))
+def test_fewer_structures_are_the_beginning_of_more(height, width, seed, algorithm, fewer):
+    many = draw(20, height, width, seed, algorithm=algorithm)
+    assert draw(fewer, height, width, seed, algorithm=algorithm) == many[:fewer]
+
+
+@given(sides, sides, seeds, algorithms)
+def test_a_single_structure_is_the_first_of_the_sequence(height, width, seed, algorithm):
+    rng = np.random.default_rng(seed)
+    single = sample_structure(height, width, rng, algorithm=algorithm)
+    assert [single] == draw(1, height, width, seed, algorithm=algorithm)
+
+
+@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
+def test_other_seeds_give_other_structures(algorithm):
+    firsts = {draw(1, 6, 6, seed, algorithm=algorithm)[0] for seed in range(50)}
+    assert len(firsts) == 50
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "structure_id"),
+    [
+        ("wilson", "2818f0e5a52c84c6"),
+        ("depth_first", "08adb12e701d8d24"),
+        ("kruskal", "2cbd76d8c418c783"),
+        ("prim", "600664f1b373113f"),
+    ],
+)
+def test_a_seed_gives_the_same_structure_on_every_machine(algorithm, structure_id):
+    structure = sample_structure(5, 5, np.random.default_rng(0), algorithm=algorithm)
+    assert structure.structure_id == structure_id
+
+
+@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
+@pytest.mark.parametrize(("height", "width"), [(100, 100), (2, 1000), (1000, 2)])
+def test_large_and_long_structures_are_drawn_without_recursion(algorithm, height, width):
+    structure = draw(1, height, width, 0, algorithm=algorithm, open_walls=0)[0]
+    assert structure.is_connected
+    assert structure.up.bit_count() + structure.right.bit_count() == height * width - 1
+
+
+# How often each comes up.
+
+
+@pytest.mark.parametrize(("height", "width", "trees"), [(3, 3, 192), (2, 4, 56), (4, 2, 56)])
+def test_wilson_gives_every_tree_the_same_probability(height, width, trees):
+    counts = Counter(draw(100 * trees, height, width, 11, algorithm="wilson", open_walls=0))
+    assert set(counts) == set(spanning_trees(height, width))
+    assert len(counts) == trees
+    assert chi_square(counts.values(), [100.0] * trees) < 5
+
+
+@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
+def test_every_algorithm_can_give_every_tree_of_two_by_two(algorithm):
+    counts = Counter(draw(4000, 2, 2, 12, algorithm=algorithm, open_walls=0))
+    assert set(counts) == set(spanning_trees(2, 2))
+    assert chi_square(counts.values(), [1000.0] * 4) < 5
+
+
+def test_the_default_sampler_reaches_every_structure_as_often_as_it_should():
+    trees = [passages_of(tree) for tree in spanning_trees(3, 3)]
+    opened, draws = default_open_walls(3, 3), 100_000
+    expected = {}
+    for structure in connected(3, 3):
+        passages = passages_of(structure)
+        within = sum(tree <= passages for tree in trees)
+        extra, walls = len(passages) - 8, 12 - len(passages)
+        chance = within / len(trees) * opened**extra * (1 - opened) ** walls
+        expected[structure] = chance * draws
+    assert sum(expected.values()) == pytest.approx(draws)
+    counts = Counter(draw(draws, 3, 3, 13))
+    assert set(counts) == set(expected)
+    assert chi_square([counts[each] for each in expected], expected.values()) < 5
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "share"),
+    [(3, 3, 0.12), (4, 4, 0.09), (5, 5, 0.08), (3, 4, 0.08), (2, 8, 0.08), (10, 10, 0.08)],
+)
+def test_as_many_walls_are_open_as_in_the_published_sets(height, width, share):
+    assert default_open_walls(height, width) == share
+    drawn = draw(3000, height, width, 14)
+    walls = height * (width - 1) + width * (height - 1) - (height * width - 1)
+    opened = [len(passages_of(each)) - (height * width - 1) for each in drawn]
+    spread = (share * (1 - share) / (walls * len(drawn))) ** 0.5
+    assert abs(np.mean(opened) / walls - share) < 5 * spread
+
+
+# What is refused.
+
+
+def test_an_unknown_algorithm_is_refused_with_the_known_ones():
+    message = "^sampler=magic: choose one of wilson, depth_first, kruskal, prim$"
+    with pytest.raises(ValueError, match=message):
+        sample_structure(3, 3, np.random.default_rng(0), algorithm="magic")
+
+
+@pytest.mark.parametrize("open_walls", [-0.1, 1.1, float("nan"), float("inf")])
+def test_a_share_that_is_no_probability_is_refused(open_walls):
+    with pytest.raises(
+        ValueError, match=f"^open_walls={open_walls}: give a probability from 0 to 1"
+    ):
+        sample_structure(3, 3, np.random.default_rng(0), open_walls=open_walls)

@@ -1,0 +1,358 @@
+"""Optimal behaviour, against brute force over every situation of the rules."""
+
+from collections import Counter
+from functools import cache
+from itertools import islice
+
+import numpy as np
+import pytest
+from brute_force import (
+    all_structures,
+    best_actions,
+    chi_square,
+    drawn,
+    is_connected,
+    labyrinth_of,
+    moves_to_go,
+    passages_of,
+    shortest_of,
+    situations,
+    step,
+    world_of,
+)
+from brute_force import simple_routes as brute_simple_routes
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import labyrinths
+
+from labyrinth_core.world.dynamics import (
+    State,
+    is_terminal,
+    state_count,
+    state_index,
+    transition_table,
+)
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.sampling import sample_structure, sample_structures
+from labyrinth_core.world.solver import (
+    distances,
+    optimal_actions,
+    shortest_route,
+    shortest_routes,
+    simple_routes,
+)
+from labyrinth_core.world.tasks import place
+
+SIZES = [(2, 2), (2, 5), (3, 4), (4, 3), (4, 4), (5, 5), (6, 3), (6, 6)]
+seeds = st.integers(0, 2**32 - 1)
+
+
+def without_walls(height, width):
+    up, right = vertical_edges(height, width), horizontal_edges(height, width)
+    return Labyrinth(Structure(height, width, up, right), 0, height * width - 1)
+
+
+@cache
+def connected_three_by_three():
+    """Return every labyrinth on three by three cells with the default start and goal."""
+    return [
+        Labyrinth(structure, 0, 8)
+        for structure in all_structures(3, 3)
+        if is_connected(3, 3, passages_of(structure))
+    ]
+
+
+def sampled(task, count, seed, sizes=SIZES):
+    """Return labyrinths of a task from the library's own sampler, any start, any goal."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(1000 * count):
+        height, width = sizes[rng.integers(len(sizes))]
+        open_walls = float(rng.choice([0.0, 0.1, 0.4]))
+        structure = sample_structure(height, width, rng, open_walls=open_walls)
+        start, goal = rng.choice(structure.cells, size=2, replace=False).tolist()
+        try:
+            found.append(place(structure, start, goal, task, rng))
+        except LabyrinthError:
+            continue
+        if len(found) == count:
+            return found
+    raise AssertionError(f"only {len(found)} structures of {1000 * count} hold {task}")
+
+
+def number_of(labyrinth, situation):
+    (row, column), has_key, door_open = situation
+    cell = row * labyrinth.structure.width + column
+    return state_index(labyrinth, State(cell, has_key, door_open))
+
+
+def assert_optimal_in_every_state(labyrinth):
+    """Assert that distances and optimal actions are those of brute force."""
+    world = world_of(labyrinth)
+    moves, best = moves_to_go(world), best_actions(world)
+    found, optimal = distances(labyrinth), optimal_actions(labyrinth)
+    assert len(found) == state_count(labyrinth)
+    assert optimal.shape == (state_count(labyrinth), 4)
+    for situation in situations(world):
+        number = number_of(labyrinth, situation)
+        assert found[number] == moves.get(situation, UNREACHABLE)
+        assert set(np.flatnonzero(optimal[number]).tolist()) == best[situation]
+
+
+def assert_routes_of_brute_force(labyrinth):
+    """Assert that every simple and every shortest route is found, and found once."""
+    routes = brute_simple_routes(world_of(labyrinth))
+    in_order = sorted(routes, key=lambda route: (len(route), route))
+    assert list(map(tuple, simple_routes(labyrinth))) == in_order
+    shortest = sorted(shortest_of(routes))
+    assert list(map(tuple, shortest_routes(labyrinth))) == shortest
+    assert tuple(shortest_route(labyrinth, np.random.default_rng(0))) in shortest
+
+
+# Every structure of three by three.
+
+
+def test_every_state_of_every_structure_of_three_by_three_is_solved_optimally():
+    assert len(connected_three_by_three()) == 431
+    for labyrinth in connected_three_by_three():
+        assert_optimal_in_every_state(labyrinth)
+
+
+def test_every_route_of_every_structure_of_three_by_three_is_found_once():
+    for labyrinth in connected_three_by_three():
+        assert_routes_of_brute_force(labyrinth)
+
+
+# Larger ones, and every task.
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_state_of_random_structures_is_solved_optimally(seed):
+    for labyrinth in sampled(Task.NAVIGATION, 600, seed):
+        assert_optimal_in_every_state(labyrinth)
+
+
+@pytest.mark.parametrize("task", [Task.KEY_AND_DOOR, Task.ICY_FLOOR])
+def test_every_state_of_a_thousand_labyrinths_of_a_task_is_solved_optimally(task):
+    for labyrinth in sampled(task, 1000, 1):
+        assert_optimal_in_every_state(labyrinth)
+
+
+@pytest.mark.parametrize("task", list(Task))
+def test_every_route_of_random_labyrinths_is_found_once(task):
+    for labyrinth in sampled(task, 250, 2, [(2, 2), (2, 5), (3, 3), (4, 3), (3, 4)]):
+        assert_routes_of_brute_force(labyrinth)
+
+
+@given(labyrinths())
+def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
+    assert_optimal_in_every_state(labyrinth)
+
+
+@given(labyrinths())
+def test_every_shortest_route_is_found_once_wherever_the_tiles_lie(labyrinth):
+    world = world_of(labyrinth)
+    best, first = best_actions(world), (world.start, False, False)
+
+    def onward(situation):
+        if situation[0] == world.goal:
+            return [()]
+        return [
+            (action, *rest)
+            for action in sorted(best[situation])
+            for rest in onward(step(world, situation, action)[0])
+        ]
+
+    assert list(map(tuple, shortest_routes(labyrinth))) == onward(first)
+
+
+@given(labyrinths())
+def test_a_simple_route_visits_no_state_twice_and_ends_on_the_goal(labyrinth):
+    for route in simple_routes(labyrinth, limit=20):
+        episode = replay(labyrinth, route)
+        assert episode.states[-1].agent == labyrinth.goal
+        assert len(set(episode.states)) == len(episode.states)
+
+
+@given(labyrinths())
+def test_following_optimal_actions_from_anywhere_comes_a_move_nearer_each_time(labyrinth):
+    distance, optimal = distances(labyrinth), optimal_actions(labyrinth)
+    table = transition_table(labyrinth)
+    for state, action in np.argwhere(optimal).tolist():
+        assert distance[table[state][action]] == distance[state] - 1
+
+
+@given(labyrinths())
+def test_nothing_is_optimal_where_the_episode_is_over(labyrinth):
+    optimal = optimal_actions(labyrinth)
+    for cell in range(labyrinth.structure.cells):
+        if is_terminal(labyrinth, State(cell)):
+            assert not optimal[cell].any()
+        elif labyrinth.task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
+            assert optimal[cell].any()
+
+
+@given(labyrinths(Task.KEY_AND_DOOR))
+def test_nothing_leads_on_from_a_door_that_the_agent_cannot_stand_in(labyrinth):
+    closed = [labyrinth.door, labyrinth.door + labyrinth.structure.cells]
+    assert [distances(labyrinth)[state] for state in closed] == [UNREACHABLE] * 2
+    assert not optimal_actions(labyrinth)[closed].any()
+
+
+@given(labyrinths())
+def test_distances_are_the_same_with_and_without_a_ready_table(labyrinth):
+    assert distances(labyrinth, transition_table(labyrinth)) == distances(labyrinth)
+
+
+# Key and door, ice.
+
+
+def test_no_route_passes_the_door_without_the_key():
+    for labyrinth in sampled(Task.KEY_AND_DOOR, 200, 3):
+        for route in simple_routes(labyrinth, limit=20):
+            cells = [state.agent for state in replay(labyrinth, route).states]
+            assert cells.index(labyrinth.key) < cells.index(labyrinth.door)
+
+
+def test_the_key_is_a_detour_and_the_ice_makes_the_best_route_longer():
+    for task, tiles in ((Task.KEY_AND_DOOR, ("key", "door")), (Task.ICY_FLOOR, ("ice",))):
+        for labyrinth in sampled(task, 300, 4):
+            world = world_of(labyrinth)
+            free = moves_to_go(world.without(*tiles))[world.start, False, False]
+            assert len(shortest_route(labyrinth, np.random.default_rng(0))) > free
+
+
+def test_the_agent_fetches_the_key_and_comes_back():
+    world = drawn(
+        """
+        -------------
+        |   | D   E |
+        |   +   + - |
+        |           |
+        |   + - +   |
+        | S |     K |
+        -------------
+        """
+    )
+    labyrinth = labyrinth_of(world, Task.KEY_AND_DOOR)
+    assert simple_routes(labyrinth) == [[0, 1, 1, 2, 0, 3, 0, 1]]
+    assert shortest_routes(labyrinth) == [[0, 1, 1, 2, 0, 3, 0, 1]]
+
+
+def test_the_agent_walks_around_the_ice():
+    world = drawn(
+        """
+        -------------
+        |       | E |
+        |   + - +   |
+        |           |
+        |   + - +   |
+        | S   I     |
+        -------------
+        """
+    )
+    icy = labyrinth_of(world, Task.ICY_FLOOR)
+    assert simple_routes(icy) == [[0, 1, 1, 0]]
+    assert simple_routes(labyrinth_of(world.without("ice"))) == [[0, 1, 1, 0], [1, 1, 0, 0]]
+    assert distances(icy)[1] == UNREACHABLE
+
+
+# One shortest route of several.
+
+
+def assert_unbiased(labyrinth, draws):
+    routes = list(map(tuple, shortest_routes(labyrinth)))
+    counts = Counter(
+        tuple(shortest_route(labyrinth, np.random.default_rng(seed))) for seed in range(draws)
+    )
+    assert set(counts) == set(routes)
+    expected = [draws / len(routes)] * len(routes)
+    assert chi_square([counts[route] for route in routes], expected) < 5
+
+
+def test_every_shortest_route_is_equally_likely_although_they_branch_unequally():
+    # Chosen step by step, two of the six would come up every fourth time.
+    assert_unbiased(without_walls(3, 3), 6000)
+
+
+def test_every_shortest_route_is_equally_likely_where_one_branch_hides_more_than_the_other():
+    world = drawn(
+        """
+        -----------------
+        |             E |
+        |   + - + - +   |
+        |   |           |
+        |   +   +   +   |
+        |   |           |
+        |   +   +   +   |
+        | S             |
+        -----------------
+        """
+    )
+    labyrinth = labyrinth_of(world)
+    assert len(shortest_routes(labyrinth)) == 7
+    assert_unbiased(labyrinth, 3500)
+
+
+def test_every_shortest_route_is_equally_likely_with_a_key_to_fetch():
+    world = drawn(
+        """
+        -----------------
+        | K         | E |
+        |   +   +   +   |
+        |           | D |
+        |   +   +   +   |
+        | S             |
+        -----------------
+        """
+    )
+    labyrinth = labyrinth_of(world, Task.KEY_AND_DOOR)
+    assert len(shortest_routes(labyrinth)) == 6
+    assert_unbiased(labyrinth, 3000)
+
+
+def test_a_count_of_routes_beyond_any_machine_word_is_no_obstacle():
+    labyrinth = without_walls(50, 50)
+    route = shortest_route(labyrinth, np.random.default_rng(5))
+    assert len(route) == 98
+    assert replay(labyrinth, route).terminated
+
+
+@given(labyrinths(), seeds)
+def test_the_same_seed_gives_the_same_route(labyrinth, seed):
+    first, second = (shortest_route(labyrinth, np.random.default_rng(seed)) for _ in "ab")
+    assert first == second
+
+
+# Limits.
+
+
+@given(labyrinths(Task.NAVIGATION, Task.KEY_AND_DOOR), st.integers(0, 6))
+def test_a_limit_cuts_the_shortest_routes_in_order(labyrinth, limit):
+    assert shortest_routes(labyrinth, limit) == shortest_routes(labyrinth)[:limit]
+
+
+def test_a_limit_gives_so_many_of_the_simple_routes_shortest_first():
+    labyrinth = without_walls(4, 4)
+    routes = set(map(tuple, simple_routes(labyrinth)))
+    assert len(routes) == 184
+    for limit in (0, 1, 7, 183, 184, 500):
+        some = list(map(tuple, simple_routes(labyrinth, limit)))
+        assert len(set(some)) == len(some) == min(limit, 184)
+        assert set(some) <= routes
+        assert some == sorted(some, key=lambda route: (len(route), route))
+
+
+def test_a_limit_stops_the_search_where_there_are_more_routes_than_anyone_could_list():
+    labyrinth = without_walls(12, 12)
+    assert len(shortest_routes(labyrinth, 10)) == 10
+    assert len(simple_routes(labyrinth, 10)) == 10
+
+
+def test_dead_ends_do_not_slow_the_search_for_simple_routes():
+    for structure in islice(sample_structures(20, 20, np.random.default_rng(6), open_walls=0), 5):
+        labyrinth = Labyrinth(structure, 0, 399)
+        assert len(simple_routes(labyrinth)) == 1
+        assert simple_routes(labyrinth) == shortest_routes(labyrinth)

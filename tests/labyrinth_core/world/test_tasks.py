@@ -1,0 +1,396 @@
+"""Where start, goal, key, door and ice lie: the heuristics, against their rules by brute force."""
+
+from collections import Counter
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from brute_force import (
+    World,
+    all_structures,
+    chi_square,
+    drawn,
+    is_connected,
+    keeps_the_rules,
+    labyrinth_of,
+    moves_to_go,
+    passages_of,
+    reachable,
+    unavoidable,
+    world_of,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import connected_structures, labyrinths, structures
+
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.tasks import (
+    _unavoidable,
+    change_start,
+    change_start_and_goal,
+    default_start_and_goal,
+    place,
+    tiles_matter,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def world_between(structure, start, goal):
+    """Return the world without tiles, also where no route leads from start to goal."""
+    height, width = structure.height, structure.width
+    return World(height, width, passages_of(structure), divmod(start, width), divmod(goal, width))
+
+
+def fewest_moves(world, **changes):
+    """Return the moves of the best route, None if none leads to the goal."""
+    world = replace(world, **changes)
+    return moves_to_go(world).get((world.start, False, False))
+
+
+def on_shortest_routes(world):
+    least = fewest_moves(world)
+    return {
+        place
+        for place in reachable(world.passages, world.start) - {world.start, world.goal}
+        if fewest_moves(world, goal=place) + fewest_moves(world, start=place) == least
+    }
+
+
+def keys_and_doors(world):
+    """Return every pair of cells that the rules allow: fetching the key has to be a detour."""
+    doors = unavoidable(world)
+    passed_by = on_shortest_routes(world)
+    return {
+        (row * world.width + column, door_row * world.width + door_column)
+        for door_row, door_column in doors
+        for row, column in reachable(world.passages, world.start, [(door_row, door_column)])
+        if (row, column) not in passed_by | {world.start}
+    }
+
+
+def ice_can_matter(world):
+    """Return whether any ice on shortest routes leaves a route, and only longer ones."""
+    least, candidates = fewest_moves(world), sorted(on_shortest_routes(world))
+    return any(
+        (fewest_moves(world, ice=frozenset(ice)) or 0) > least
+        for count in range(1, len(candidates) + 1)
+        for ice in combinations(candidates, count)
+    )
+
+
+def without_walls(height, width):
+    return Structure(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+
+
+def cell(world, letter):
+    row, column = getattr(world, letter)
+    return row * world.width + column
+
+
+def made_or_reason(make, *arguments):
+    """Return the labyrinth, or the message that says why there is none."""
+    try:
+        return make(*arguments)
+    except LabyrinthError as error:
+        return str(error)
+
+
+@st.composite
+def ends(draw, among=connected_structures):
+    """A structure, a start and a goal."""
+    structure = draw(among())
+    cells = st.integers(0, structure.cells - 1)
+    return structure, *draw(st.lists(cells, min_size=2, max_size=2, unique=True))
+
+
+def test_start_and_goal_lie_bottom_left_and_top_right_by_default():
+    assert default_start_and_goal(4, 6) == (0, 23)
+
+
+# Placing.
+
+
+@given(ends(), st.sampled_from([Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY]))
+def test_tasks_without_tiles_need_nothing_placed(where, task):
+    labyrinth = place(*where, task, np.random.default_rng(0))
+    assert labyrinth == Labyrinth(*where, task)
+    assert tiles_matter(labyrinth)
+
+
+@given(ends(), seeds)
+def test_key_and_door_are_placed_by_the_rules_wherever_they_allow_it(where, seed):
+    allowed = keys_and_doors(world_between(*where))
+    if not allowed:
+        with pytest.raises(LabyrinthError, match=r"^no place for the (key|door): no"):
+            place(*where, Task.KEY_AND_DOOR, np.random.default_rng(seed))
+        return
+    labyrinth = place(*where, Task.KEY_AND_DOOR, np.random.default_rng(seed))
+    assert (labyrinth.structure, labyrinth.start, labyrinth.goal) == where
+    assert (labyrinth.key, labyrinth.door) in allowed
+    assert keeps_the_rules(world_of(labyrinth), Task.KEY_AND_DOOR)
+    assert tiles_matter(labyrinth)
+
+
+@given(ends(), seeds, st.data())
+def test_a_key_that_is_given_stays_and_gets_a_door_if_one_fits(where, seed, data):
+    key = data.draw(st.integers(0, where[0].cells - 1))
+    doors = {door for a_key, door in keys_and_doors(world_between(*where)) if a_key == key}
+    rng = np.random.default_rng(seed)
+    if doors:
+        labyrinth = place(*where, Task.KEY_AND_DOOR, rng, key=key)
+        assert labyrinth.key == key
+        assert labyrinth.door in doors
+    else:
+        with pytest.raises(LabyrinthError, match=r"^no place for the door"):
+            place(*where, Task.KEY_AND_DOOR, rng, key=key)
+
+
+@given(ends(), seeds, st.data())
+def test_a_door_that_is_given_stays_and_gets_a_key_if_one_fits(where, seed, data):
+    door = data.draw(st.integers(0, where[0].cells - 1))
+    keys = {key for key, a_door in keys_and_doors(world_between(*where)) if a_door == door}
+    rng = np.random.default_rng(seed)
+    if keys:
+        labyrinth = place(*where, Task.KEY_AND_DOOR, rng, door=door)
+        assert labyrinth.door == door
+        assert labyrinth.key in keys
+    else:
+        with pytest.raises(LabyrinthError):
+            place(*where, Task.KEY_AND_DOOR, rng, door=door)
+
+
+@given(ends(), seeds)
+def test_ice_lies_on_shortest_routes_and_leaves_none_but_longer_ones(where, seed):
+    world = world_between(*where)
+    labyrinth = made_or_reason(place, *where, Task.ICY_FLOOR, np.random.default_rng(seed))
+    if isinstance(labyrinth, str):
+        assert labyrinth.startswith("ice would not matter: no longer route avoids")
+        return
+    icy = world_of(labyrinth)
+    assert replace(icy, ice=frozenset()) == world
+    assert icy.ice <= on_shortest_routes(world)
+    assert fewest_moves(icy) > fewest_moves(world)
+    assert tiles_matter(labyrinth)
+
+
+def test_ice_is_placed_in_every_structure_of_three_by_three_where_it_can_matter():
+    everything = [each for each in all_structures(3, 3) if is_connected(3, 3, passages_of(each))]
+    can = [each for each in everything if ice_can_matter(world_between(each, 0, 8))]
+    assert 0 < len(can) < len(everything)
+    for structure in everything:
+        for seed in range(5):
+            rng = np.random.default_rng(seed)
+            if structure in can:
+                place(structure, 0, 8, Task.ICY_FLOOR, rng)
+            else:
+                with pytest.raises(LabyrinthError, match=r"^ice would not matter"):
+                    place(structure, 0, 8, Task.ICY_FLOOR, rng)
+
+
+def test_ice_is_placed_in_larger_structures_where_it_can_matter():
+    rng = np.random.default_rng(21)
+    for _ in range(60):
+        height, width = rng.integers(3, 5, size=2).tolist()
+        structure = sample_structure(height, width, rng, open_walls=0.4)
+        start, goal = rng.choice(structure.cells, size=2, replace=False).tolist()
+        can = ice_can_matter(world_between(structure, start, goal))
+        for _ in range(5):
+            if can:
+                place(structure, start, goal, Task.ICY_FLOOR, rng)
+            else:
+                with pytest.raises(LabyrinthError, match=r"^ice would not matter"):
+                    place(structure, start, goal, Task.ICY_FLOOR, rng)
+
+
+def test_every_place_for_key_and_door_comes_up():
+    world = drawn(
+        """
+        -----------------
+        |   |   |       |
+        |   +   +   + - |
+        |           | E |
+        |   + - + - +   |
+        | S             |
+        -----------------
+        """
+    )
+    structure = labyrinth_of(world).structure
+    start, goal = cell(world, "start"), cell(world, "goal")
+    allowed = keys_and_doors(world)
+    placed = Counter()
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        labyrinth = place(structure, start, goal, Task.KEY_AND_DOOR, rng)
+        placed[labyrinth.key, labyrinth.door] += 1
+    assert len(allowed) > 10
+    assert set(placed) == allowed
+
+
+def test_the_same_seed_places_the_same_tiles():
+    structure = sample_structure(6, 6, np.random.default_rng(2), open_walls=0.15)
+    for task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR):
+        first, second = (
+            place(structure, 0, 35, task, np.random.default_rng(3)) for _ in ("once", "again")
+        )
+        assert first == second
+
+
+@pytest.mark.parametrize("task", list(Task))
+def test_a_start_or_goal_that_cannot_be_is_named_before_anything_is_placed(task):
+    island = Structure(3, 3, 0b11, 0b1)
+    for start, goal, message in (
+        (0, 0, "the start and the goal share a cell"),
+        (0, 9, "the goal is outside the grid: cell 9"),
+        (-1, 8, "the start is outside the grid: cell -1"),
+        (0, 8, "no route leads from start to goal"),
+    ):
+        with pytest.raises(LabyrinthError, match=f"^{message}$"):
+            place(island, start, goal, task, np.random.default_rng(0))
+
+
+def test_where_tiles_cannot_be_placed_the_reason_is_given():
+    room = without_walls(3, 3)
+    corridor = Structure(2, 2, 0b10, 0b0101)
+    rng = np.random.default_rng(0)
+    for structure, goal, task, given_tiles, message in (
+        (room, 8, Task.KEY_AND_DOOR, {}, "no place for the door: no cell lies on every route"),
+        (room, 8, Task.ICY_FLOOR, {}, "ice would not matter: no longer route avoids"),
+        (corridor, 2, Task.ICY_FLOOR, {}, "ice would not matter"),
+        (corridor, 2, Task.KEY_AND_DOOR, {}, "no place for the key: none is off the route"),
+        (corridor, 2, Task.KEY_AND_DOOR, {"key": 1}, "no place for the door that fits the key"),
+        (corridor, 2, Task.KEY_AND_DOOR, {"door": 1}, "no place for the key"),
+    ):
+        with pytest.raises(LabyrinthError, match=f"^{message}"):
+            place(structure, 0, goal, task, rng, **given_tiles)
+
+
+# What the heuristics stand on.
+
+
+@given(ends(structures))
+def test_unavoidable_cells_are_those_without_which_the_goal_is_cut_off(where):
+    world = world_between(*where)
+    found, _ = _unavoidable(*where)
+    if world.goal not in reachable(world.passages, world.start):
+        assert found == {}
+        return
+    assert {divmod(each, world.width) for each in found} == unavoidable(world)
+    from_start = where[0].distances(where[1])
+    assert [from_start[each] for each in found] == sorted(from_start[each] for each in found)
+
+
+@given(labyrinths())
+def test_tiles_matter_when_they_make_the_best_route_longer_than_it_would_be(labyrinth):
+    world = world_of(labyrinth)
+    plain = world.without("key", "door", "ice")
+    matter = {
+        Task.KEY_AND_DOOR: lambda: world.key not in on_shortest_routes(plain),
+        Task.ICY_FLOOR: lambda: fewest_moves(world) > fewest_moves(plain),
+    }.get(labyrinth.task, lambda: True)
+    assert tiles_matter(labyrinth) == matter()
+
+
+# Another start, another goal.
+
+
+def apart(labyrinth, start, goal):
+    (row, column), (other_row, other_column) = map(labyrinth.position, (start, goal))
+    return abs(row - other_row) + abs(column - other_column)
+
+
+@given(labyrinths(), seeds)
+def test_a_changed_start_is_another_one_far_enough_from_the_same_goal(labyrinth, seed):
+    structure = labyrinth.structure
+    changed = made_or_reason(change_start, labyrinth, np.random.default_rng(seed))
+    if isinstance(changed, str):
+        assert changed == f"no other start or goal can hold {labyrinth.task}"
+        assert labyrinth.task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR)
+        return
+    assert (changed.structure, changed.goal) == (structure, labyrinth.goal)
+    assert changed.task is labyrinth.task
+    assert changed.start not in (labyrinth.start, labyrinth.goal)
+    farthest = max(
+        apart(labyrinth, start, labyrinth.goal)
+        for start in range(structure.cells)
+        if start != labyrinth.start
+    )
+    far_enough = min((structure.height + structure.width) // 2, farthest)
+    assert apart(changed, changed.start, changed.goal) >= far_enough
+    assert tiles_matter(changed)
+
+
+@given(labyrinths(), seeds)
+def test_a_changed_start_and_goal_are_both_others_and_far_enough_apart(labyrinth, seed):
+    structure = labyrinth.structure
+    changed = made_or_reason(change_start_and_goal, labyrinth, np.random.default_rng(seed))
+    if isinstance(changed, str):
+        assert changed == f"no other start or goal can hold {labyrinth.task}"
+        assert labyrinth.task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR)
+        return
+    assert changed.structure == structure
+    assert changed.task is labyrinth.task
+    assert changed.start != labyrinth.start
+    assert changed.goal != labyrinth.goal
+    far_enough = (structure.height + structure.width) // 2
+    assert apart(changed, changed.start, changed.goal) >= far_enough
+    assert tiles_matter(changed)
+
+
+@given(labyrinths(Task.KEY_AND_DOOR, Task.ICY_FLOOR), seeds)
+def test_a_start_is_only_given_up_when_no_other_can_hold_the_task(labyrinth, seed):
+    structure, goal = labyrinth.structure, labyrinth.goal
+    others = [cell for cell in range(structure.cells) if cell not in (labyrinth.start, goal)]
+    farthest = max(apart(labyrinth, start, goal) for start in others)
+    far_enough = min((structure.height + structure.width) // 2, farthest)
+    holds = False
+    for start in others:
+        if apart(labyrinth, start, goal) >= far_enough:
+            try:
+                place(structure, start, goal, labyrinth.task, np.random.default_rng(0))
+            except LabyrinthError:
+                continue
+            holds = True
+    if holds:
+        change_start(labyrinth, np.random.default_rng(seed))
+    else:
+        with pytest.raises(LabyrinthError, match=r"^no other start or goal can hold"):
+            change_start(labyrinth, np.random.default_rng(seed))
+
+
+def test_on_two_by_two_cells_where_no_other_start_is_far_a_near_one_is_taken():
+    labyrinth = Labyrinth(without_walls(2, 2), 0, 3)
+    starts = {change_start(labyrinth, np.random.default_rng(seed)).start for seed in range(50)}
+    assert starts == {1, 2}
+    pairs = {
+        (changed.start, changed.goal)
+        for seed in range(50)
+        for changed in [change_start_and_goal(labyrinth, np.random.default_rng(seed))]
+    }
+    assert pairs == {(3, 0), (1, 2), (2, 1)}
+
+
+def test_every_start_that_is_far_enough_is_equally_likely():
+    labyrinth = Labyrinth(without_walls(4, 4), 0, 15)
+    allowed = [start for start in range(1, 15) if apart(labyrinth, start, labyrinth.goal) >= 4]
+    rng = np.random.default_rng(22)
+    counts = Counter(change_start(labyrinth, rng).start for _ in range(100 * len(allowed)))
+    assert set(counts) == set(allowed)
+    assert chi_square(counts.values(), [100.0] * len(allowed)) < 5
+
+
+def test_ice_is_laid_anew_for_another_start():
+    structure = without_walls(5, 5)
+    labyrinth = place(structure, 0, 24, Task.ICY_FLOOR, np.random.default_rng(0))
+    for seed in range(20):
+        world = world_of(change_start(labyrinth, np.random.default_rng(seed)))
+        assert world.ice <= on_shortest_routes(world.without("ice"))
+
+
+def test_a_labyrinth_that_no_other_start_can_hold_says_so():
+    corridor = Labyrinth(Structure(2, 2, 0b10, 0b0101), 1, 2, Task.KEY_AND_DOOR, key=0, door=3)
+    with pytest.raises(LabyrinthError, match=r"^no other start or goal can hold key_and_door$"):
+        change_start(corridor, np.random.default_rng(0))

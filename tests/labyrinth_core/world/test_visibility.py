@@ -1,0 +1,132 @@
+"""What the agent sees: straight and diagonal rays, as far as nothing breaks them."""
+
+from brute_force import drawn, passages_of, sees, structure_with
+from hypothesis import given
+from strategies import labyrinths, structures
+
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.visibility import visible_cells, visible_from
+
+
+def seen(picture):
+    """Return the places seen from `S`, and those marked `I`, the ones expected besides it."""
+    world = drawn(picture)
+    structure = structure_with(world.height, world.width, world.passages)
+    row, column = world.start
+    cells = visible_from(structure, row * world.width + column)
+    return {divmod(cell, world.width) for cell in cells}, {world.start, *world.ice}
+
+
+@given(structures())
+def test_exactly_the_places_on_unbroken_lines_of_sight_are_seen(structure):
+    passages, width = passages_of(structure), structure.width
+    for cell in range(structure.cells):
+        expected = {
+            target
+            for target in range(structure.cells)
+            if sees(passages, divmod(cell, width), divmod(target, width))
+        }
+        assert visible_from(structure, cell) == expected
+
+
+@given(labyrinths(Task.PARTIAL_OBSERVABILITY))
+def test_the_agent_its_start_and_its_goal_are_always_visible(labyrinth):
+    for cell in range(labyrinth.structure.cells):
+        visible = visible_cells(labyrinth, cell)
+        assert {cell, labyrinth.start, labyrinth.goal} <= visible
+        assert visible - {labyrinth.start, labyrinth.goal} <= visible_from(
+            labyrinth.structure, cell
+        )
+
+
+@given(labyrinths(Task.NAVIGATION, Task.KEY_AND_DOOR, Task.ICY_FLOOR))
+def test_other_tasks_hide_nothing(labyrinth):
+    assert visible_cells(labyrinth, labyrinth.start) is None
+
+
+def test_straight_rays_go_on_until_a_wall():
+    visible, expected = seen(
+        """
+        -----------------
+        |   | I |   |   |
+        | - +   + - + - |
+        | I   S   I |   |
+        | - +   + - + - |
+        |   | I |   |   |
+        -----------------
+        """
+    )
+    assert visible == expected
+
+
+def test_an_open_corner_is_seen_to_the_side_first():
+    visible, expected = seen(
+        """
+        ---------
+        |     I |
+        | - +   |
+        | S   I |
+        ---------
+        """
+    )
+    assert visible == expected
+
+
+def test_an_open_corner_is_not_seen_up_or_down_first():
+    visible, expected = seen(
+        """
+        ---------
+        | I     |
+        |   + - |
+        | S   I |
+        ---------
+        """
+    )
+    assert visible == expected
+
+
+def test_a_diagonal_ray_goes_on_until_one_of_its_corners_is_closed():
+    visible, expected = seen(
+        """
+        -----------------
+        |   |   |       |
+        | - + - +   + - |
+        |   |   | I     |
+        | - + - +   + - |
+        |   | I     |   |
+        | - +   + - + - |
+        | S   I |   |   |
+        -----------------
+        """
+    )
+    assert visible == expected
+
+
+def test_without_walls_row_column_and_exact_diagonals_are_seen_and_nothing_between():
+    visible, expected = seen(
+        """
+        -----------------
+        |     I       I |
+        |   +   +   +   |
+        | I   I   I     |
+        |   +   +   +   |
+        | I   S   I   I |
+        |   +   +   +   |
+        | I   I   I     |
+        -----------------
+        """
+    )
+    assert visible == expected
+
+
+def test_an_enclosed_agent_sees_its_own_cell_alone():
+    visible, expected = seen(
+        """
+        ---------
+        |       |
+        | - +   |
+        | S |   |
+        ---------
+        """
+    )
+    assert visible == expected

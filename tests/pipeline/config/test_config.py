@@ -1,0 +1,315 @@
+"""The checks of the configuration, and that schema, options and YAML say the same."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+from hypothesis import given
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+
+from labyrinth_core.data.dataset_config import SOLUTIONS, DatasetConfig
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.sampling import ALGORITHMS
+from pipeline.config.dataset import BucketsConfig, SplitsConfig, TaskConfig
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import MAX_WORKERS, OPTIONS, STAGES, RunConfig, register, resolve
+
+CONF = Path(__file__).parents[3] / "conf"
+
+
+def config(**options: Any) -> RunConfig:
+    return RunConfig(**{"stages": ["build"], "data_dir": "somewhere"} | options)
+
+
+def dataset(**options: Any) -> DatasetConfig:
+    return resolve(config(**options)).dataset
+
+
+@st.composite
+def possible_configs(draw: st.DrawFn) -> RunConfig:
+    train = draw(st.integers(1, 98))
+    validation = draw(st.integers(1, 99 - train))
+    return config(
+        size=f"{draw(st.integers(2, 299))}x{draw(st.integers(2, 299))}",
+        labyrinths=draw(st.none() | st.integers(1, 10**9)),
+        solutions=draw(st.sampled_from(SOLUTIONS)),
+        solutions_limit=draw(st.integers(1, 10**9)),
+        random_steps=draw(st.integers(1, 10**9)),
+        sampler=draw(st.sampled_from(sorted(ALGORITHMS))),
+        open_walls=draw(st.none() | st.floats(0, 1)),
+        buckets=BucketsConfig(train, validation, 100 - train - validation),
+        splits=SplitsConfig(draw(st.integers(1, 4))),
+        seed=draw(st.integers(0, 2**64 - 1)),
+        task=TaskConfig(draw(st.sampled_from([str(task) for task in Task]))),
+    )
+
+
+@given(possible_configs())
+def test_a_dataset_config_survives_the_way_to_json_and_back(possible: RunConfig) -> None:
+    resolved = resolve(possible).dataset
+    assert DatasetConfig.from_json(resolved.to_json()) == resolved
+
+
+IMPOSSIBLE = [
+    ("size", "1", "2 to 1,000"),
+    ("size", "0", "2 to 1,000"),
+    ("size", "-5", "2 to 1,000"),
+    ("size", "abc", "4x6"),
+    ("size", "4x", "4x6"),
+    ("size", "x4", "4x6"),
+    ("size", "4x6x2", "4x6"),
+    ("size", "5.0", "4x6"),
+    ("size", "", "4x6"),
+    ("size", "1x5", "2 to 1,000"),
+    ("size", "5x1", "2 to 1,000"),
+    ("size", "\u0665", "2 to 1,000"),
+    ("size", "300", "299 rows and columns"),
+    ("size", "2x1000", "299 rows and columns"),
+    ("labyrinths", 0, "1 or more"),
+    ("labyrinths", -3, "1 or more"),
+    ("solutions", "longest", "[shortest, all_shortest, all]"),
+    ("solutions", "", "[shortest, all_shortest, all]"),
+    ("solutions_limit", 0, "1 or more"),
+    ("random_steps", 0, "1 or more"),
+    ("sampler", "magic", "wilson, depth_first"),
+    ("open_walls", -0.01, "from 0 to 1"),
+    ("open_walls", 1.01, "from 0 to 1"),
+    ("open_walls", float("nan"), "from 0 to 1"),
+    ("seed", -1, "0 or more"),
+    ("seed", 2**64, "below 2**64"),
+    ("workers", 0, "from 1 to"),
+    ("workers", MAX_WORKERS + 1, "from 1 to"),
+]
+
+
+IMPOSSIBLE_TO_TRAIN = [
+    ("encoder", "vgg", "[cnn, resnet18, mlp]"),
+    ("encoder", "mlp", "observation=vector"),
+    ("pool_stride", 3, "[1, 2]"),
+    ("observation", "sound", "[image, vector]"),
+    ("protocol", "mine", "[default, paper]"),
+    ("device", "tpu", "[auto, cpu, cuda]"),
+    ("threads", 0, "from 1 to"),
+    ("results_dir", " ", "give a folder"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "allowed"), IMPOSSIBLE_TO_TRAIN)
+def test_an_impossible_option_of_training_is_refused_where_something_is_trained(
+    name: str, value: Any, allowed: str
+) -> None:
+    assert resolve(config(**{name: value})).training is None
+    with pytest.raises(ConfigError) as caught:
+        resolve(config(stages=["train"], **{name: value}))
+    message = str(caught.value)
+    assert message.startswith(name)
+    assert allowed in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", ["", "BC", "os.path", "../bc", None])
+def test_the_name_of_a_method_is_an_identifier(name: str | None) -> None:
+    with pytest.raises(ConfigError, match=r"^method.name=.*: give the name of a method"):
+        resolve(config(stages=["train"], method={"name": name}))
+
+
+@pytest.mark.parametrize(("name", "value", "allowed"), IMPOSSIBLE)
+def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allowed: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        resolve(config(**{name: value}))
+    message = str(caught.value)
+    assert message.startswith(f"{name}={value}")
+    assert allowed in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ({"stages": []}, ["stages=[]", *STAGES]),
+        ({"stages": ["build", "sell"]}, ["stages=[build, sell]", *STAGES]),
+        ({"splits": SplitsConfig(0)}, ["splits.min_walls=0", "1 to 40"]),
+        ({"splits": SplitsConfig(13), "size": "3"}, ["splits.min_walls=13", "1 to 12"]),
+        ({"data_dir": ""}, ["data_dir is empty"]),
+        ({"data_dir": "  "}, ["data_dir is empty"]),
+        ({"run_dir": " "}, ["run_dir is empty"]),
+        ({"task": TaskConfig("chess")}, ["task=chess", "key_and_door"]),
+        ({"buckets": BucketsConfig(50, 33, 33)}, ["buckets=[50, 33, 33]", "add up to 100"]),
+        ({"buckets": BucketsConfig(100, 0, 0)}, ["buckets=[100, 0, 0]", "1 or more"]),
+        ({"buckets": BucketsConfig(102, -1, -1)}, ["buckets=[102, -1, -1]", "1 or more"]),
+    ],
+)
+def test_impossible_combinations_are_refused_in_one_line(
+    options: dict[str, Any], parts: list[str]
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        resolve(config(**options))
+    message = str(caught.value)
+    assert all(part in message for part in parts)
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("place", "name"), [("", "foo"), ("buckets", "buckets.foo"), ("task", "task.foo")]
+)
+def test_an_option_that_was_added_is_refused(place: str, name: str) -> None:
+    given_config = config()
+    vars(getattr(given_config, place) if place else given_config)["foo"] = 1
+    with pytest.raises(ConfigError, match=f"^{name}: no options; choose from"):
+        resolve(given_config)
+
+
+def test_a_size_is_height_by_width() -> None:
+    resolved = dataset(size="4x6")
+    assert (resolved.height, resolved.width, resolved.name) == (4, 6, "4x6")
+    assert dataset(size=" 7 ").name == "7x7"
+
+
+@pytest.mark.parametrize("task", list(Task))
+def test_a_task_is_part_of_the_name_unless_it_is_navigation(task: Task) -> None:
+    expected = "5x5" if task is Task.NAVIGATION else f"5x5-{task}"
+    assert dataset(task=TaskConfig(str(task))).name == expected
+
+
+@pytest.mark.parametrize(
+    ("size", "labyrinths", "open_walls"),
+    [
+        ("3", 32, 0.12),
+        ("4", 100, 0.09),
+        ("5", 100, 0.08),
+        ("25", 100, 0.08),
+        ("2x3", 100, 0.08),
+        ("3x4", 100, 0.08),
+    ],
+)
+def test_sizes_have_their_presets(size: str, labyrinths: int, open_walls: float) -> None:
+    resolved = dataset(size=size)
+    assert (resolved.labyrinths, resolved.open_walls) == (labyrinths, open_walls)
+
+
+def test_what_is_given_wins_over_the_presets() -> None:
+    resolved = dataset(size="3", labyrinths=7, open_walls=0)
+    assert (resolved.labyrinths, resolved.open_walls) == (7, 0)
+
+
+def test_a_run_knows_its_folder() -> None:
+    assert resolve(config(data_dir="a", size="4x6")).folder == Path("a/4x6")
+    assert resolve(config(data_dir="~/a")).data_dir == Path.home() / "a"
+
+
+def test_the_folder_of_a_run_tells_what_was_trained() -> None:
+    plain = resolve(config(stages=["train"], seed=3)).training
+    other = resolve(
+        config(
+            stages=["train"],
+            method={"name": "iupe", "epochs": 7},
+            encoder="resnet18",
+            pool_stride=2,
+            protocol="paper",
+            run_dir="~/runs",
+        )
+    ).training
+    assert plain is not None
+    assert other is not None
+    assert plain.folder("5x5") == Path("runs/5x5/bc-cnn-seed3")
+    assert other.folder("4x6").parent == Path.home() / "runs" / "4x6"
+    assert other.name == "iupe-resnet18-seed0-stride2-paper"
+    assert dict(other.settings) == {"epochs": 7}
+
+
+def test_options_document_exactly_the_fields_of_the_schema() -> None:
+    documented = set()
+    for name, default in vars(RunConfig()).items():
+        nested = (
+            {f"{name}.{field.name}" for field in fields(default)}
+            if is_dataclass(default)
+            else set()
+        )
+        documented |= nested if nested & set(OPTIONS) else {name}
+    assert set(OPTIONS) == documented
+    assert all(OPTIONS.values())
+
+
+def test_the_yaml_sets_exactly_the_fields_of_the_schema() -> None:
+    values = yaml.safe_load((CONF / "config.yaml").read_text())
+    names = set(values) - {"defaults", "hydra"} | {"task", "method"}
+    schema = RunConfig()
+    assert names == set(vars(schema))
+    for name in names - {"task", "method"}:
+        if is_dataclass(getattr(schema, name)):
+            assert set(values[name]) == set(vars(getattr(schema, name)))
+
+
+def test_the_yaml_sets_the_defaults_of_the_schema() -> None:
+    values = yaml.safe_load((CONF / "config.yaml").read_text())
+    schema = RunConfig(data_dir="data/labyrinth")
+    for name in set(values) - {"defaults", "hydra", "stages"}:
+        default = getattr(schema, name)
+        assert str(values[name]) == str(vars(default) if is_dataclass(default) else default), name
+
+
+def test_there_is_a_yaml_file_for_each_task_and_no_other() -> None:
+    files = {path.stem: yaml.safe_load(path.read_text()) for path in (CONF / "task").iterdir()}
+    assert files == {str(task): {"name": str(task)} for task in Task}
+
+
+@pytest.mark.parametrize("task", list(Task))
+def test_hydra_composes_what_resolve_takes(task: Task) -> None:
+    register()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        composed = compose("config", [f"task={task}", "size=4x6", "seed=3"])
+    run = resolve(OmegaConf.to_object(composed))
+    assert run.stages[:2] == ("build", "validate")
+    assert set(run.stages) <= set(STAGES)
+    assert run.dataset == dataset(size="4x6", seed=3, task=TaskConfig(str(task)))
+
+
+WRONG_KINDS = {
+    "height": [None, "5", 5.0, True, -5, 0, 300, 10**30],
+    "width": [None, "5", 1],
+    "task": [None, "chess", 3, ["navigation"]],
+    "labyrinths": [None, "8", 0, 1.5, True],
+    "solutions": [None, "longest", 1],
+    "solutions_limit": [None, 0, "x"],
+    "random_steps": [None, 0, 1e3],
+    "sampler": [None, "magic", {}],
+    "open_walls": [None, "0.1", -1.0, 2.0, float("nan"), True],
+    "buckets": [None, 34, [34, 33], [34, 33, 33, 0], [34.0, 33, 33], [90, 33, 33], "abc", {}],
+    "seed": [None, -1, 2**64, "0", False],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [(name, value) for name, values in WRONG_KINDS.items() for value in values]
+)
+def test_json_of_another_kind_is_no_dataset_config(name: str, value: Any) -> None:
+    good = dataset().to_json()
+    with pytest.raises(ValueError, match=r"a dataset's config|give|choose one of|at most"):
+        DatasetConfig.from_json(good | {name: value})
+
+
+@pytest.mark.parametrize("value", [None, 0, -1, 41, "2", 2.0, True, [2]])
+def test_json_with_another_kind_of_walls_is_no_dataset_config(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"a dataset's config|give 1 to 40"):
+        DatasetConfig.from_json(dataset().to_json() | {"min_walls": value})
+
+
+def test_a_dataset_that_does_not_use_the_least_walls_is_described_as_before_there_were_any() -> (
+    None
+):
+    assert "min_walls" not in dataset().to_json()
+    assert dataset(splits=SplitsConfig(3)).to_json()["min_walls"] == 3
+
+
+def test_json_with_other_fields_is_no_dataset_config() -> None:
+    good = dataset().to_json()
+    assert set(WRONG_KINDS) == set(good)
+    for changed in [good | {"extra": 1}, {k: v for k, v in good.items() if k != "seed"}, {}]:
+        with pytest.raises(ValueError, match="a dataset's config has the fields"):
+            DatasetConfig.from_json(changed)

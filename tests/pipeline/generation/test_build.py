@@ -1,0 +1,730 @@
+"""What a build leaves on disk: bytes, rows, names, the card's front matter; and how it goes on."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from datasets import ClassLabel, Features, Value, load_dataset
+from datasets import Image as ImageFeature
+from joblib.externals.loky import get_reusable_executor
+from PIL import Image
+from tampering import Rows, episode_starts, fingerprint, read_rows
+
+from labyrinth_core.data.columns import NO_ACTION, SAMPLED_SPLITS, SPLITS, Row, arrow_schema
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.language.text import parse
+from labyrinth_core.pictures.png import Mosaic, Strip
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rollout import replay
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import render, workplace, write
+from pipeline.generation.validate import validate
+from pipeline.machinery import front_matter
+from pipeline.machinery.executor import ordered_map
+from pipeline.release.statistics import measure
+
+Build = Callable[..., Run]
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def rows_by_split(folder: Path) -> dict[str, Rows]:
+    manifest = Manifest.read(folder)
+    return {
+        split: [row for shard in manifest.of(split) for row in read_rows(folder / shard.path)]
+        for split in SPLITS
+    }
+
+
+def episodes_of(rows: Rows) -> Iterator[Rows]:
+    starts = episode_starts(rows)
+    for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
+        yield rows[start:end]
+
+
+# The same bytes.
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"size": "2x4", "labyrinths": 1, "solutions": "all"},
+        *({"size": "4", "task": str(task), "labyrinths": 3} for task in Task),
+    ],
+    ids=str,
+)
+def test_two_builds_are_the_same_byte_for_byte(
+    build: Build, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    first, second = (build(tmp_path / name, **options).data_dir for name in ("a", "b"))
+    assert content_of(first) == content_of(second)
+
+
+def test_another_seed_gives_other_rows(build: Build, tmp_path: Path, small_dataset: Run) -> None:
+    other = Manifest.read(build(tmp_path, seed=1).folder)
+    here = Manifest.read(small_dataset.folder)
+    assert other.fingerprint != here.fingerprint
+    assert not {s.fingerprint for s in other.shards} & {s.fingerprint for s in here.shards}
+
+
+def test_two_workers_make_the_bytes_that_one_makes(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    try:
+        folder = build(tmp_path, workers=2).folder
+        problems = validate(folder, Manifest.read(folder), workers=2)
+    finally:
+        get_reusable_executor().shutdown(wait=True)
+    assert content_of(folder) == content_of(small_dataset.folder)
+    assert problems == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_map_keeps_the_order(workers: int) -> None:
+    try:
+        assert list(ordered_map(abs, range(-40, 0), workers)) == list(range(40, 0, -1))
+    finally:
+        if workers > 1:
+            get_reusable_executor().shutdown(wait=True)
+
+
+def test_several_shards_hold_the_rows_that_one_holds(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 3 * 9)
+    first, second = (build(tmp_path / name).folder for name in ("a", "b"))
+    assert content_of(first) == content_of(second)
+    manifest = Manifest.read(first)
+    for split in SPLITS:
+        assert [(shard.path, shard.labyrinths) for shard in manifest.of(split)] == [
+            (f"{split}-00000-of-00003.parquet", 3),
+            (f"{split}-00001-of-00003.parquet", 3),
+            (f"{split}-00002-of-00003.parquet", 2),
+        ]
+    assert rows_by_split(first) == rows_by_split(small_dataset.folder)
+
+
+class OtherMosaic(Mosaic):
+    """Encodes a picture as another library would: the same pixels in other bytes."""
+
+    def __init__(self, strips: Sequence[Strip], width: int) -> None:
+        self.strips, self.width = strips, width
+
+    def encode(self, changes: Mapping[int, Strip]) -> bytes:
+        strips = [changes.get(place, strip) for place, strip in enumerate(self.strips)]
+        rows = b"".join(row * count for strip in strips for row, count in strip)
+        file = io.BytesIO()
+        Image.frombytes("RGB", (self.width, len(rows) // (3 * self.width)), rows).save(
+            file, "PNG", compress_level=1
+        )
+        return file.getvalue()
+
+
+def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_path: Path) -> None:
+    small = {"labyrinths": 2, "random_steps": 20}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render, "Mosaic", OtherMosaic)
+        versions = current_versions() | {"png": "Pillow, deflate level 1"}
+        patch.setattr(generation, "current_versions", lambda: versions)
+        folder = build(tmp_path / "other", **small).folder
+    here, other = Manifest.read(build(tmp_path, **small).folder), Manifest.read(folder)
+    assert other.fingerprint == here.fingerprint
+    for shard, recompressed in zip(here.shards, other.shards, strict=True):
+        assert recompressed.fingerprint == shard.fingerprint
+        assert recompressed.sha256 != shard.sha256
+    assert validate(folder, other) == []
+
+
+def test_fingerprints_are_those_of_the_decoded_rows(small_dataset: Run) -> None:
+    for shard in Manifest.read(small_dataset.folder).shards:
+        rows = read_rows(small_dataset.folder / shard.path)
+        assert fingerprint(rows) == shard.fingerprint
+        rows[-1]["info"] += " "
+        assert fingerprint(rows) != shard.fingerprint
+
+
+# The files.
+
+
+def test_a_finished_folder_holds_shards_and_a_manifest_and_nothing_else(
+    small_dataset: Run,
+) -> None:
+    shards = {f"{split}-00000-of-00001.parquet" for split in SPLITS}
+    assert {path.name for path in small_dataset.folder.iterdir()} == shards | {MANIFEST}
+    assert {path.name for path in small_dataset.data_dir.iterdir()} == {"3x3", "README.md"}
+
+
+def test_the_manifest_says_what_the_files_hold(small_dataset: Run) -> None:
+    manifest = Manifest.read(small_dataset.folder)
+    assert manifest.config == small_dataset.dataset
+    assert manifest.versions == current_versions()
+    for shard in manifest.shards:
+        path = small_dataset.folder / shard.path
+        rows = read_rows(path)
+        episodes = list(episodes_of(rows))
+        assert shard == Shard(
+            path=path.name,
+            split=shard.split,
+            labyrinths=len({row["info"] for row in rows}),
+            episodes=len(episodes),
+            rows=len(rows),
+            longest=max(map(len, episodes)) - 1,
+            cut=0,
+            bytes=path.stat().st_size,
+            sha256=shard.sha256,
+            fingerprint=shard.fingerprint,
+        )
+        assert shard.labyrinths == 8
+
+
+def test_the_schema_is_the_one_that_datasets_makes_of_the_features() -> None:
+    names = ["up", "right", "down", "left"]
+    features = Features(
+        {
+            "obs": ImageFeature(),
+            "actions": ClassLabel(names=names),
+            "rewards": Value("float32"),
+            "episode_starts": Value("bool"),
+            "info": Value("string"),
+        }
+    )
+    assert arrow_schema().equals(features.arrow_schema, check_metadata=True)
+    assert arrow_schema().metadata == features.arrow_schema.metadata
+
+
+def test_row_groups_never_divide_an_episode(small_dataset: Run) -> None:
+    groups = 0
+    for shard in Manifest.read(small_dataset.folder).shards:
+        with pq.ParquetFile(small_dataset.folder / shard.path) as file:
+            assert file.schema_arrow.equals(arrow_schema(), check_metadata=True)
+            for group in range(file.num_row_groups):
+                rows = file.read_row_group(group).to_pylist()
+                assert rows[0]["episode_starts"]
+                assert rows[-1]["actions"] == -1
+                groups += 1
+    assert groups > len(SPLITS)
+
+
+def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like_any_other(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write, "GROUP_BYTES", 20_000)
+    monkeypatch.setattr(render, "DRAWN_AT_ONCE", 3)
+    run = build(tmp_path)
+    (shard,) = Manifest.read(run.folder).of("random")
+    with pq.ParquetFile(run.folder / shard.path) as file:
+        sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
+    assert shard.longest == 100
+    assert max(sizes) < 20
+    assert rows_by_split(run.folder) == rows_by_split(small_dataset.folder)
+    divided, whole = (Manifest.read(each.folder) for each in (run, small_dataset))
+    for part, same in zip(divided.shards, whole.shards, strict=True):
+        assert replace(part, bytes=same.bytes, sha256=same.sha256) == same
+    assert validate(run.folder, divided) == []
+    found = [
+        measure(*each).splits for each in ((run.folder, divided), (small_dataset.folder, whole))
+    ]
+    assert str(found[0]) == str(found[1])
+    loaded = [load_episodes(each.data_dir, "3x3", split="random") for each in (run, small_dataset)]
+    for one, other in zip(*loaded, strict=True):
+        assert one.info == other.info
+        assert np.array_equal(one.observations, other.observations)
+
+
+def test_pictures_can_be_skipped_without_reading_statistics_of_them(small_dataset: Run) -> None:
+    path = small_dataset.folder / "train-00000-of-00001.parquet"
+    actions = [row["actions"] for row in read_rows(path)]
+    with pq.ParquetFile(path) as file:
+        group = file.metadata.row_group(0)
+        columns = {group.column(n).path_in_schema: group.column(n) for n in range(6)}
+    assert columns["obs.bytes"].statistics is None
+    statistics = columns["actions"].statistics
+    assert (statistics.min, statistics.max) == (-1, max(actions))
+    assert {column.compression for column in columns.values()} == {"ZSTD"}
+
+
+def test_a_text_is_stored_once_in_a_row_group(small_dataset: Run) -> None:
+    with pq.ParquetFile(small_dataset.folder / "random-00000-of-00001.parquet") as file:
+        for number in range(file.num_row_groups):
+            texts = file.read_row_group(number, columns=["info"])["info"].to_pylist()
+            stored = file.metadata.row_group(number).column(5)
+            assert stored.path_in_schema == "info"
+            once = sum(4 + len(text) for text in set(texts))
+            assert once < stored.total_uncompressed_size < once + 4 * len(texts) + 100
+
+
+def test_a_file_that_cannot_be_finished_leaves_nothing(tmp_path: Path) -> None:
+    def episodes() -> Iterator[Any]:
+        yield [Row(b"", "", NO_ACTION, 0.0, True, "", bytes(16))]
+        raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="the disk is full"):
+        write.write(tmp_path / "train-00000-of-00001.parquet", episodes())
+    assert list(tmp_path.iterdir()) == []
+
+
+# As loaded by others.
+
+
+def test_load_dataset_reads_the_folder(small_dataset: Run) -> None:
+    loaded = load_dataset(str(small_dataset.data_dir), "3x3")
+    manifest = Manifest.read(small_dataset.folder)
+    assert list(loaded) == list(SPLITS)
+    for split, dataset in loaded.items():
+        assert len(dataset) == manifest.of(split)[0].rows
+        assert dataset.column_names == ["obs", "actions", "rewards", "episode_starts", "info"]
+        assert dataset.features["obs"].dtype == "PIL.Image.Image"
+        assert dataset.features["actions"].names == ["up", "right", "down", "left"]
+        kinds = [dataset.features[c].dtype for c in ("rewards", "episode_starts", "info")]
+        assert kinds == ["float32", "bool", "string"]
+        row = dataset[0]
+        assert (row["obs"].mode, row["obs"].size) == ("RGB", (600, 600))
+        assert dataset[-1]["actions"] == -1
+
+
+def test_load_dataset_streams_the_folder(small_dataset: Run) -> None:
+    for split, rows in rows_by_split(small_dataset.folder).items():
+        stream = load_dataset(str(small_dataset.data_dir), "3x3", split=split, streaming=True)
+        loaded = list(stream.take(12))
+        assert {row["obs"].size for row in loaded} == {(600, 600)}
+        for column in ("actions", "rewards", "episode_starts", "info"):
+            assert [row[column] for row in loaded] == [row[column] for row in rows[:12]]
+
+
+def test_a_picture_opens_as_three_channels_without_conversion(small_dataset: Run) -> None:
+    # The way of the authors' BaselineDataset, imitation_datasets.dataset.
+    for rows in rows_by_split(small_dataset.folder).values():
+        picture = np.array(Image.open(io.BytesIO(rows[0]["obs"]["bytes"])))
+        assert (picture.shape, picture.dtype) == ((600, 600, 3), np.uint8)
+
+
+# The rows.
+
+
+@pytest.fixture(scope="module", params=[str(task) for task in Task])
+def any_task(request: pytest.FixtureRequest, build: Build, tmp_path_factory: Any) -> Run:
+    folder = tmp_path_factory.mktemp("task")
+    return build(folder, size="4", task=request.param, labyrinths=4, random_steps=150)
+
+
+def test_demonstrations_end_at_the_goal_and_their_rewards_add_up(any_task: Run) -> None:
+    for split, rows in rows_by_split(any_task.folder).items():
+        for episode in episodes_of(rows):
+            assert [row["actions"] for row in episode].index(-1) == len(episode) - 1
+            assert episode[-1]["rewards"] == 0.0
+            if split != "random":
+                moves = len(episode) - 1
+                total = sum(row["rewards"] for row in episode)
+                assert total == pytest.approx(1 - 0.1 / 16 * (moves - 1), abs=1e-6)
+
+
+def test_the_random_split_spends_its_steps_on_each_structure_of_train(any_task: Run) -> None:
+    rows = rows_by_split(any_task.folder)
+    train = list(dict.fromkeys(row["info"] for row in rows["train"]))
+    assert list(dict.fromkeys(row["info"] for row in rows["random"])) == train
+    actions = set()
+    for info, group in groupby(rows["random"], key=lambda row: row["info"]):
+        episodes = list(episodes_of(list(group)))
+        taken = [[row["actions"] for row in episode[:-1]] for episode in episodes]
+        assert sum(map(len, taken)) == 150
+        labyrinth = parse(info)
+        ended = [replay(labyrinth, episode).terminated for episode in taken]
+        assert all(ended[:-1])
+        actions |= {action for episode in taken for action in episode}
+    assert actions == {0, 1, 2, 3}
+
+
+def test_random_episodes_are_cut_at_the_budget(small_dataset: Run) -> None:
+    rows = rows_by_split(small_dataset.folder)["random"]
+    cut = [episode for episode in episodes_of(rows) if episode[-2]["rewards"] != 1.0]
+    assert cut
+    assert all(episode[-1]["actions"] == -1 for episode in cut)
+
+
+def test_names_of_pictures_are_unique_and_tell_their_place(any_task: Run) -> None:
+    seen: list[str] = []
+    for split, rows in rows_by_split(any_task.folder).items():
+        names = [row["obs"]["path"] for row in rows]
+        assert names == sorted(names)
+        assert {name.split("-")[0] for name in names} == {split}
+        infos = list(dict.fromkeys(row["info"] for row in rows))
+        for row in rows:
+            assert int(row["obs"]["path"].split("-")[1]) == infos.index(row["info"])
+        seen += names
+    assert len(set(seen)) == len(seen)
+
+
+def drawn(info: str) -> tuple[dict[tuple[int, int], list[tuple[int, int]]], Any, Any]:
+    """Read a drawing character by character: what joins each cell, the start, the goal."""
+    lines = info.partition("labyrinth:\n")[2].partition("\nend")[0].splitlines()[1:-1]
+    tiles, beside = {}, {}
+    for y in range(0, len(lines), 2):
+        for x in range(2, len(lines[0]) - 1, 4):
+            tiles[lines[y][x]] = (x, y)
+            beside[x, y] = [
+                (x + 2 * dx, y + dy)
+                for dx, dy in ((2, 0), (-2, 0), (0, 2), (0, -2))
+                if 0 <= y + dy < len(lines) and lines[y + dy // 2][x + dx] == " "
+            ]
+    return beside, tiles["S"], tiles["E"]
+
+
+WAYS = {(0, -2): 0, (4, 0): 1, (0, 2): 2, (-4, 0): 3}
+
+
+def every_simple_route(info: str) -> list[list[int]]:
+    beside, start, goal = drawn(info)
+    routes = []
+
+    def walk(cells: list[tuple[int, int]], actions: list[int]) -> None:
+        if cells[-1] == goal:
+            routes.append(actions)
+            return
+        x, y = cells[-1]
+        for cell in beside[x, y]:
+            if cell not in cells:
+                walk([*cells, cell], [*actions, WAYS[cell[0] - x, cell[1] - y]])
+
+    walk([start], [])
+    return routes
+
+
+def routes_in(rows: Rows) -> Iterator[tuple[str, list[list[int]]]]:
+    for info, group in groupby(rows, key=lambda row: row["info"]):
+        episodes = episodes_of(list(group))
+        yield info, [[row["actions"] for row in episode[:-1]] for episode in episodes]
+
+
+@pytest.mark.parametrize("size", ["3", "4", "5", "2x5"])
+def test_all_solutions_are_each_simple_route_exactly_once(
+    build: Build, tmp_path: Path, size: str
+) -> None:
+    options = {"size": size, "solutions": "all", "open_walls": 0.2, "random_steps": 1}
+    folder = build(tmp_path, **options, labyrinths=4).folder
+    for split, rows in rows_by_split(folder).items():
+        if split != "random":
+            for info, routes in routes_in(rows):
+                assert sorted(routes) == sorted(every_simple_route(info))
+    assert all(shard.cut == 0 for shard in Manifest.read(folder).shards)
+
+
+@pytest.mark.parametrize("solutions", ["shortest", "all_shortest"])
+def test_shortest_solutions_are_the_shortest_of_all(
+    build: Build, tmp_path: Path, solutions: str
+) -> None:
+    options = {"size": "4", "open_walls": 0.4, "labyrinths": 6, "random_steps": 1}
+    folder = build(tmp_path, **options, solutions=solutions).folder
+    several = 0
+    for split in (*SAMPLED_SPLITS, "s0", "s0_and_g"):
+        for info, routes in routes_in(rows_by_split(folder)[split]):
+            simple = every_simple_route(info)
+            shortest = [route for route in simple if len(route) == min(map(len, simple))]
+            several += len(shortest) > 1
+            if solutions == "shortest":
+                assert len(routes) == 1
+                assert routes[0] in shortest
+            else:
+                assert sorted(routes) == sorted(shortest)
+    assert several > 0
+
+
+def test_a_limit_of_solutions_is_kept_and_reported(
+    build: Build, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = {"size": "4", "open_walls": 0.3, "labyrinths": 6, "random_steps": 1}
+    folder = build(tmp_path, **options, solutions="all", solutions_limit=2).folder
+    printed = " ".join(capsys.readouterr().out.split())
+    reported = []
+    for shard in Manifest.read(folder).shards:
+        rows = read_rows(folder / shard.path)
+        if shard.split == "random":
+            assert shard.cut == 0
+            continue
+        cut = 0
+        for info, routes in routes_in(rows):
+            simple = every_simple_route(info)
+            assert len(routes) == min(2, len(simple))
+            assert all(route in simple for route in routes)
+            cut += len(simple) >= 2
+        assert shard.cut == cut
+        reported += [f"{cut} of {shard.split}"] if cut else []
+    assert reported
+    assert f"solutions_limit=2 left out routes of labyrinths: {', '.join(reported)}." in printed
+
+
+# Going on after an end that came too soon.
+
+
+class TooSoonError(BaseException):
+    """The end of a process, as far as the build is concerned."""
+
+
+@pytest.fixture
+def stop_after(build: Build) -> Callable[..., Path]:
+    """A function that begins a build, ends it after some shards, and returns its folder."""
+
+    def begin(data_dir: Path, shards: int, **options: Any) -> Path:
+        make_shard, made = generation.make_shard, []
+
+        def make_some(job: generation.ShardJob) -> Shard:
+            if len(made) == shards:
+                raise TooSoonError
+            made.append(job)
+            return make_shard(job)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(generation, "make_shard", make_some)
+            with pytest.raises(TooSoonError):
+                build(data_dir, **options)
+        return data_dir / ".3x3.building"
+
+    return begin
+
+
+def identity(path: Path) -> tuple[int, int]:
+    return path.stat().st_ino, path.stat().st_mtime_ns
+
+
+def test_a_build_goes_on_from_the_finished_shards(
+    build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
+) -> None:
+    building = stop_after(tmp_path, 3)
+    assert {path.name for path in tmp_path.iterdir()} == {building.name}
+    finished = {path.name: identity(path) for path in building.glob("shards/*.parquet")}
+    assert len(finished) == 3
+    folder = build(tmp_path).folder
+    assert content_of(folder) == content_of(small_dataset.folder)
+    assert {name: identity(folder / name) for name in finished} == finished
+    assert not building.exists()
+
+
+@pytest.mark.parametrize("damage", ["shard", "sidecar", "no sidecar", "no shard", "a stray file"])
+def test_a_damaged_shard_is_made_again(
+    build: Build,
+    stop_after: Callable[..., Path],
+    tmp_path: Path,
+    small_dataset: Run,
+    damage: str,
+) -> None:
+    building = stop_after(tmp_path, 2)
+    shard, other = sorted(building.glob("shards/*.parquet"))
+    sidecar = building / f"{shard.stem}.json"
+    if damage == "shard":
+        shard.write_bytes(shard.read_bytes()[:-1] + b"?")
+    elif damage == "sidecar":
+        sidecar.write_text('{"path": [')
+    elif damage == "a stray file":
+        (building / ".labyrinth-0").mkdir()
+        (building / ".labyrinth-0" / "test-00000-of-00001.parquet").write_bytes(b"half of it")
+    else:
+        (shard if damage == "no shard" else sidecar).unlink()
+    kept = identity(other)
+    folder = build(tmp_path).folder
+    assert content_of(folder) == content_of(small_dataset.folder)
+    assert identity(folder / other.name) == kept
+
+
+@pytest.mark.parametrize("options", [{"seed": 1}, {"labyrinths": 7}, {"random_steps": 99}], ids=str)
+def test_what_another_configuration_left_is_discarded(
+    build: Build,
+    stop_after: Callable[..., Path],
+    tmp_path: Path,
+    small_dataset: Run,
+    options: dict[str, Any],
+) -> None:
+    stop_after(tmp_path, 5, **options)
+    assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
+
+
+def test_what_another_version_left_is_discarded(
+    build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render, "Mosaic", OtherMosaic)
+        patch.setattr(workplace, "current_versions", lambda: {"png": "another"})
+        stop_after(tmp_path, 3)
+    assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
+
+
+def test_a_build_that_ends_before_its_first_shard_leaves_nothing(
+    stop_after: Callable[..., Path], tmp_path: Path
+) -> None:
+    stop_after(tmp_path / "new" / "folders", 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_labyrinths_than_there_are_leave_nothing(build: Build, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there can be"):
+        build(tmp_path / "new", labyrinths=300)
+    assert list(tmp_path.iterdir()) == []
+
+
+# Over a folder that is not empty.
+
+
+def test_a_finished_dataset_is_left_alone(
+    build: Build, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = build(tmp_path)
+    before = {path: identity(path) for path in run.folder.iterdir()}
+    card = (tmp_path / "README.md").read_bytes()
+    capsys.readouterr()
+    build(tmp_path)
+    assert "is complete already" in capsys.readouterr().out
+    assert {path: identity(path) for path in run.folder.iterdir()} == before
+    assert (tmp_path / "README.md").read_bytes() == card
+
+
+def test_a_dataset_of_another_configuration_stops_the_build_and_says_what_differs(
+    build: Build, tmp_path: Path
+) -> None:
+    build(tmp_path, labyrinths=2, random_steps=5)
+    before = content_of(tmp_path)
+    with pytest.raises(DatasetError, match=r"seed=0, not 1; choose|random_steps=5, not 6; seed=0"):
+        build(tmp_path, labyrinths=2, random_steps=6, seed=1)
+    assert content_of(tmp_path) == before
+
+
+def test_overwrite_replaces_a_dataset_once_the_new_one_is_finished(
+    build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
+) -> None:
+    build(tmp_path, labyrinths=2, random_steps=5)
+    before = content_of(tmp_path / "3x3")
+    stop_after(tmp_path, 4, overwrite=True)
+    assert content_of(tmp_path / "3x3") == before
+    build(tmp_path, overwrite=True)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+    assert {path.name for path in tmp_path.iterdir()} == {"3x3", "README.md"}
+
+
+def test_files_that_are_no_dataset_stop_the_build_unless_they_may_be_replaced(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    (tmp_path / "3x3").mkdir()
+    (tmp_path / "3x3" / "thesis.txt").write_text("years of work")
+    with pytest.raises(DatasetError, match="holds files but no finished dataset"):
+        build(tmp_path)
+    assert (tmp_path / "3x3" / "thesis.txt").read_text() == "years of work"
+    assert content_of(build(tmp_path, overwrite=True).folder) == content_of(small_dataset.folder)
+
+
+def test_an_empty_folder_in_its_place_is_used(build: Build, tmp_path: Path) -> None:
+    (tmp_path / "3x3").mkdir()
+    assert Manifest.read(build(tmp_path, labyrinths=1).folder).config.labyrinths == 1
+
+
+# The front matter of the card.
+
+
+def front_of(data_dir: Path) -> dict[str, Any]:
+    _, front, _ = (data_dir / "README.md").read_text().split("---\n", 2)
+    return yaml.safe_load(front)
+
+
+def test_the_card_lists_every_finished_config_with_true_counts(
+    build: Build, tmp_path: Path
+) -> None:
+    options = {"labyrinths": 1, "random_steps": 3}
+    for other in ({"size": "4x3"}, {"size": "3", "task": "key_and_door"}, {"size": "3"}):
+        build(tmp_path, **options | other)
+    front = front_of(tmp_path)
+    names = ["3x3-key_and_door", "3x3", "4x3"]
+    assert sorted(config["config_name"] for config in front["configs"]) == sorted(names)
+    assert [c["config_name"] for c in front["configs"]] == [
+        i["config_name"] for i in front["dataset_info"]
+    ]
+    assert front["configs"][0]["default"] is True
+    assert not any("default" in config for config in front["configs"][1:])
+    for config, info in zip(front["configs"], front["dataset_info"], strict=True):
+        name = config["config_name"]
+        assert config["data_files"] == [
+            {"split": split, "path": f"{name}/{split}-*.parquet"} for split in SPLITS
+        ]
+        files = {s: tmp_path / name / f"{s}-00000-of-00001.parquet" for s in SPLITS}
+        assert info["splits"] == [
+            {
+                "name": split,
+                "num_bytes": path.stat().st_size,
+                "num_examples": pq.read_metadata(path).num_rows,
+            }
+            for split, path in files.items()
+        ]
+        total = sum(path.stat().st_size for path in files.values())
+        assert info["download_size"] == info["dataset_size"] == total
+        assert load_dataset(str(tmp_path), name, split="random").num_rows >= 3
+
+
+def test_5x5_is_the_default_wherever_it_is(build: Build, tmp_path: Path) -> None:
+    for size in ("3", "5", "6"):
+        build(tmp_path, size=size, labyrinths=1, random_steps=1)
+    assert [c["config_name"] for c in front_of(tmp_path)["configs"] if c.get("default")] == ["5x5"]
+
+
+def test_other_keys_and_the_text_below_stay(build: Build, tmp_path: Path) -> None:
+    build(tmp_path, labyrinths=1)
+    path = tmp_path / "README.md"
+    fence, front, _ = path.read_text().split("---\n", 2)
+    mine = "\n# Mine\n\n---\n\nAn encyclopaedia of mazes: naïve, 迷路.\n"
+    path.write_text(f"---\n{front}tags:\n- maze\nlicense: apache-2.0\n---\n{mine}", "utf-8")
+    assert fence == ""
+    build(tmp_path, size="2x3", labyrinths=1)
+    text = path.read_text("utf-8")
+    assert text.endswith(f"---\n{mine}")
+    after = front_of(tmp_path)
+    assert (after["tags"], after["license"]) == (["maze"], "apache-2.0")
+    assert [config["config_name"] for config in after["configs"]] == ["2x3", "3x3"]
+
+
+def test_a_text_of_ones_own_that_is_no_card_stops_the_build(build: Build, tmp_path: Path) -> None:
+    for text in (b"# My notes\n", b"", b"---\ntitle: Mine\n---\n", b"---\n- 1\n---\n", b"\xff\xfe"):
+        (tmp_path / "README.md").write_bytes(text)
+        with pytest.raises(DatasetError, match="choose another data_dir"):
+            build(tmp_path)
+        assert content_of(tmp_path) == {"README.md": text}
+
+
+def test_leftovers_and_copies_of_datasets_are_no_configs(build: Build, tmp_path: Path) -> None:
+    run = build(tmp_path, labyrinths=1)
+    for name in (".4x4.building", ".3x3.replaced", "backup", "9x9"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / MANIFEST).write_bytes((run.folder / MANIFEST).read_bytes())
+    (tmp_path / "web").mkdir()
+    (tmp_path / "web" / MANIFEST).write_text('{"short_name": "an app"}')
+    front_matter.update(tmp_path)
+    assert [config["config_name"] for config in front_of(tmp_path)["configs"]] == ["3x3"]
+
+
+def test_a_name_of_a_folder_is_shown_as_it_is(
+    build: Build, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = build(tmp_path / "[/red]a [bold]b", labyrinths=1)
+    assert f'load_dataset("{run.data_dir}", "3x3")' in capsys.readouterr().out
+    build(run.data_dir, labyrinths=1)
+    assert f"{run.folder} is complete already." in capsys.readouterr().out
+
+
+def test_the_summary_shows_each_split(build: Build, tmp_path: Path, capsys: Any) -> None:
+    run = build(tmp_path)
+    lines = capsys.readouterr().out.splitlines()
+    for shard in Manifest.read(run.folder).shards:
+        row = next(line for line in lines if shard.split in line.split())
+        cells = [cell.strip() for cell in row.strip("│").split("│")]
+        assert cells[:4] == [shard.split, "8", str(shard.episodes), str(shard.rows)]
+        assert cells[4] == f"{(shard.rows - shard.episodes) / shard.episodes:.2f}"
+        assert cells[5] == str(shard.longest)

@@ -1,0 +1,418 @@
+"""Which structures are sampled, in which split they are, and what labyrinths they become."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
+from labyrinth_core.world.tasks import tiles_matter
+from pipeline.config.dataset import SplitsConfig
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.generation import sample as sampling
+from pipeline.generation.sample import check_capacity, labyrinth_of, sample, split_of
+
+MakeRun = Callable[..., Run]
+Passages = frozenset[frozenset[tuple[int, int]]]
+
+DEFAULT_BUCKETS = (34, 33, 33)
+
+
+@pytest.fixture(scope="session")
+def config_of(make_run: MakeRun) -> Callable[..., DatasetConfig]:
+    return lambda **options: make_run(Path("nowhere"), **options).dataset
+
+
+def passages_of(structure: Structure) -> Passages:
+    width = structure.width
+    return frozenset(
+        frozenset({divmod(low, width), divmod(high, width)}) for low, high in structure.passages()
+    )
+
+
+def transposed(passages: Passages) -> Passages:
+    return frozenset(frozenset((column, row) for row, column in passage) for passage in passages)
+
+
+def all_connected(height: int, width: int) -> Iterator[Structure]:
+    """Yield each connected structure of a small grid, found by trying every set of passages."""
+    cells = range(height * width)
+    edges = [(c, c + 1) for c in cells if (c + 1) % width] + [
+        (c, c + width) for c in cells if c + width < height * width
+    ]
+    for size in range(len(cells) - 1, len(edges) + 1):
+        for chosen in combinations(edges, size):
+            part = list(cells)
+            for a, b in chosen:
+                joined = part[a], part[b]
+                part = [joined[0] if name == joined[1] else name for name in part]
+            if len(set(part)) == 1:
+                yield Structure.from_passages(height, width, chosen)
+
+
+@pytest.fixture(scope="module")
+def connected_3x3() -> list[Structure]:
+    return list(all_connected(3, 3))
+
+
+VARIETY: list[dict[str, Any]] = [
+    {"size": "3", "labyrinths": 100, "seed": 0},
+    {"size": "3", "labyrinths": 60, "seed": 1},
+    {"size": "3", "labyrinths": 40, "seed": 2, "sampler": "kruskal", "open_walls": 0.5},
+    {"size": "4", "labyrinths": 20, "seed": 3, "task": "icy_floor"},
+    {"size": "3", "labyrinths": 20, "seed": 4, "task": "key_and_door"},
+    *({"size": "4", "labyrinths": 250, "seed": seed} for seed in range(4)),
+    *({"size": "4", "labyrinths": 150, "seed": 5, "sampler": name} for name in ALGORITHMS),
+    {"size": "4", "labyrinths": 400, "seed": 6, "sampler": "depth_first", "open_walls": 0.0},
+    {"size": "5", "labyrinths": 300, "seed": 7},
+    {"size": "3x5", "labyrinths": 300, "seed": 8},
+    {"size": "3x5", "labyrinths": 200, "seed": 9, "sampler": "prim"},
+    {"size": "5x3", "labyrinths": 200, "seed": 10},
+]
+
+
+def test_no_structure_nor_its_mirror_image_is_in_two_splits_of_any_datasets(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    split_by_passages: dict[tuple[str, Passages], str] = {}
+    mirrored = repeated = 0
+    for options in VARIETY:
+        config = config_of(**options)
+        for split, structures in sample(config).items():
+            for structure in structures:
+                passages = passages_of(structure)
+                images = {passages}
+                if config.height == config.width:
+                    images.add(transposed(passages))
+                for image in images:
+                    key = (options["size"], image)
+                    repeated += key in split_by_passages
+                    assert split_by_passages.setdefault(key, split) == split
+                mirrored += len(images) - 1
+    # The rule was put to the test: structures came again, and had mirror images.
+    assert repeated > 500
+    assert mirrored > 3_000
+
+
+@given(st.integers(0, 2**64 - 1), st.integers(2, 7), st.sampled_from(sorted(ALGORITHMS)))
+def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
+    seed: int, side: int, algorithm: str
+) -> None:
+    structures = sample_structures(side, side, np.random.default_rng(seed), algorithm=algorithm)
+    structure = next(structures)
+    image = Structure.from_passages(
+        side,
+        side,
+        [
+            tuple(row * side + column for row, column in p)
+            for p in transposed(passages_of(structure))
+        ],
+    )
+    for buckets in (DEFAULT_BUCKETS, (80, 10, 10), (1, 1, 98)):
+        assert split_of(image, buckets) == split_of(structure, buckets)
+
+
+def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure]) -> None:
+    rng = np.random.default_rng(0)
+    structures = [s for s, _ in zip(sample_structures(6, 6, rng), range(4_000), strict=False)]
+    for buckets in (DEFAULT_BUCKETS, (80, 15, 5)):
+        counts = Counter(split_of(structure, buckets) for structure in structures)
+        for split, percent in zip(SAMPLED_SPLITS, buckets, strict=True):
+            assert abs(counts[split] / 40 - percent) < 3
+    assert len(connected_3x3) == 431
+    assert set(Counter(split_of(s, DEFAULT_BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
+
+
+@pytest.mark.parametrize("options", VARIETY, ids=str)
+def test_each_split_has_as_many_unique_connected_structures_as_asked_for(
+    config_of: Callable[..., DatasetConfig], options: dict[str, Any]
+) -> None:
+    config = config_of(**options)
+    splits = sample(config)
+    assert list(splits) == list(SAMPLED_SPLITS)
+    everything = [s for structures in splits.values() for s in structures]
+    assert len(set(map(passages_of, everything))) == len(everything) == 3 * config.labyrinths
+    assert all(s.is_connected for s in everything)
+    assert {(s.height, s.width) for s in everything} == {(config.height, config.width)}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"size": "3"}, {"size": "4x6"}, {"size": "4", "task": "icy_floor"}, {"sampler": "kruskal"}],
+    ids=str,
+)
+def test_a_shorter_dataset_is_the_beginning_of_a_longer_one(
+    config_of: Callable[..., DatasetConfig], options: dict[str, Any]
+) -> None:
+    longer_config = config_of(**options | {"labyrinths": 25, "seed": 4})
+    longer = sample(longer_config)
+    for labyrinths in (1, 2, 7, 24):
+        shorter_config = config_of(**options | {"labyrinths": labyrinths, "seed": 4})
+        for split, structures in sample(shorter_config).items():
+            assert structures == longer[split][:labyrinths]
+        for split in SPLITS:
+            for structure in longer[split if split in SAMPLED_SPLITS else "train"][:labyrinths]:
+                assert labyrinth_of(shorter_config, split, structure) == labyrinth_of(
+                    longer_config, split, structure
+                )
+
+
+def test_the_same_seed_gives_the_same_labyrinths_and_another_seed_others(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    first = sample(config_of(size="5", labyrinths=20, seed=1))
+    assert sample(config_of(size="5", labyrinths=20, seed=1)) == first
+    other = sample(config_of(size="5", labyrinths=20, seed=2))
+    assert all(not set(first[split]) & set(other[split]) for split in SAMPLED_SPLITS)
+
+
+# How many there can be.
+
+
+@pytest.mark.parametrize("buckets", [DEFAULT_BUCKETS, (60, 20, 20), (25, 25, 50)])
+def test_the_capacity_of_3x3_is_what_brute_force_counts(
+    config_of: Callable[..., DatasetConfig],
+    connected_3x3: list[Structure],
+    buckets: tuple[int, int, int],
+) -> None:
+    counts = Counter(split_of(structure, buckets) for structure in connected_3x3)
+    most = min(counts.values())
+    check_capacity(config_of(labyrinths=most, buckets=buckets))
+    with pytest.raises(ConfigError) as caught:
+        check_capacity(config_of(labyrinths=most + 1, buckets=buckets))
+    listed = ", ".join(f"{counts[split]} in {split}" for split in SAMPLED_SPLITS)
+    assert str(caught.value) == (
+        f"size=3x3 labyrinths={most + 1}: there can be {listed}; ask for labyrinths={most} or fewer"
+    )
+
+
+def test_the_capacity_of_2x2_is_what_brute_force_counts(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    structures = list(all_connected(2, 2))
+    assert len(structures) == 5
+    counts = Counter(split_of(structure, DEFAULT_BUCKETS) for structure in structures)
+    most = min(counts.values())
+    check_capacity(config_of(size="2", labyrinths=most))
+    assert all(
+        len(found) == most for found in sample(config_of(size="2", labyrinths=most)).values()
+    )
+    with pytest.raises(ConfigError, match=f"ask for labyrinths={most} or fewer"):
+        check_capacity(config_of(size="2", labyrinths=most + 1))
+
+
+def test_every_structure_of_3x3_can_come_up(
+    config_of: Callable[..., DatasetConfig], connected_3x3: list[Structure]
+) -> None:
+    counts = Counter(split_of(structure, DEFAULT_BUCKETS) for structure in connected_3x3)
+    most = min(counts.values())
+    full = next(split for split in SAMPLED_SPLITS if counts[split] == most)
+    found = sample(config_of(labyrinths=most))
+    expected = {s for s in connected_3x3 if split_of(s, DEFAULT_BUCKETS) == full}
+    assert set(found[full]) == expected
+
+
+@pytest.mark.parametrize("task", ["icy_floor", "key_and_door"])
+def test_the_capacity_for_a_task_is_what_can_be_sampled(
+    config_of: Callable[..., DatasetConfig], task: str
+) -> None:
+    with pytest.raises(ConfigError, match="ask for labyrinths=") as caught:
+        check_capacity(config_of(task=task, labyrinths=431))
+    most = int(str(caught.value).split("ask for labyrinths=")[1].split()[0])
+    assert 0 < most < 431 // 3
+    check_capacity(config_of(task=task, labyrinths=most))
+    with pytest.raises(ConfigError, match=f"ask for labyrinths={most} or fewer"):
+        check_capacity(config_of(task=task, labyrinths=most + 1))
+
+
+def test_a_size_at_which_ice_cannot_matter_has_no_labyrinths(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    with pytest.raises(ConfigError, match="there can be 0 in train, 0 in validation, 0 in test"):
+        check_capacity(config_of(size="2x3", task="icy_floor", labyrinths=1))
+
+
+def test_more_than_any_count_is_refused_at_once_where_nothing_is_counted(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    check_capacity(config_of(size="5", labyrinths=10**9))
+    with pytest.raises(ConfigError, match="fewer than 2\\*\\*40"):
+        check_capacity(config_of(size="5", labyrinths=10**20))
+
+
+def test_a_sampler_that_finds_no_more_says_so(
+    config_of: Callable[..., DatasetConfig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sampling, "PATIENCE", 500)
+    # All walls open: there is only one such structure.
+    with pytest.raises(
+        ConfigError, match=r"labyrinths=2: of 4x4 the sampler found .* in 500 draws"
+    ):
+        sample(config_of(size="4", labyrinths=2, open_walls=1.0))
+
+
+# How far apart.
+
+
+def walls_between(one: Structure, other: Structure) -> int:
+    return len(passages_of(one) ^ passages_of(other))
+
+
+@pytest.mark.parametrize(
+    ("options", "walls"),
+    [
+        ({"size": "3", "labyrinths": 20}, 2),
+        ({"size": "4", "labyrinths": 60}, 3),
+        ({"size": "4x3", "labyrinths": 20, "task": "key_and_door"}, 2),
+        ({"size": "5", "labyrinths": 50}, 8),
+    ],
+    ids=str,
+)
+def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
+    config_of: Callable[..., DatasetConfig], options: dict[str, Any], walls: int
+) -> None:
+    plain = sample(config_of(**options))
+    config = config_of(**options, splits=SplitsConfig(walls))
+    apart = sample(config)
+    least = [
+        min(walls_between(a, b) for a in found[first] for b in found[second])
+        for found in (plain, apart)
+        for first, second in combinations(SAMPLED_SPLITS, 2)
+    ]
+    assert min(least[:3]) < walls <= min(least[3:])
+    assert apart == sample(config)
+    assert apart["train"] == plain["train"]
+    for split, structures in apart.items():
+        assert len(set(structures)) == config.labyrinths
+        assert {split_of(structure, config.buckets) for structure in structures} == {split}
+
+
+def test_where_too_few_are_far_enough_apart_the_sampler_says_so(
+    config_of: Callable[..., DatasetConfig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sampling, "PATIENCE", 500)
+    with pytest.raises(
+        ConfigError,
+        match=r"^labyrinths=32: of 3x3 the sampler found 32 in train, \d in validation, \d in test "
+        r"at least splits.min_walls=4 walls apart, and no other in 500 draws; ask for fewer of",
+    ):
+        sample(config_of(labyrinths=32, splits=SplitsConfig(4)))
+
+
+# The labyrinths.
+
+TASKS = [str(task) for task in Task]
+
+
+def labyrinths(config: DatasetConfig) -> Iterator[tuple[str, Labyrinth]]:
+    structures = sample(config)
+    for split in SPLITS:
+        for structure in structures[split if split in SAMPLED_SPLITS else "train"]:
+            yield split, labyrinth_of(config, split, structure)
+
+
+@pytest.mark.parametrize(
+    ("size", "task"),
+    [
+        (size, task)
+        for size in ["2x3", "3", "4", "4x6", "7"]
+        for task in TASKS
+        if (size, task) != ("2x3", "icy_floor")
+    ],
+)
+def test_start_and_goal_change_as_the_split_says(
+    config_of: Callable[..., DatasetConfig], size: str, task: str
+) -> None:
+    config = config_of(size=size, task=task, labyrinths=12 if size in ("4", "4x6", "7") else 1)
+    height, width = config.height, config.width
+    last = height * width - 1
+    by_split: dict[str, list[Labyrinth]] = {}
+    for split, labyrinth in labyrinths(config):
+        by_split.setdefault(split, []).append(labyrinth)
+        assert str(labyrinth.task) == task
+        assert tiles_matter(labyrinth)
+        start, goal = divmod(labyrinth.start, width), divmod(labyrinth.goal, width)
+        apart = abs(start[0] - goal[0]) + abs(start[1] - goal[1])
+        if split == "s0":
+            assert labyrinth.start != 0
+            assert labyrinth.goal == last
+            assert apart >= (width + height) // 2
+        elif split == "s0_and_g":
+            assert labyrinth.start != 0
+            assert labyrinth.goal != last
+            assert apart >= (width + height) // 2
+        else:
+            assert (labyrinth.start, labyrinth.goal) == (0, last)
+    assert by_split["random"] == by_split["train"]
+    train = [labyrinth.structure for labyrinth in by_split["train"]]
+    assert [labyrinth.structure for labyrinth in by_split["s0"]] == train
+    assert [labyrinth.structure for labyrinth in by_split["s0_and_g"]] == train
+
+
+def length_of_best_route(labyrinth: Labyrinth, closed: frozenset[int] = frozenset()) -> int | None:
+    """Return the least number of moves from start to goal, whatever the task."""
+    steps = {labyrinth.start: 0}
+    frontier = [labyrinth.start]
+    passages = list(labyrinth.structure.passages())
+    while frontier:
+        cell = frontier.pop(0)
+        for pair in passages:
+            if cell in pair:
+                beside = pair[1] if pair[0] == cell else pair[0]
+                if beside not in steps and beside not in closed:
+                    steps[beside] = steps[cell] + 1
+                    frontier.append(beside)
+    return steps.get(labyrinth.goal)
+
+
+def test_sampled_ice_makes_the_way_longer_and_leaves_one(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    for _, labyrinth in labyrinths(config_of(size="4", task="icy_floor", labyrinths=15)):
+        without_ice = length_of_best_route(labyrinth)
+        around = length_of_best_route(labyrinth, labyrinth.ice)
+        assert without_ice is not None
+        assert around is not None
+        assert around > without_ice
+
+
+def test_a_sampled_door_is_on_every_way_and_its_key_before_it(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    for _, labyrinth in labyrinths(config_of(size="4", task="key_and_door", labyrinths=15)):
+        assert labyrinth.door is not None
+        assert labyrinth.key is not None
+        door = frozenset({labyrinth.door})
+        assert length_of_best_route(labyrinth, door) is None
+        to_key = Labyrinth(labyrinth.structure, labyrinth.start, labyrinth.key)
+        from_key = Labyrinth(labyrinth.structure, labyrinth.key, labyrinth.goal)
+        legs = (length_of_best_route(to_key, door), length_of_best_route(from_key))
+        direct = length_of_best_route(labyrinth)
+        assert None not in (*legs, direct)
+        assert legs[0] + legs[1] > direct
+
+
+def test_no_two_structures_share_their_randomness(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    config = config_of(size="4", labyrinths=20)
+    structures = sample(config)["train"]
+    draws = [
+        sampling.item_rng(config, split, structure).integers(2**62)
+        for split in SPLITS
+        for structure in structures
+    ]
+    assert len(set(draws)) == len(draws)
+    assert all(a != b for a, b in pairwise(draws))

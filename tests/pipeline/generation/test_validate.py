@@ -1,0 +1,738 @@
+"""Validation finds each thing that can be wrong with a dataset, and nothing in a right one."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+from tampering import (
+    TRAIN,
+    Rows,
+    episode_rows,
+    episode_starts,
+    manifest_of,
+    read_rows,
+    rows_of,
+    with_a_wall_opened,
+)
+
+from labyrinth_core.data.columns import COLUMNS, arrow_schema
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.solver import shortest_routes
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import validate as validation
+
+Build = Callable[..., Run]
+
+FOREIGN = {"zlib": "0.0.0"}
+"""Versions that say the bytes of pictures may be others."""
+
+
+@pytest.fixture(scope="session")
+def tiny(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a dataset with three labyrinths a split."""
+    return build(tmp_path_factory.mktemp("tiny"), labyrinths=3, random_steps=30).folder
+
+
+@pytest.fixture
+def folder(tiny: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be tampered with."""
+    return Path(shutil.copytree(tiny, tmp_path / tiny.name))
+
+
+def problems(folder: Path) -> list[str]:
+    found = validation.validate(folder, Manifest.read(folder))
+    assert all("\n" not in problem and len(problem) < 500 for problem in found)
+    return found
+
+
+def names(found: list[str], row: int, field: str, file: str = TRAIN) -> bool:
+    return any(problem.startswith(f"{file} row {row} {field}: ") for problem in found)
+
+
+# Nothing wrong.
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"size": "4", "task": str(task), "labyrinths": 3} for task in Task),
+        *({"size": "2x4", "labyrinths": 1, "solutions": s} for s in ("shortest", "all")),
+        {"size": "4x3", "labyrinths": 3, "task": "key_and_door", "solutions": "all"},
+        {"size": "3x4", "labyrinths": 3, "task": "icy_floor", "solutions": "all_shortest"},
+        {"size": "4", "labyrinths": 3, "solutions": "all_shortest", "open_walls": 0.5},
+        {"size": "4", "labyrinths": 3, "solutions": "all", "solutions_limit": 2},
+        {"size": "3", "labyrinths": 3, "random_steps": 1, "buckets": (60, 30, 10)},
+    ],
+    ids=str,
+)
+def test_what_was_built_has_no_problems(
+    build: Build, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    assert problems(build(tmp_path, **options | {"random_steps": 40}).folder) == []
+
+
+def test_a_dataset_of_several_shards_has_no_problems(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 9)
+    run = build(tmp_path, labyrinths=3, random_steps=20)
+    assert len(Manifest.read(run.folder).shards) == 18
+    assert problems(run.folder) == []
+
+
+def test_right_rows_written_anew_have_no_problems(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        assert len(episode_starts(rows)) == 3
+    assert problems(folder) == []
+
+
+# Rows that are wrong, though file and manifest agree.
+
+
+@pytest.mark.parametrize("change", [1, 2, 3])
+@pytest.mark.parametrize("file", [TRAIN, "s0_and_g-00000-of-00001.parquet"])
+def test_a_swapped_action_is_found(folder: Path, file: str, change: int) -> None:
+    with rows_of(folder, file) as rows:
+        places = [n for n, row in enumerate(rows) if row["actions"] >= 0]
+        for place in (places[0], places[-1]):
+            rows[place]["actions"] = (rows[place]["actions"] + change) % 4
+    found = problems(folder)
+    assert len(found) == 2
+    assert names(found, places[0], "actions", file)
+    assert names(found, places[-1], "actions", file)
+
+
+@pytest.mark.parametrize("value", [1.0, -0.1, 0.0, float("nan"), float("inf")])
+def test_a_wrong_reward_is_found(folder: Path, value: float) -> None:
+    with rows_of(folder) as rows:
+        rows[1]["rewards"] = value
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 1, "rewards")
+
+
+def test_a_reward_after_the_last_action_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        last = episode_starts(rows)[1] - 1
+        rows[last]["rewards"] = 1.0
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, last, "rewards")
+
+
+@pytest.mark.parametrize("distance", [-2, -1, 1, 2])
+def test_a_moved_episode_start_is_found(folder: Path, distance: int) -> None:
+    with rows_of(folder) as rows:
+        start = episode_starts(rows)[1]
+        rows[start]["episode_starts"] = False
+        rows[start + distance]["episode_starts"] = True
+    assert names(problems(folder), min(start, start + distance), "episode_starts")
+
+
+def test_an_episode_that_starts_twice_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        rows[2]["episode_starts"] = True
+    assert names(problems(folder), 2, "episode_starts")
+
+
+def test_a_file_that_does_not_begin_with_an_episode_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        rows[0]["episode_starts"] = False
+    assert names(problems(folder), 0, "episode_starts")
+
+
+def test_an_edited_info_in_one_row_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        rows[2]["info"] = dump(with_a_wall_opened(parse(rows[2]["info"])))
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 2, "info")
+
+
+def test_a_wall_opened_in_the_info_of_an_episode_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        start, end = episode_starts(rows)[1:3]
+        edited = dump(with_a_wall_opened(parse(rows[start]["info"])))
+        for row in rows[start:end]:
+            row["info"] = edited
+    found = problems(folder)
+    assert all(names(found, row, "obs") for row in range(start, end))
+
+
+def test_an_info_not_in_the_canonical_form_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        end = episode_starts(rows)[1]
+        for row in rows[:end]:
+            row["info"] = row["info"] + "\n"
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 0, "info")
+
+
+@pytest.mark.parametrize(
+    "info", ["", "nonsense", "labyrinth:\nend\n", "\0", "\x1b[2J", "{'a': 1}", "key_and_lock: True"]
+)
+def test_an_info_that_is_no_labyrinth_is_found(folder: Path, info: str) -> None:
+    with rows_of(folder) as rows:
+        start, end = episode_starts(rows)[1:3]
+        for row in rows[start:end]:
+            row["info"] = info
+    found = problems(folder)
+    assert names(found, start, "info")
+
+
+def test_a_labyrinth_of_another_size_or_task_is_found(folder: Path, build: Build) -> None:
+    other = build(folder.parent / "other", size="3x4", task="partial_observability", labyrinths=1)
+    with rows_of(folder) as rows:
+        start = episode_starts(rows)[2]
+        rows[start:] = read_rows(other.folder / TRAIN)
+        for step, row in enumerate(rows[start:]):
+            row["obs"]["path"] = f"train-000002-000-{step:04d}.png"
+    found = problems(folder)
+    assert len([p for p in found if " row " in p and TRAIN in p]) == 1
+    assert names(found, start, "info")
+
+
+@pytest.mark.parametrize("action", [-1, -2, 4, 2**62, -(2**63)])
+def test_an_action_that_cannot_be_there_is_found(folder: Path, action: int) -> None:
+    with rows_of(folder) as rows:
+        rows[1]["actions"] = action
+    row, field = (2, "episode_starts") if action == -1 else (1, "actions")
+    assert names(problems(folder), row, field)
+
+
+def test_an_action_after_the_goal_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        last = episode_starts(rows)[1] - 1
+        extra = dict(rows[last]) | {
+            "obs": rows[last]["obs"] | {"path": "train-000000-000-0009.png"}
+        }
+        rows[last]["actions"] = 2
+        rows.insert(last + 1, extra)
+    assert names(problems(folder), last, "actions")
+
+
+def route_of(rows: Rows) -> list[int]:
+    return [row["actions"] for row in rows[: episode_starts(rows)[1] - 1]]
+
+
+def test_a_longer_route_with_the_right_pictures_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        labyrinth, route = parse(rows[0]["info"]), route_of(rows)
+        there_and_back = [route[0], (route[0] + 2) % 4]
+        longer = episode_rows("train", 0, labyrinth, there_and_back + route)
+        rows[: len(route) + 1] = longer
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 0, "actions")
+    assert f"routes of {len(route) + 2} moves, instead of one of {len(route)}" in found[0]
+
+
+def test_a_route_that_ends_before_the_goal_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        labyrinth, route = parse(rows[0]["info"]), route_of(rows)
+        rows[: len(route) + 1] = episode_rows("train", 0, labyrinth, route[:-1])
+    assert names(problems(folder), len(route) - 1, "actions")
+
+
+def test_a_missing_and_a_repeated_route_are_found(build: Build, tmp_path: Path) -> None:
+    options = {"size": "4", "solutions": "all_shortest", "open_walls": 0.6, "labyrinths": 2}
+    folder = build(tmp_path, **options, random_steps=5).folder
+    pristine = read_rows(folder / TRAIN)
+    labyrinth = parse(pristine[0]["info"])
+    assert len(shortest_routes(labyrinth)) > 1
+    second = episode_starts(pristine)[1]
+    with rows_of(folder) as rows:
+        del rows[:second]
+    assert names(problems(folder), 0, "actions")
+    with rows_of(folder) as rows:
+        rows[:] = [*pristine[:second], *pristine]
+    assert names(problems(folder), 0, "actions")
+
+
+def test_random_episodes_of_other_lengths_are_found(folder: Path) -> None:
+    file = "random-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        labyrinth = parse(rows[0]["info"])
+        end = next(n for n, row in enumerate(rows) if row["info"] != rows[0]["info"])
+        rows[:end] = episode_rows("random", 0, labyrinth, route_of(rows)[:1])
+    found = problems(folder)
+    assert names(found, 0, "actions", file)
+
+
+def test_a_random_episode_that_is_cut_too_early_is_found(folder: Path) -> None:
+    file = "random-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        labyrinth = parse(rows[0]["info"])
+        end = next(n for n, row in enumerate(rows) if row["info"] != rows[0]["info"])
+        one = episode_rows("random", 0, labyrinth, [3])
+        rest = episode_rows("random", 0, labyrinth, [3] * 29)
+        for step, row in enumerate(rest):
+            row["obs"]["path"] = f"random-000000-001-{step:04d}.png"
+        rows[:end] = [*one, *rest]
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 1, "actions", file)
+
+
+def test_rows_missing_at_the_end_are_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        rows.pop()
+    assert names(problems(folder), len(rows) - 1, "actions")
+
+
+def test_an_episode_missing_at_the_end_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        del rows[episode_starts(rows)[2] :]
+    assert "train holds 2 labyrinths, not 3" in problems(folder)
+
+
+# Structures where they may not be.
+
+
+def renamed(rows: Rows, split: str, number: int) -> Rows:
+    return [
+        row | {"obs": row["obs"] | {"path": f"{split}-{number:06d}-000-{step:04d}.png"}}
+        for step, row in enumerate(rows)
+    ]
+
+
+def test_a_structure_copied_into_another_split_is_found(folder: Path) -> None:
+    train = read_rows(folder / TRAIN)
+    file = "test-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        rows[: episode_starts(rows)[1]] = renamed(train[: episode_starts(train)[1]], "test", 0)
+    found = problems(folder)
+    assert names(found, 0, "info", file)
+    assert any(f"also in {TRAIN} row 0" in problem for problem in found)
+
+
+def test_the_mirror_image_of_a_structure_in_another_split_is_found(folder: Path) -> None:
+    train = read_rows(folder / TRAIN)
+    file = "test-00000-of-00001.parquet"
+    labyrinths = [parse(train[start]["info"]) for start in episode_starts(train)]
+    structure = next(
+        s for s in (labyrinth.structure for labyrinth in labyrinths) if s.transposed() != s
+    )
+    image = Labyrinth(structure.transposed(), 0, structure.cells - 1)
+    with rows_of(folder, file) as rows:
+        episode = episode_rows("test", 0, image, shortest_routes(image)[0])
+        rows[: episode_starts(rows)[1]] = episode
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 0, "info", file)
+
+
+def test_a_structure_twice_in_a_split_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        _, second, third = episode_starts(rows)
+        rows[third:] = renamed(rows[:second], "train", 2)
+    assert names(problems(folder), third, "info")
+
+
+def test_a_structure_twice_in_a_row_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        _, second, third = episode_starts(rows)
+        rows[second:third] = renamed(rows[:second], "train", 1)
+    found = problems(folder)
+    assert names(found, 0, "actions")
+    assert "train holds 2 labyrinths, not 3" in found
+
+
+def test_a_structure_in_two_shards_of_a_split_is_found(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 9)
+    folder = build(tmp_path, labyrinths=2, random_steps=5).folder
+    first, second = (f"train-0000{n}-of-00002.parquet" for n in (0, 1))
+    with rows_of(folder, second) as rows:
+        rows[:] = renamed(read_rows(folder / first), "train", 1)
+    assert names(problems(folder), 0, "info", second)
+
+
+@pytest.mark.parametrize("split", ["random", "s0", "s0_and_g"])
+def test_a_structure_that_is_not_one_of_train_is_found(folder: Path, split: str) -> None:
+    test = read_rows(folder / "test-00000-of-00001.parquet")
+    labyrinth = parse(test[0]["info"])
+    file = f"{split}-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        other = next(n for n, row in enumerate(rows) if row["info"] != rows[0]["info"])
+        rows[:other] = episode_rows(split, 0, labyrinth, shortest_routes(labyrinth)[0])
+    found = problems(folder)
+    assert any("not one of train" in problem and file in problem for problem in found)
+
+
+def test_a_start_or_goal_that_is_not_the_splits_is_found(folder: Path) -> None:
+    labyrinth = parse(read_rows(folder / TRAIN)[0]["info"])
+    moved = {
+        TRAIN: Labyrinth(labyrinth.structure, 1, 8),
+        "s0-00000-of-00001.parquet": Labyrinth(labyrinth.structure, 2, 0),
+        "s0_and_g-00000-of-00001.parquet": Labyrinth(labyrinth.structure, 1, 8),
+        # Too near to each other: at least 3 moves are asked for.
+        "s0_and_g-00000-of-00001.parquet ": Labyrinth(labyrinth.structure, 4, 5),
+    }
+    for file, other in moved.items():
+        split = file.partition("-")[0]
+        with rows_of(folder, file.strip()) as rows:
+            route = shortest_routes(other)[0]
+            rows[: episode_starts(rows)[1]] = episode_rows(split, 0, other, route)
+        assert names(problems(folder), 0, "info", file.strip())
+
+
+# Pictures.
+
+
+def test_a_flipped_bit_anywhere_in_a_picture_is_found(folder: Path) -> None:
+    picture = read_rows(folder / TRAIN)[2]["obs"]["bytes"]
+    for place in [*range(0, 40, 5), *range(60, len(picture), len(picture) // 8)]:
+        flipped = bytearray(picture)
+        flipped[place] ^= 1 << place % 8
+        with rows_of(folder) as rows:
+            rows[2]["obs"]["bytes"] = bytes(flipped)
+        assert names(problems(folder), 2, "obs")
+
+
+def test_the_picture_of_another_state_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        rows[2]["obs"]["bytes"] = rows[1]["obs"]["bytes"]
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 2, "obs")
+
+
+def test_a_renamed_picture_is_found(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        rows[2]["obs"]["path"] = "\n" * 1_000
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 2, "obs")
+
+
+def saved_by_pillow(png: bytes, mode: str = "RGB", **options: Any) -> bytes:
+    file = io.BytesIO()
+    Image.open(io.BytesIO(png)).convert(mode).save(file, "PNG", **options)
+    return file.getvalue()
+
+
+def test_the_same_pixels_in_other_bytes_are_found_unless_the_libraries_are_others(
+    folder: Path,
+) -> None:
+    with rows_of(folder) as rows:
+        rows[2]["obs"]["bytes"] = saved_by_pillow(rows[2]["obs"]["bytes"], compress_level=1)
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 2, "obs")
+    with manifest_of(folder) as content:
+        content["versions"] |= FOREIGN
+    assert problems(folder) == []
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "L", "P", "1"])
+def test_a_picture_that_is_not_truecolour_is_found_whatever_the_libraries(
+    folder: Path, mode: str
+) -> None:
+    with rows_of(folder) as rows:
+        rows[2]["obs"]["bytes"] = saved_by_pillow(rows[2]["obs"]["bytes"], mode)
+    with manifest_of(folder) as content:
+        content["versions"] |= FOREIGN
+    assert names(problems(folder), 2, "obs")
+
+
+def test_a_wrong_pixel_is_found_whatever_the_libraries(folder: Path) -> None:
+    with rows_of(folder) as rows:
+        picture = Image.open(io.BytesIO(rows[2]["obs"]["bytes"]))
+        picture.putpixel((300, 300), (1, 2, 3))
+        file = io.BytesIO()
+        picture.save(file, "PNG")
+        rows[2]["obs"]["bytes"] = file.getvalue()
+    with manifest_of(folder) as content:
+        content["versions"] |= FOREIGN
+    found = problems(folder)
+    assert len(found) == 1
+    assert names(found, 2, "obs")
+
+
+# Files and the manifest.
+
+
+def test_a_missing_shard_is_found(folder: Path) -> None:
+    (folder / "s0-00000-of-00001.parquet").unlink()
+    assert problems(folder) == ["s0-00000-of-00001.parquet is missing"]
+
+
+def test_a_split_that_the_manifest_lost_is_found(folder: Path) -> None:
+    with manifest_of(folder) as content:
+        lost = content["shards"].pop()
+    found = problems(folder)
+    assert f"{lost['path']} is not in the manifest" in found
+    assert f"{lost['split']} holds 0 labyrinths, not 3" in found
+
+
+def test_a_file_beside_the_shards_that_would_be_loaded_with_them_is_found(folder: Path) -> None:
+    shutil.copy(folder / TRAIN, folder / "train-00001-of-00001.parquet")
+    assert problems(folder) == ["train-00001-of-00001.parquet is not in the manifest"]
+
+
+@pytest.mark.parametrize("damage", ["truncated", "garbage", "empty", "a folder", "no footer"])
+def test_a_damaged_file_is_found(folder: Path, damage: str) -> None:
+    path = folder / TRAIN
+    content = path.read_bytes()
+    path.unlink()
+    if damage == "a folder":
+        path.mkdir()
+    else:
+        damaged = {
+            "truncated": content[: len(content) // 2],
+            "garbage": bytes(range(256)) * 40,
+            "empty": b"",
+            "no footer": content[:-8] + bytes(8),
+        }
+        path.write_bytes(damaged[damage])
+    found = problems(folder)
+    assert any(problem.startswith(f"{TRAIN} cannot be read: ") for problem in found)
+
+
+def test_a_flipped_bit_anywhere_in_a_file_is_found(folder: Path) -> None:
+    path = folder / TRAIN
+    content = path.read_bytes()
+    for place in range(3, len(content), len(content) // 40):
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << place % 8
+        path.write_bytes(flipped)
+        assert any(problem.startswith(TRAIN) for problem in problems(folder))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("rows", 1),
+        ("episodes", 99),
+        ("labyrinths", 2),
+        ("longest", 3),
+        ("cut", 1),
+        ("bytes", 5),
+        ("sha256", "0" * 64),
+        ("fingerprint", "0" * 64),
+    ],
+)
+def test_a_manifest_that_says_something_else_of_a_shard_is_found(
+    folder: Path, name: str, value: Any
+) -> None:
+    with manifest_of(folder) as content:
+        assert content["shards"][0][name] != value
+        content["shards"][0][name] = value
+    found = problems(folder)
+    assert any(TRAIN in problem and name in problem for problem in found)
+
+
+def test_a_dataset_of_another_configuration_is_found(folder: Path) -> None:
+    for name, value in [
+        ("labyrinths", 4),
+        ("solutions", "all"),
+        ("random_steps", 31),
+        ("height", 4),
+        ("task", "icy_floor"),
+        ("buckets", [20, 40, 40]),
+    ]:
+        with manifest_of(folder) as content:
+            before = content["config"][name]
+            content["config"][name] = value
+        assert problems(folder) != []
+        with manifest_of(folder) as content:
+            content["config"][name] = before
+    assert problems(folder) == []
+
+
+# Content that means harm.
+
+
+def changed_table(folder: Path, change: Callable[[pa.Table], pa.Table]) -> None:
+    path = folder / TRAIN
+    pq.write_table(change(pq.read_table(path)), path)
+    with manifest_of(folder) as content:
+        content["shards"][0] |= {"sha256": file_sha256(path), "bytes": path.stat().st_size}
+
+
+def retyped(name: str, type_: pa.DataType) -> Callable[[pa.Table], pa.Table]:
+    def change(table: pa.Table) -> pa.Table:
+        place = table.schema.get_field_index(name)
+        return table.set_column(place, name, pa.nulls(len(table), type_))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *(retyped(name, pa.string()) for name in ("obs", "actions", "rewards", "episode_starts")),
+        retyped("obs", pa.binary()),
+        retyped("obs", pa.list_(pa.uint8())),
+        retyped("actions", pa.int32()),
+        retyped("rewards", pa.float64()),
+        retyped("info", pa.binary()),
+        retyped("info", pa.list_(pa.string())),
+        *(lambda table, name=column.name: table.drop_columns(name) for column in COLUMNS),
+        lambda table: table.append_column("extra", pa.nulls(len(table))),
+        lambda table: table.rename_columns(["obs", "action", "rewards", "episode_starts", "info"]),
+        lambda table: table.select(["info", "obs", "actions", "rewards", "episode_starts"]),
+    ],
+)
+def test_other_columns_are_found(folder: Path, change: Callable[[pa.Table], pa.Table]) -> None:
+    changed_table(folder, change)
+    assert f"{TRAIN}: its columns are not the five" in problems(folder)
+
+
+@pytest.mark.parametrize("column", [column.name for column in COLUMNS])
+@pytest.mark.parametrize("row", [0, 3])
+def test_a_field_that_holds_nothing_is_found(folder: Path, column: str, row: int) -> None:
+    rows = read_rows(folder / TRAIN)
+    rows[row][column] = None
+    changed_table(folder, lambda _: pa.Table.from_pylist(rows, schema=arrow_schema()))
+    assert names(problems(folder), row, column)
+
+
+@pytest.mark.parametrize("part", ["bytes", "path"])
+def test_half_a_picture_field_is_found(folder: Path, part: str) -> None:
+    rows = read_rows(folder / TRAIN)
+    rows[3]["obs"][part] = None
+    changed_table(folder, lambda _: pa.Table.from_pylist(rows, schema=arrow_schema()))
+    assert names(problems(folder), 3, "obs")
+
+
+def test_a_file_without_rows_is_found(folder: Path) -> None:
+    changed_table(folder, lambda table: table.slice(0, 0))
+    assert "train holds 3 labyrinths, not 3" not in problems(folder)
+    assert f"{TRAIN}: rows 0, but the manifest says" in "\n".join(problems(folder))
+
+
+def test_text_that_is_not_utf8_is_found(folder: Path) -> None:
+    def change(table: pa.Table) -> pa.Table:
+        raw = pa.array([b"\xff\xfe"] * len(table), pa.binary()).view(pa.string())
+        return table.set_column(
+            table.schema.get_field_index("info"), arrow_schema().field("info"), raw
+        )
+
+    changed_table(folder, change)
+    assert any(problem.startswith(f"{TRAIN} cannot be read") for problem in problems(folder))
+
+
+def wide_open(side: int) -> Labyrinth:
+    cells = range(side * side)
+    passages = [(c, c + 1) for c in cells if (c + 1) % side]
+    passages += [(c, c + side) for c in cells if c + side < side * side]
+    return Labyrinth(Structure.from_passages(side, side, passages), 0, side * side - 1)
+
+
+@pytest.mark.parametrize(
+    "info",
+    [
+        "a" * 2_000_000,
+        "\n" * 2_000_000,
+        "labyrinth:\n" + "-" * 2_000_001 + "\n",
+        '"""' * 500_001,
+        "(" * 500_000,
+        dump(wide_open(300)),
+        "__import__('pathlib').Path('evaluated').touch()",
+        "!!python/object/apply:pathlib.Path.touch [evaluated]",
+        "${oc.env:HOME}",
+    ],
+    ids=lambda info: repr(info[:20]),
+)
+def test_a_hostile_info_is_found_and_never_evaluated(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, info: str
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    with rows_of(folder) as rows:
+        start = episode_starts(rows)[2]
+        for row in rows[start:]:
+            row["info"] = info
+    assert names(problems(folder), start, "info")
+    assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def header(width: int, height: int) -> bytes:
+    return b"\x89PNG\r\n\x1a\n" + chunk(
+        b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    )
+
+
+IDAT = chunk(b"IDAT", zlib.compress(bytes(1801 * 600)))
+IEND = chunk(b"IEND", b"")
+
+HOSTILE_PICTURES = {
+    "not a picture": b"GIF89a",
+    "nothing": b"",
+    "a bomb that Pillow warns of": header(10_000, 10_000) + IDAT + IEND,
+    "a bomb that Pillow refuses": header(60_000, 60_000) + IDAT + IEND,
+    "the largest there can be": header(2**31 - 1, 2**31 - 1) + IEND,
+    "no pixels": header(0, 0) + IEND,
+    "no data": header(600, 600) + IEND,
+    "too little data": header(600, 600) + chunk(b"IDAT", zlib.compress(bytes(99))) + IEND,
+    "a text that unpacks to too much": header(600, 600)
+    + chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(2**27)))
+    + IDAT
+    + IEND,
+    "an animation without frames": header(600, 600) + chunk(b"acTL", bytes(8)) + IDAT + IEND,
+    "a chunk cut short": header(600, 600) + chunk(b"pHYs", b"\0") + IDAT + IEND,
+    "a profile cut short": header(600, 600) + chunk(b"iCCP", b"\0") + IDAT + IEND,
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE_PICTURES)
+def test_a_hostile_picture_is_found(folder: Path, name: str) -> None:
+    rows = read_rows(folder / TRAIN)
+    rows[2]["obs"]["bytes"] = HOSTILE_PICTURES[name]
+    changed_table(folder, lambda _: pa.Table.from_pylist(rows, schema=arrow_schema()))
+    assert names(problems(folder), 2, "obs")
+
+
+# The stage.
+
+
+def test_the_stage_raises_all_it_found_and_shows_the_first(
+    folder: Path, make_run: Callable[..., Run]
+) -> None:
+    with rows_of(folder, "random-00000-of-00001.parquet") as rows:
+        for row in rows:
+            row["obs"]["path"] = "x"
+    run = make_run(folder.parent, stages=["validate"], labyrinths=3)
+    assert run.folder == folder
+    with pytest.raises(validation.ValidationError) as caught:
+        validation.run(run)
+    assert caught.value.problems == problems(folder)
+    assert len(caught.value.problems) == len(rows)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == validation.PROBLEMS_SHOWN + 2
+    assert lines[-1] == f"  and {len(rows) - validation.PROBLEMS_SHOWN} more"
+
+
+def test_the_stage_says_how_much_it_replayed(
+    tiny: Path, make_run: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    validation.run(make_run(tiny.parent, stages=["validate"], labyrinths=3))
+    rows = sum(shard.rows for shard in Manifest.read(tiny).shards)
+    assert f"is valid: {rows} rows replayed." in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_stage_needs_a_dataset(tmp_path: Path, make_run: Callable[..., Run]) -> None:
+    with pytest.raises(DatasetError, match="holds no finished dataset"):
+        validation.run(make_run(tmp_path, stages=["validate"]))

@@ -1,0 +1,257 @@
+"""Two runs into one folder, and what a run that ended in the wrong moment has left."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import sample as sampling
+from pipeline.generation import workplace
+from pipeline.machinery import locks
+from pipeline.machinery.locks import held
+
+Build = Callable[..., Run]
+
+ROOT = Path(__file__).parents[3]
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+# Two runs at once.
+
+
+def test_the_second_of_two_runs_waits_says_for_whom_and_finds_all_done(
+    build: Build, tmp_path: Path, small_dataset: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    second = threading.Thread(target=lambda: build(tmp_path))
+    make_shard = generation.make_shard
+
+    def make(job: generation.ShardJob) -> object:
+        if not second.ident:
+            second.start()
+            second.join(0.5)
+            assert second.is_alive()
+        return make_shard(job)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generation, "make_shard", make)
+        build(tmp_path)
+    second.join()
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"waiting for process {os.getpid()} on " in printed
+    assert printed.count("is complete already") == 1
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_two_processes_that_build_one_dataset_make_it_once_and_whole(
+    tmp_path: Path, small_dataset: Run
+) -> None:
+    command = [sys.executable, "run.py", "size=3", "labyrinths=8", "stages=[build]"]
+    started = [
+        subprocess.Popen([*command, f"data_dir={tmp_path}"], cwd=ROOT, stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    printed = [process.communicate(timeout=120)[0].decode() for process in started]
+    assert [process.returncode for process in started] == [0, 0]
+    assert sum("is complete already" in " ".join(text.split()) for text in printed) == 1
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_a_lock_that_a_killed_process_left_holds_nobody_up(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    (tmp_path / ".3x3.lock").write_text("process 1 on another machine")
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_where_there_are_no_locks_nobody_waits(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_locks(*_: object) -> None:
+        raise OSError("this system has no flock")
+
+    monkeypatch.setattr(locks, "locked", no_locks)
+    assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
+
+
+def test_an_error_while_a_folder_is_held_leaves_no_empty_folder(tmp_path: Path) -> None:
+    def fail() -> None:
+        with held(tmp_path / "a" / "b", "3x3"):
+            assert (tmp_path / "a" / "b" / ".3x3.lock").exists()
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+# What was left.
+
+
+def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build(tmp_path)
+    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    folder, replaced = tmp_path / "3x3", tmp_path / ".3x3.replaced"
+    folder.rename(replaced)  # The crash came between the two renames.
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+    shutil.copytree(folder, replaced)  # The crash came after them.
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+class CrashError(BaseException):
+    """The end of a process, as far as the build is concerned."""
+
+
+@pytest.mark.parametrize("moment", ["before", "after"])
+def test_a_crash_around_the_move_into_place_costs_no_shard(
+    build: Build,
+    tmp_path: Path,
+    small_dataset: Run,
+    moment: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    move = workplace._move_into_place
+
+    def crash(shards: Path, folder: Path) -> None:
+        if moment == "after":
+            move(shards, folder)
+        raise CrashError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workplace, "_move_into_place", crash)
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    assert (tmp_path / "3x3" / MANIFEST).exists() == (moment == "after")
+    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+@pytest.mark.parametrize("name", [MANIFEST, "README.md"])
+def test_a_crash_while_a_file_is_written_leaves_nothing_of_it_in_the_end(
+    build: Build, tmp_path: Path, small_dataset: Run, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = Path.replace
+
+    def crash(self: Path, target: Path) -> Path:
+        if target.name == name:
+            raise CrashError
+        return replace(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", crash)
+        patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    assert [path.name[: len(name) + 2] for path in tmp_path.rglob("*.tmp")] == [f".{name}."]
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rmtree = shutil.rmtree
+
+    def crash(folder: str | Path, **options: Any) -> None:
+        config = Path(folder) / "config.json"
+        if config.exists():
+            config.unlink()
+            raise CrashError
+        rmtree(folder, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", crash)
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    assert list(tmp_path.glob(".3x3.building/*-of-*.json"))
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_all_is_on_the_disk_before_it_becomes_a_dataset(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: set[int] = set()
+    fsync, move = os.fsync, workplace._move_into_place
+
+    def note(descriptor: int) -> None:
+        fsync(descriptor)
+        synced.add(os.fstat(descriptor).st_ino)
+
+    def check(shards: Path, folder: Path) -> None:
+        files = [shards, *shards.iterdir()]
+        assert len(files) == 1 + 6 + 1
+        assert {path.stat().st_ino for path in files} <= synced
+        move(shards, folder)
+
+    monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr(workplace, "_move_into_place", check)
+    assert build(tmp_path).folder.parent.stat().st_ino in synced
+
+
+def test_a_clock_that_jumps_changes_nothing(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(*_: Path) -> None:
+        raise CrashError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workplace, "_move_into_place", crash)
+        with pytest.raises(CrashError):
+            build(tmp_path)
+    for number, path in enumerate(sorted(tmp_path.rglob("*"))):
+        moment = number % 2 * 4e9  # In 1970 and in 2096.
+        os.utime(path, (moment, moment))
+    moments = itertools.cycle([0.0, 4e9])
+    monkeypatch.setattr(time, "time", lambda: next(moments))
+    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    build(tmp_path)
+    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+
+
+def test_a_sampler_that_finds_too_few_leaves_nothing(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sampling, "PATIENCE", 300)
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 16)  # Shards are finished before.
+    with pytest.raises(ConfigError, match="in 300 draws"):
+        build(tmp_path / "new", size="4", labyrinths=40, open_walls=0.97)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_took_the_place_over_is_noticed(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_shard = generation.make_shard
+
+    def take_over(job: generation.ShardJob) -> object:
+        (tmp_path / ".3x3.building" / "config.json").write_text("{}")
+        return make_shard(job)
+
+    monkeypatch.setattr(generation, "make_shard", take_over)
+    with pytest.raises(DatasetError, match="another run has begun another dataset"):
+        build(tmp_path)
+    assert not (tmp_path / "3x3").exists()

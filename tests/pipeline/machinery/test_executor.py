@@ -1,0 +1,265 @@
+"""The ordered map, on every executor: the same bytes, and lost workers made up for."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import dask
+import distributed
+import pytest
+import ray
+from joblib.externals.loky import get_reusable_executor
+from ray import cluster_utils as ray_cluster
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest, Shard
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.generation import build as generation
+from pipeline.generation.build import make_shard
+from pipeline.generation.validate import validate
+from pipeline.machinery import executor as executors
+from pipeline.machinery.executor import cluster, ordered_map
+
+Build = Callable[..., Run]
+
+
+@pytest.fixture(autouse=True)
+def _no_workers_stay() -> Iterator[None]:
+    yield
+    get_reusable_executor().shutdown(wait=True)
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def die_once(marker: Path) -> None:
+    """End the process that this runs in, the first time."""
+    try:
+        marker.touch(exist_ok=False)
+    except FileExistsError:
+        return
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class DiesOnce:
+    """A function of which the worker that has `fatal` dies, the first time."""
+
+    def __init__(self, marker: Path, fatal: int) -> None:
+        self.marker, self.fatal = marker, fatal
+
+    def __call__(self, item: int) -> int:
+        if item == self.fatal:
+            die_once(self.marker)
+        return -item
+
+
+class MakesShardsAndDiesOnce:
+    """`make_shard`, but the worker that has the one of `s0` dies, the first time."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __call__(self, job: generation.ShardJob) -> Shard:
+        if job.split == "s0":
+            die_once(self.marker)
+        return make_shard(job)
+
+
+def always_die(_item: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+# This machine.
+
+
+class WaitsFor:
+    """A function that returns when a file is there."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __call__(self, item: int) -> int:
+        while not self.marker.exists():
+            time.sleep(0.01)
+        return item
+
+
+def test_items_are_taken_when_a_worker_is_free(tmp_path: Path) -> None:
+    marker = tmp_path / "go"
+    taken: list[int] = []
+    taken_before: list[int] = []
+
+    def go() -> None:
+        taken_before.extend(taken)
+        marker.touch()
+
+    def numbers() -> Iterator[int]:
+        for number in range(100):
+            taken.append(number)
+            if number == 2:
+                threading.Timer(0.5, go).start()
+            yield number
+
+    assert list(ordered_map(WaitsFor(marker), numbers(), 2)) == list(range(100))
+    assert 2 < len(taken_before) < 10
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_the_source_comes_after_the_results_before_it(workers: int) -> None:
+    def numbers() -> Iterator[int]:
+        yield from range(10)
+        raise ConfigError("no more")
+
+    results = []
+    with pytest.raises(ConfigError, match="no more"):
+        results.extend(ordered_map(abs, numbers(), workers))
+    if workers == 1:  # `extend` keeps what came before.
+        assert results == list(range(10))
+
+
+def test_what_a_lost_worker_had_to_do_is_done_by_another(tmp_path: Path) -> None:
+    function = DiesOnce(tmp_path / "died", 7)
+    assert list(ordered_map(function, range(20), 2)) == [-item for item in range(20)]
+    assert function.marker.exists()
+
+
+def test_workers_that_are_lost_again_and_again_are_answered_with_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(executors, "LOSSES", 1)
+    with pytest.raises(DatasetError, match="lost 2 times in a row") as caught:
+        list(ordered_map(always_die, range(4), 2))
+    assert "\n" not in str(caught.value)
+
+
+# Clusters.
+
+
+@pytest.fixture(scope="module")
+def dask_address() -> Iterator[str]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as started:
+        yield started.scheduler_address
+
+
+def test_dask_makes_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run, dask_address: str
+) -> None:
+    with cluster("dask", 2, dask_address):
+        folder = build(tmp_path, workers=2).folder
+        problems = validate(folder, Manifest.read(folder), workers=2)
+    assert content_of(folder) == content_of(small_dataset.folder)
+    assert problems == []
+
+
+def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    one_process = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+    with (
+        distributed.LocalCluster(**one_process, dashboard_address="127.0.0.1:0") as started,
+        cluster("dask", 2, started.scheduler_address),
+    ):
+        folder = build(tmp_path).folder
+    assert content_of(folder) == content_of(small_dataset.folder)
+
+
+def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
+    tmp_path: Path, dask_address: str
+) -> None:
+    function = DiesOnce(tmp_path / "died", 5)
+    with cluster("dask", 2, dask_address):
+        assert list(ordered_map(function, range(12), 2)) == [-item for item in range(12)]
+    assert function.marker.exists()
+
+
+@pytest.fixture(scope="module")
+def ray_address() -> Iterator[str]:
+    own = {"num_cpus": 2, "object_store_memory": 80 << 20, "include_dashboard": False}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # For the functions of this module.
+        started = ray_cluster.Cluster(initialize_head=True, head_node_args=own)
+        yield started.address
+        started.shutdown()
+
+
+def test_a_running_ray_that_loses_a_worker_makes_the_bytes_that_one_process_makes(
+    build: Build,
+    tmp_path: Path,
+    small_dataset: Run,
+    ray_address: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    function = MakesShardsAndDiesOnce(tmp_path / "died")
+    monkeypatch.setattr(generation, "make_shard", function)
+    with cluster("ray", 2, ray_address):
+        folder = build(tmp_path / "data", workers=2).folder
+    assert function.marker.exists()
+    assert content_of(folder) == content_of(small_dataset.folder)
+
+
+def test_more_workers_than_a_cluster_has_room_for_are_answered_with_one_line(
+    ray_address: str,
+) -> None:
+    place = f"executor=ray executor_address={ray_address}"
+    with pytest.raises(ConfigError) as caught, cluster("ray", 3, ray_address):
+        pass
+    assert str(caught.value) == f"{place}: workers=3: the cluster has room for 2"
+
+
+def test_ray_is_started_for_the_run_where_no_address_is_given() -> None:
+    with cluster("ray", 2):
+        assert ray.cluster_resources()["CPU"] == 2
+    assert not ray.is_initialized()
+
+
+@pytest.mark.parametrize(
+    ("executor", "address"), [("dask", "tcp://127.0.0.1:9"), ("ray", "127.0.0.1:9")]
+)
+def test_a_cluster_that_is_not_there_is_answered_with_one_line(executor: str, address: str) -> None:
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "300ms"}),
+        pytest.raises(
+            ConfigError, match=f"executor={executor} executor_address={address}"
+        ) as caught,
+        cluster(executor, 2, address),
+    ):
+        pass
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("executor", ["dask", "ray"])
+def test_an_executor_that_is_not_installed_is_answered_with_one_line(
+    executor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, {"dask": "distributed"}.get(executor, executor), None)
+    with pytest.raises(ConfigError) as caught, cluster(executor, 2):
+        pass
+    install = f"pip install -e '.[{executor}]'"
+    assert str(caught.value) == f"executor={executor} is not installed: {install}"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"executor": "slurm"}, "executor=slurm: choose one of [local, dask, ray]"),
+        ({"executor_address": "tcp://x:1"}, "executor_address=tcp://x:1: executor=local has none"),
+    ],
+    ids=["unknown", "address"],
+)
+def test_an_executor_that_cannot_be_is_answered_with_one_line(
+    options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        resolve(RunConfig(stages=["build"], data_dir="data", **options))
+    assert str(caught.value) == message

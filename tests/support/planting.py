@@ -1,0 +1,56 @@
+"""The rows of the datasets of these tests, and leaks planted in them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from labyrinth_core.data.columns import arrow_schema
+from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.labyrinth import Labyrinth
+
+DEFAULT, OTHER = "3x3", "3x4-key_and_door"
+"""The two configs in the folder of these tests."""
+
+
+def shard(folder: Path, split: str) -> Path:
+    (path,) = folder.glob(f"{split}-0*.parquet")
+    return path
+
+
+def rows(folder: Path, split: str) -> list[dict[str, Any]]:
+    return pq.read_table(shard(folder, split)).to_pylist()
+
+
+def labyrinths(folder: Path, split: str) -> list[str]:
+    """Return the texts of the labyrinths of a split, in order."""
+    return list(dict.fromkeys(row["info"] for row in rows(folder, split)))
+
+
+def plant(folder: Path, split: str, old: str, new: str) -> None:
+    """Replace a labyrinth of a split by another one, its actions left as they are."""
+    changed = [
+        row | {"info": new if row["info"] == old else row["info"]} for row in rows(folder, split)
+    ]
+    write(folder, split, pa.Table.from_pylist(changed, schema=arrow_schema()))
+
+
+def write(folder: Path, split: str, table: pa.Table) -> None:
+    path = shard(folder, split)
+    pq.write_table(table, path)
+    content = json.loads((folder / MANIFEST).read_bytes())
+    entry = next(entry for entry in content["shards"] if entry["path"] == path.name)
+    entry.update(sha256=file_sha256(path), bytes=path.stat().st_size)
+    (folder / MANIFEST).write_text(json.dumps(content))
+
+
+def transposed(text: str) -> str:
+    """Return the mirror image of a labyrinth that keeps start and goal."""
+    labyrinth = parse(text)
+    return dump(Labyrinth(labyrinth.structure.transposed(), labyrinth.start, labyrinth.goal))

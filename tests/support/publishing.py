@@ -1,0 +1,145 @@
+"""Publishing to the Hub on loopback by the real command line, and looking at what came of it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from hub.faults import Rule
+from hub.local_hub import LocalHub
+from hub.request_log import Exchange
+
+ROOT = Path(__file__).parents[2]
+REPO = "user/labyrinth"
+SECONDS = 120
+MADE_BY_THE_HUB = ".gitattributes"
+STRICT = ("-W", "error", "-W", "ignore:Use 'content=<...>':DeprecationWarning")
+"""The client's own uploads through LFS deserve the second warning."""
+
+
+def command(data_dir: Path, version: str, *options: str, repo: str = REPO) -> list[str]:
+    return [
+        *(sys.executable, *STRICT, str(ROOT / "run.py"), "stages=[publish]"),
+        *(f"data_dir={data_dir}", f"publish.repo_id={repo}", f"publish.version={version}"),
+        *options,
+    ]
+
+
+def environment(hub: LocalHub, token: str | None = "write", **more: str) -> dict[str, str]:
+    """Return the environment of a fresh process, whose temporary files are the Hub's."""
+    temporary = hub.folder / "temporary"
+    temporary.mkdir(exist_ok=True)
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    # Without a git repository: a commit to it during the tests would change the card.
+    own = {"TMPDIR": str(temporary), "PYTHONPATH": path, "GIT_DIR": str(temporary)}
+    variables = hub.env(token) | own
+    return variables | {"XDG_CACHE_HOME": variables["HF_HOME"]} | more
+
+
+def publish(
+    hub: LocalHub,
+    data_dir: Path,
+    version: str = "1.0.0",
+    *options: str,
+    token: str | None = "write",
+    repo: str = REPO,
+    **more: str,
+) -> subprocess.CompletedProcess[str]:
+    """Return what became of a release; `more` are variables of its environment."""
+    return subprocess.run(
+        command(data_dir, version, *options, repo=repo),
+        env=environment(hub, token, **more),
+        cwd=hub.folder,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
+        timeout=SECONDS,
+    )
+
+
+def published(hub: LocalHub, data_dir: Path, version: str = "1.0.0", *options: str) -> str:
+    """Return what a release that succeeds prints."""
+    done = publish(hub, data_dir, version, *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def error_of(done: subprocess.CompletedProcess[str]) -> str:
+    """Return the one line that a release that fails ends with."""
+    assert done.returncode == 1, done.stdout + done.stderr
+    *others, last = done.stderr.splitlines()
+    # The client says what it repeats; a person never sees a traceback.
+    assert all("Retry" in line or "thrown while requesting" in line for line in others), done.stderr
+    assert last.startswith("error: ")
+    return last.removeprefix("error: ")
+
+
+@contextmanager
+def publishing(
+    hub: LocalHub, data_dir: Path, version: str = "1.0.0", **more: str
+) -> Iterator[subprocess.Popen[str]]:
+    """Publish in a process that is killed in the end, with all that it has started."""
+    with subprocess.Popen(
+        command(data_dir, version),
+        env=environment(hub, **more),
+        cwd=hub.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def wait_for(rule: Rule, process: subprocess.Popen[str]) -> None:
+    """Wait until a call is held."""
+    while not rule.reached.wait(0.05):
+        assert process.poll() is None, (rule, *process.communicate())
+
+
+def kill_in(hub: LocalHub, held: Rule, data_dir: Path, version: str) -> None:
+    """Publish, and kill it while a call is held."""
+    with publishing(hub, data_dir, version) as process:
+        wait_for(held, process)
+    hub.faults.clear()
+    hub.wait_until_quiet()
+
+
+def built(data_dir: Path) -> dict[str, str]:
+    """Return the SHA-256 of all files of a folder."""
+    return {
+        path.relative_to(data_dir).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in data_dir.rglob("*")
+        if path.is_file()
+    }
+
+
+def held(hub: LocalHub, revision: str = "main", repo: str = REPO) -> dict[str, str]:
+    """Return the SHA-256 of all files of a revision but the one that the Hub makes."""
+    tree = hub.tree(repo, revision)
+    return {path: entry.sha256 for path, entry in tree.items() if path != MADE_BY_THE_HUB}
+
+
+def large(hub: LocalHub, revision: str = "main") -> set[str]:
+    """Return the SHA-256 of the contents that are not in git itself."""
+    return {entry.sha256 for entry in hub.tree(REPO, revision).values() if entry.is_lfs}
+
+
+def is_there(hub: LocalHub, repo: str = REPO) -> bool:
+    return (hub.folder / "repositories" / "dataset" / repo / "repository.json").exists()
+
+
+def changes(hub: LocalHub, since: int = 0) -> list[Exchange]:
+    """Return the calls that may change something, whatever was answered."""
+    return [call for call in hub.log.find(since=since) if call.method not in ("GET", "HEAD")]

@@ -1,0 +1,127 @@
+"""Changes to finished shards, which only a look at the rows themselves can find."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from PIL import Image
+
+from labyrinth_core.data.columns import Row, arrow_schema
+from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
+from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.text import dump
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.rollout import replay
+
+Rows = list[dict[str, Any]]
+
+TRAIN = "train-00000-of-00001.parquet"
+
+
+def read_rows(path: Path) -> Rows:
+    return pq.read_table(path).to_pylist()
+
+
+@contextmanager
+def rows_of(folder: Path, file: str = TRAIN) -> Iterator[Rows]:
+    """Lend the rows of a shard to be changed, then write them, and a manifest that agrees."""
+    rows = read_rows(folder / file)
+    yield rows
+    pq.write_table(pa.Table.from_pylist(rows, schema=arrow_schema()), folder / file)
+    agree(folder, file, rows)
+
+
+@contextmanager
+def manifest_of(folder: Path) -> Iterator[dict[str, Any]]:
+    """Lend the content of a manifest to be changed, then write it."""
+    content = json.loads((folder / MANIFEST).read_bytes())
+    yield content
+    (folder / MANIFEST).write_text(json.dumps(content))
+
+
+def agree(folder: Path, file: str, rows: Rows) -> None:
+    """Make the manifest say of a shard what is true now."""
+    starts = episode_starts(rows)
+    infos = [rows[start]["info"] for start in starts]
+    values = {
+        "labyrinths": 1 + sum(one != other for one, other in pairwise(infos)),
+        "episodes": len(starts),
+        "rows": len(rows),
+        "longest": max(end - start for start, end in pairwise([*starts, len(rows)])) - 1,
+        "bytes": (folder / file).stat().st_size,
+        "sha256": file_sha256(folder / file),
+        "fingerprint": fingerprint(rows),
+    }
+    with manifest_of(folder) as content:
+        next(shard for shard in content["shards"] if shard["path"] == file).update(values)
+
+
+def episode_starts(rows: Rows) -> list[int]:
+    return [0] + [n for n, row in enumerate(rows) if n and row["episode_starts"]]
+
+
+def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
+    """Return the fingerprint of rows, their pictures decoded by Pillow."""
+    digests: dict[bytes, bytes] = {}
+    fingerprint = Fingerprint()
+    for row in rows:
+        png = row["obs"]["bytes"]
+        if png not in digests:
+            digests[png] = picture_digest_of(png)
+        values = (row["actions"], row["rewards"], row["episode_starts"], row["info"])
+        fingerprint.update([Row(b"", "", *values, digests[png])])
+    return fingerprint.hexdigest()
+
+
+def picture_digest_of(png: bytes) -> bytes:
+    try:
+        return decoded_picture_digest(np.array(Image.open(io.BytesIO(png)).convert("RGB")))
+    except (OSError, SyntaxError):
+        return b"not a picture at all"
+
+
+def episode_rows(split: str, number: int, labyrinth: Labyrinth, actions: list[int]) -> Rows:
+    """Return the rows of an episode, right in everything."""
+    episode = replay(labyrinth, actions)
+    painter = Painter(labyrinth)
+    return [
+        {
+            "obs": {
+                "bytes": painter.png(state),
+                "path": f"{split}-{number:06d}-000-{step:04d}.png",
+            },
+            "actions": [*actions, -1][step],
+            "rewards": [*episode.rewards.tolist(), 0.0][step],
+            "episode_starts": step == 0,
+            "info": dump(labyrinth),
+        }
+        for step, state in enumerate(episode.states)
+    ]
+
+
+def with_a_wall_opened(labyrinth: Labyrinth) -> Labyrinth:
+    """Return the labyrinth with the first of its walls opened."""
+    structure = labyrinth.structure
+    passages = list(structure.passages())
+    width = structure.width
+    wall = next(
+        pair
+        for cell in range(structure.cells)
+        for pair in [(cell, cell + 1), (cell, cell + width)]
+        if pair not in passages
+        and pair[1] < structure.cells
+        and (pair[1] - cell == width or pair[1] % width)
+    )
+    opened = Structure.from_passages(structure.height, width, [*passages, wall])
+    return Labyrinth(opened, labyrinth.start, labyrinth.goal)
