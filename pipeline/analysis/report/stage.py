@@ -38,7 +38,6 @@ PACKED_BYTES = 36_000_000
 
 SCRIPTS = (
     "world",
-    "placing",
     "language",
     "dom",
     "drawing",

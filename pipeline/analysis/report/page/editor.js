@@ -1,7 +1,7 @@
 // The editor: a drawing that may break the rules while it is being changed, and its text.
 
 const editor = {
-  labyrinth: openLabyrinth(5, 5), tool: "wall", cursor: null, solved: false, fault: null, size: 0,
+  labyrinth: openLabyrinth(5, 5), tool: "wall", cursor: null, solved: false, size: 0,
 };
 const TOOLS = {
   wall: ["Wall", null], start: ["Start", "start"], goal: ["Goal", "goal"], key: ["Key", "key"],
@@ -9,6 +9,7 @@ const TOOLS = {
 };
 const TASK_OF_TOOL = { key: "key_and_door", door: "key_and_door", ice: "icy_floor" };
 const MOST_PIXELS = 640;
+const UNREAD = "the text has a mistake, shown below it; the board shows the last text without one";
 
 /** Take up a labyrinth to edit, and write its text unless that is where it came from. */
 function edit(labyrinth, { keepText = false } = {}) {
@@ -30,17 +31,21 @@ function edit(labyrinth, { keepText = false } = {}) {
   refreshEditor();
 }
 
-/** Say what stands, and draw. */
+/** Show the board, and say below the button what the drawing is or lacks. */
 function refreshEditor() {
   const { labyrinth } = editor;
-  const problem = problemOf(labyrinth);
-  editor.fault = problem?.cell ?? null;
-  byId("complete").hidden = isComplete(labyrinth);
-  byId("solve").disabled = problem !== null;
-  const view = { fault: editor.fault };
+  const unread = !byId("mistake").hidden;
+  const problem = unread ? new LabyrinthError(UNREAD) : problemOf(labyrinth);
+  const solve = byId("solve");
+  solve.disabled = problem !== null;
+  solve.setAttribute("aria-pressed", String(editor.solved && !problem));
+  solve.textContent = editor.solved && !problem ? "Hide the solution" : "Solve";
+  const view = { fault: problem?.cell };
   if (document.activeElement === byId("board")) view.cursor = editor.cursor;
-  let said = problem ? sentence(problem.message) : "Solvable.";
-  if (!problem) {
+  let said;
+  if (problem) {
+    said = sentence(problem.message);
+  } else {
     const distance = distances(labyrinth);
     const moves = distance[labyrinth.start];
     said = `Solvable; the shortest route has ${plural(moves, "move")}.`;
@@ -54,8 +59,9 @@ function refreshEditor() {
     }
   }
   byId("solution").textContent = said;
+  byId("solution").classList.toggle("problem", problem !== null);
   const board = byId("board");
-  const size = Math.min(board.parentElement.clientWidth, window.innerHeight * 0.75, MOST_PIXELS);
+  const size = Math.min(board.parentElement.clientWidth, window.innerHeight * 0.62, MOST_PIXELS);
   if (size > 0) {
     editor.size = Math.max(220, Math.floor(size));
     paint(board, labyrinth, editor.size, view);
@@ -72,16 +78,12 @@ function solvedArrows(labyrinth, distance, states) {
 
 const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
-/** Return the LabyrinthError of a drawing, null if it keeps the rules. */
+/** Return the LabyrinthError of a drawing that is no labyrinth; null if it is one. */
 function problemOf(labyrinth) {
-  const { task, key } = labyrinth;
-  if (!isComplete(labyrinth)) {
-    const missing = task === "icy_floor" ? "ice is" : key === null ? "the key is" : "the door is";
-    return new LabyrinthError(`${missing} not placed yet`);
-  }
   try {
     checked(labyrinth);
-    return null;
+    const missing = missingTiles(labyrinth);
+    return missing && new LabyrinthError(missing);
   } catch (error) {
     if (!(error instanceof LabyrinthError)) throw error;
     return error;
@@ -226,6 +228,7 @@ function takeText(read) {
     const place = `Line ${error.line}, column ${error.column}`;
     mistake.replaceChildren(element("span", {}, `${place}: ${error.what}\n`), error.shown);
     mistake.hidden = false;
+    refreshEditor();
   }
 }
 
@@ -244,16 +247,6 @@ function saveFile() {
   const address = URL.createObjectURL(new Blob([byId("text").value], { type: "text/plain" }));
   element("a", { href: address, download: "edited.labyrinth" }).click();
   setTimeout(() => URL.revokeObjectURL(address));
-}
-
-/** Let the task's missing tiles be placed, as they are when the text is read. */
-function completeTiles() {
-  try {
-    edit(place(editor.labyrinth));
-  } catch (error) {
-    if (!(error instanceof LabyrinthError)) throw error;
-    byId("solution").textContent = sentence(error.message);
-  }
 }
 
 function setUpEditor() {
@@ -280,11 +273,8 @@ function setUpEditor() {
   for (const type of ["focus", "blur"]) board.addEventListener(type, refreshEditor);
   byId("solve").addEventListener("click", () => {
     editor.solved = !editor.solved;
-    byId("solve").setAttribute("aria-pressed", String(editor.solved));
-    byId("solve").textContent = editor.solved ? "Hide the solution" : "Solve";
     refreshEditor();
   });
-  byId("complete").addEventListener("click", completeTiles);
   byId("text").addEventListener("input", readText);
   byId("copy").addEventListener("click", () => copyText(byId("text").value, byId("copied")));
   byId("save").addEventListener("click", saveFile);

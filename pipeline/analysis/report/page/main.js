@@ -71,5 +71,7 @@ function setUp() {
 }
 
 // For the tests, and for whoever opens the console.
-window.labyrinths = { BLOCKS, decode, parse, dump, distances, optimalActions, shortestRoute };
+window.labyrinths = {
+  BLOCKS, decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute,
+};
 setUp();
