@@ -1,4 +1,4 @@
-// The editor: a drawing that may break the rules while it is being changed, and its text.
+// The editor: a drawing, which may break the rules while it is being changed, and its text.
 
 const editor = {
   labyrinth: openLabyrinth(5, 5), tool: "wall", cursor: null, solved: false, size: 0,
@@ -11,7 +11,7 @@ const TASK_OF_TOOL = { key: "key_and_door", door: "key_and_door", ice: "icy_floo
 const MOST_PIXELS = 640;
 const UNREAD = "the text has a mistake, shown below it; the board shows the last text without one";
 
-/** Take up a labyrinth to edit, and write its text unless that is where it came from. */
+/** Edit another labyrinth; write its text, unless it was read from there. */
 function edit(labyrinth, { keepText = false } = {}) {
   editor.labyrinth = { ...labyrinth, ice: [...labyrinth.ice] };
   const { task, height, width } = labyrinth;
@@ -68,7 +68,7 @@ function refreshEditor() {
   }
 }
 
-/** Return the optimal actions of each cell; on the route, those of the state that it is in there. */
+/** Return the optimal actions of each cell; on the route, those of the state it has there. */
 function solvedArrows(labyrinth, distance, states) {
   const cells = labyrinth.up.length;
   const arrows = new Map(arrowsOf(labyrinth, distance, labyrinth.start));
@@ -109,7 +109,7 @@ function toggleWall(cell, action) {
   say(`wall ${ACTIONS[action]} of row ${row}, column ${column} ${bits[low] ? "open" : "shut"}`);
 }
 
-/** Place a tile on a cell; what was there gives way, but start and goal change places. */
+/** Place a tile on a cell; it replaces another tile, but changes places with start or goal. */
 function placeTile(tool, cell) {
   const before = editor.labyrinth;
   if (TASK_OF_TOOL[tool] && TASK_OF_TOOL[tool] !== before.task) return;
@@ -121,7 +121,7 @@ function placeTile(tool, cell) {
   } else {
     const other = ["start", "goal", "key", "door"].find((name) => before[name] === cell);
     if (other === tool) return;
-    // A start or goal has to be somewhere: it goes where the new tile comes from.
+    // There must be a start and a goal: it moves to where the new tile was.
     if (other === "start" || other === "goal") {
       if (before[tool] === null) return;
       after[other] = before[tool];
@@ -134,7 +134,7 @@ function placeTile(tool, cell) {
 
 const say = (text) => { byId("board-status").textContent = text; };
 
-/** Return the cell at a point of the board, and the wall of it that is nearest, as an action. */
+/** Return the cell at a point of the board, and the direction of its nearest wall, an action. */
 function targetAt(x, y) {
   const { labyrinth, size } = editor;
   const grid = layout(labyrinth, size);
@@ -174,7 +174,7 @@ function boardKey(event) {
   }
 }
 
-/** Give the drawing another size; what fits of it stays. */
+/** Give the drawing another size; keep what fits. */
 function resize() {
   const bounded = (id, now) => {
     const value = Math.round(+byId(id).value);
@@ -198,7 +198,7 @@ function resize() {
       after.right[now] = before.right[cell];
     }
   }
-  // Corners stay corners.
+  // A goal in the corner stays in the corner.
   const corner = before.goal === before.up.length - 1;
   after.start = moved(before.start) ?? 0;
   after.goal = (corner ? null : moved(before.goal)) ?? height * width - 1;
@@ -212,7 +212,7 @@ function resize() {
   edit(after);
 }
 
-/** Read the text that a person writes. */
+/** Read the text that a person has changed. */
 function readText() {
   takeText(() => parse(byId("text").value));
 }

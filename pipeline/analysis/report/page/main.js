@@ -70,7 +70,7 @@ function setUp() {
   performance.mark("usable");
 }
 
-// For the tests, and for whoever opens the console.
+// For the tests and the browser's console.
 window.labyrinths = {
   BLOCKS, decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute,
 };
