@@ -153,9 +153,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
+        # All drawn before any is loaded, so that an impossible option changes nothing.
+        drawn = [(place, self._draw(place, options)) for place in np.flatnonzero(mask).tolist()]
         tables: dict[Labyrinth, LabyrinthTables] = {}
-        for place in np.flatnonzero(mask).tolist():
-            labyrinth = self._draw(place, options)
+        for place, labyrinth in drawn:
             if labyrinth is not self._stack.labyrinths[place]:
                 made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
                 self._stack.load(place, tables.setdefault(labyrinth, made))
@@ -273,9 +274,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
 def _only(values: Batch, mask: Mask) -> Batch:
     """Return the values of a mask; the others are None for objects and zero for numbers."""
-    chosen = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
-    chosen[mask] = values[mask]
-    return chosen
+    only = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
+    only[mask] = values[mask]
+    return only
 
 
 def _sources(

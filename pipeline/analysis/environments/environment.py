@@ -51,7 +51,7 @@ class Environment:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of an environment before it is played."""
+    """The map of visits of an environment, and the original's figures for it."""
 
     labels: tuple[str, str]
     """The labels of a map of visits, across and up."""
