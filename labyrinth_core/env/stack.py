@@ -68,7 +68,8 @@ class Stack:
         self._distances[place] = tables.distances
         self._optimal[place] = tables.optimal_actions
         text = dump(tables.labyrinth)
-        self._names[:, place] = labyrinth_id(text), text
+        self._names[0, place] = labyrinth_id(text)
+        self._names[1, place] = text
         self._shared_names = None
         self._vectors[place] = initial_vector(tables.labyrinth)
 

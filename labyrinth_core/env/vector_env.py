@@ -153,10 +153,11 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
-        # All drawn before any is loaded, so that an impossible option changes nothing.
-        drawn = [(place, self._draw(place, options)) for place in np.flatnonzero(mask).tolist()]
+        places = np.flatnonzero(mask).tolist()
+        # All are drawn before any is loaded, so that an impossible option changes nothing.
+        drawn = [self._draw(place, options) for place in places]
         tables: dict[Labyrinth, LabyrinthTables] = {}
-        for place, labyrinth in drawn:
+        for place, labyrinth in zip(places, drawn, strict=True):
             if labyrinth is not self._stack.labyrinths[place]:
                 made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
                 self._stack.load(place, tables.setdefault(labyrinth, made))
