@@ -7,8 +7,12 @@ default:
 setup:
     pip install -c constraints.txt -e '.[test]'
 
-# Run the tests
+# Run the fast tests, in less than a minute
 test *arguments:
+    pytest -m "not slow" {{arguments}}
+
+# Run all tests
+test-all *arguments:
     pytest {{arguments}}
 
 # Lint, check the format and the types
