@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+import labyrinth_core
 from labyrinth_core import __version__
 from labyrinth_core.data.columns import COLUMNS, SPLITS
 from labyrinth_core.language.text import dump, parse
@@ -66,6 +67,11 @@ def test_the_readme_explains_every_split():
 
 def test_the_readme_explains_every_task():
     assert list(table("task")) == [str(task) for task in Task]
+
+
+def test_the_readme_names_every_public_name_of_the_library():
+    library = README.split("## Library", 1)[1].split("\n## ", 1)[0]
+    assert set(labyrinth_core.__all__) <= set(re.findall(r"\w+", library))
 
 
 def test_the_example_of_the_language_is_canonical():
