@@ -16,6 +16,8 @@ SPEC = importlib.util.spec_from_file_location("train_experts", SCRIPT)
 script = sys.modules["train_experts"] = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(script)
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = script.Settings(step_size=0.1, directions=8, noise=0.1, top=4)
 TARGET = np.array([[1.0, -2.0, 0.5]])
 
