@@ -112,9 +112,9 @@ def main() -> None:
 
 def config_of(size: int, task: str, labyrinths: int | None = None) -> DatasetConfig:
     """Return the configuration of a dataset, else as `python run.py` has it."""
-    asked = RunConfig(stages=["build"], size=str(size), task=TaskConfig(task), data_dir="data")
+    asked = RunConfig(stages=["build"], size=str(size), task=TaskConfig(task))
     if labyrinths is not None:  # The split random of so many is not needed, and would be long.
-        asked.labyrinths, asked.random_steps = labyrinths, 1
+        asked = replace(asked, labyrinths=labyrinths, random_steps=1)
     return resolve(asked).dataset
 
 

@@ -83,14 +83,13 @@ def main() -> None:
 def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[NetworkPolicy, int]:
     """Return the policy of a run, and the side of the labyrinths that it was trained on."""
     size, _, task = str(run["config"]).partition("-")
-    asked = RunConfig(
-        stages=["train"], size=size, task=TaskConfig(task or "navigation"), data_dir="data"
+    names = ["pool_stride", "observation", "protocol"]
+    names += ["encoder"] * (run["method"] != run["encoder"])
+    options = {name: run[name] for name in names}
+    task_config, method = TaskConfig(task or "navigation"), {"name": run["method"]}
+    resolved = resolve(
+        RunConfig(stages=["train"], size=size, task=task_config, method=method, **options)
     )
-    asked.method = {"name": run["method"]}
-    for name in ("encoder", "pool_stride", "observation", "protocol"):
-        if name != "encoder" or run["method"] != run["encoder"]:
-            setattr(asked, name, run[name])
-    resolved = resolve(asked)
     method, settings = find(str(run["method"]), run["settings"])  # type: ignore[arg-type]
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(resolved), make=make)

@@ -39,9 +39,8 @@ def run(run: Run) -> None:
         DatasetError: There is no finished run, or it is of another dataset than the one that is
             there; or the dataset lacks a split.
     """
-    options = run.training
-    assert options is not None  # `resolve` made them, for this stage.
-    folder = options.folder(run.dataset.name)
+    options = run.options
+    folder = options.run_folder(run.dataset.name)
     record = read_record(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
@@ -66,7 +65,7 @@ def run(run: Run) -> None:
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
-    console.print(summary(options.name, content))
+    console.print(summary(options.run_name, content))
     console.print(baseline_summary(content))
 
 

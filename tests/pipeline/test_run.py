@@ -76,6 +76,8 @@ def spaced(text: str) -> str:
         (["task=foo"], ["task=foo", "icy_floor, key_and_door, navigation, partial_observability"]),
         (["+foo=1"], ["foo", "no option"]),
         (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
+        (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
+        (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
         (["size=${foo}"], ["size", "foo"]),
         (["workers=1000000"], ["workers=1000000", "1 to 1,000"]),
         (["size=9", "labyrinths=99999999999999999999999999999999999999999999999"], ["2**144"]),

@@ -163,7 +163,8 @@ def _made(name: str) -> Any:
         return gymnasium.make(name)
     except (DependencyNotInstalled, ModuleNotFoundError) as error:
         raise ConfigError(
-            f"analysis.environments: {name} needs MuJoCo: pip install -e '.[analysis]'"
+            f"analysis.environments: {name} needs MuJoCo: "
+            "pip install 'labyrinth-datasets[analysis]'"
         ) from error
 
 

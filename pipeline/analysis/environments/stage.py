@@ -27,7 +27,7 @@ from pipeline.analysis.environments.frames import Frame
 from pipeline.analysis.environments.summaries import Summary
 from pipeline.analysis.environments.variation import Variation, corrected, measure
 from pipeline.analysis.environments.variation_report import check_can_draw, write_report
-from pipeline.config.analysis import LABYRINTH, AnalysisOptions
+from pipeline.config.analysis import LABYRINTH
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.executor import ordered_map
@@ -60,15 +60,15 @@ def run(run: Run) -> None:
         DatasetError: An expert's archive cannot be read.
         OSError: The folder cannot be written.
     """
-    options = run.analysis
-    assert options is not None
+    options = run.options.analysis
+    folder = Path(options.folder).expanduser()
     check_can_draw()
     # Of all environments first: what is missing is said before hours of playing.
-    frames = {name: _frame(run, options, name) for name in options.environments}
+    frames = {name: _frame(run, folder, name) for name in options.environments}
     results, maps = [], {}
     for name, frame in frames.items():
         started = time.perf_counter()
-        summary = _played(run, options, name, frame)
+        summary = _played(run, folder, name, frame)
         results.append(measure(name, frame, summary, run.dataset.seed))
         maps[name] = frame, summary.visits
         seconds = time.perf_counter() - started
@@ -77,15 +77,15 @@ def run(run: Run) -> None:
             highlight=False,
         )
     results = corrected(results)
-    write_report(options.folder, results, maps)
+    write_report(folder, results, maps)
     console.print(_summary(results))
-    console.print(f"{options.folder} has the tables and pictures.", soft_wrap=True)
+    console.print(f"{folder} has the tables and pictures.", soft_wrap=True)
 
 
-def _frame(run: Run, options: AnalysisOptions, name: str) -> Frame:
+def _frame(run: Run, folder: Path, name: str) -> Frame:
     """Return what episodes are measured on; episodes of other origin are removed."""
-    archive = options.experts.get(name)
-    folder = options.folder / "episodes" / name
+    archive = run.options.analysis.archives.get(name)
+    folder = folder / "episodes" / name
     made_of = _made_of(name, run.dataset, archive)
     try:
         kept = json.loads((folder / _MADE_OF).read_bytes())
@@ -101,15 +101,16 @@ def _frame(run: Run, options: AnalysisOptions, name: str) -> Frame:
     return frame
 
 
-def _played(run: Run, options: AnalysisOptions, name: str, frame: Frame) -> Summary:
+def _played(run: Run, folder: Path, name: str, frame: Frame) -> Summary:
     """Return all episodes of an environment; what earlier runs have finished is not played."""
-    archive = options.experts.get(name)
-    folder = options.folder / "episodes" / name
+    options = run.options.analysis
+    archive = options.archives.get(name)
+    folder = folder / "episodes" / name
     jobs = [
         Job(name, run.dataset, archive, frame, seeds, folder / f"{seeds.start}-{seeds.stop}.npz")
         for seeds in _chunks(options.seeds)
     ]
-    played = ordered_map(summarise, jobs, run.workers)
+    played = ordered_map(summarise, jobs, run.options.workers)
     sized = ((len(job.seeds), summary) for job, summary in zip(jobs, played, strict=True))
     return Summary.joined(list(tracked(sized, name, total=options.seeds)))
 

@@ -380,7 +380,7 @@ def test_a_hub_that_cannot_be_reached_gives_one_line(tmp_path, function):
         "except DatasetError as error: print(error)\n"
     )
     said = python(program, HF_HUB_OFFLINE="1", HF_HOME=str(tmp_path))
-    assert said.startswith("nobody/labyrinth is no folder (python run.py makes one), and not")
+    assert said.startswith("nobody/labyrinth is no folder (labyrinth-datasets makes one), and not")
     assert said.count("\n") == 1
 
 

@@ -15,7 +15,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.world.labyrinth import Task
 from pipeline.analysis.environments import stage as environments
 from pipeline.analysis.environments.summaries import Summary
-from pipeline.config.analysis import AnalysisConfig
+from pipeline.config.analysis import AnalysisOptions
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
 
@@ -23,7 +23,7 @@ REPORT = {"environments.json", "environments.csv", "environments.md", "visits.pn
 
 
 def run_of(folder: Path, *names: str, seeds: int = 8, **options: Any) -> Run:
-    analysis = AnalysisConfig(
+    analysis = AnalysisOptions(
         seeds=seeds,
         environments=list(names) or ["Labyrinth", "MountainCar-v0"],
         experts=options.pop("experts", []),
@@ -119,7 +119,7 @@ def test_a_missing_library_is_named_with_its_extra_in_one_line(
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigError) as caught:
         environments.run(run_of(tmp_path, name))
-    assert "pip install -e '.[analysis]'" in str(caught.value)
+    assert "pip install 'labyrinth-datasets[analysis]'" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not any(tmp_path.iterdir())
 
@@ -155,7 +155,7 @@ def test_an_impossible_option_is_refused_in_one_line(options, parts):
     with pytest.raises(ConfigError) as caught:
         resolve(
             RunConfig(
-                stages=["environments"], data_dir="unused", analysis=AnalysisConfig(**options)
+                stages=["environments"], data_dir="unused", analysis=AnalysisOptions(**options)
             )
         )
     assert all(part in str(caught.value) for part in parts)

@@ -141,7 +141,7 @@ def _unpacked(source: str) -> tuple[dict[str, Array], str]:
         import torch
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"analysis.experts: {source} needs torch: pip install -c constraints.txt -e '.[train]'"
+            f"analysis.experts: {source} needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
 
     path = located(source)
