@@ -16,8 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
-from pipeline.config.place import STAGES
-from pipeline.config.run import options_of, refusal, register, resolve
+from pipeline.config.run import STAGES, options_of, refusal, register, resolve
 from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
 

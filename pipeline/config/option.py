@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import Field, field, fields, is_dataclass
-from inspect import get_annotations
+from dataclasses import field, fields, is_dataclass
 from math import inf
 from typing import Any, TypeVar, get_type_hints
 
@@ -17,30 +16,29 @@ from pipeline.config.errors import ConfigError, check, listed
 
 Options = TypeVar("Options")
 
+FOLDER = (r"(?s).*\S.*", "a folder")
+
 
 def option(
     default: Any,
     meaning: str,
     *,
-    at_least: float = -inf,
+    at_least: float | None = None,
     at_most: float = inf,
     one_of: Iterable[object] = (),
     like: tuple[str, str] | None = None,
-    folder: bool = False,
 ) -> Any:
     """Return the field that declares an option.
 
     Args:
         default: Its value where none is given; MISSING if one has to be given.
         meaning: A phrase for `--help`, in which a noun says what the value is.
-        at_least: The least value of a number.
+        at_least: The least value of a number; None for an option whose number is not checked.
         at_most: The greatest value of a number.
         one_of: The values to choose from; one, or several if the option is a tuple.
         like: A regular expression for the whole text, and a phrase that says what to give.
-        folder: Whether the text may not be blank.
     """
-    limits = (at_least, at_most) if (at_least, at_most) != (-inf, inf) else None
-    checks = {"limits": limits, "one_of": list(one_of), "like": like, "folder": folder}
+    checks = {"low": at_least, "high": at_most, "one_of": list(one_of), "like": like}
     metadata = {"meaning": meaning, "checks": checks}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
@@ -48,33 +46,14 @@ def option(
 
 
 def meanings(cls: type, group: str = "") -> dict[str, str]:
-    """Return what the options that a class itself declares mean, by their names."""
+    """Return what the options that a class declares mean, by their names."""
     found = {}
-    for each in _declared(cls):
-        name = group + each.name
+    for each in fields(cls):
         if "meaning" in each.metadata:
-            found[name] = each.metadata["meaning"]
+            found[group + each.name] = each.metadata["meaning"]
         elif is_dataclass(each.default):
-            found |= meanings(type(each.default), f"{name}.")
+            found |= meanings(type(each.default), f"{group}{each.name}.")
     return found
-
-
-def check_options(options: Any, cls: type, group: str = "") -> None:
-    """Check the values of the options that a class itself declares.
-
-    Args:
-        options: An instance of the class, or of one that inherits from it.
-        cls: The class.
-        group: What goes before the names of the options.
-
-    Raises:
-        ConfigError: A value is impossible; the text says what was given and what is allowed.
-    """
-    kinds = get_type_hints(cls)
-    for each in _declared(cls):
-        if "checks" in each.metadata:
-            value, checks = getattr(options, each.name), each.metadata["checks"]
-            _check_value(group + each.name, value, kinds[each.name], **checks)
 
 
 def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:
@@ -94,20 +73,32 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     return cls(**made)
 
 
-def _declared(cls: type) -> list[Field[Any]]:
-    """Return the fields that a class does not inherit."""
-    return [each for each in fields(cls) if each.name in get_annotations(cls)]
+def check_options(options: Any, cls: type, group: str = "") -> None:
+    """Check the values of the options that a class declares.
+
+    Args:
+        options: An instance of the class, or of one that inherits from it.
+        cls: The class.
+        group: What goes before the names of the options.
+
+    Raises:
+        ConfigError: A value is impossible; the text says what was given and what is allowed.
+    """
+    kinds = get_type_hints(cls)
+    for each in fields(cls):
+        if "checks" in each.metadata:
+            value, checks = getattr(options, each.name), each.metadata["checks"]
+            _check_value(group + each.name, value, kinds[each.name], **checks)
 
 
 def _check_value(
     name: str,
     value: Any,
     kind: Any,
-    *,
-    limits: tuple[float, float] | None,
+    low: float | None,
+    high: float,
     one_of: list[object],
     like: tuple[str, str] | None,
-    folder: bool,
 ) -> None:
     if kind is bool:
         check(isinstance(value, bool), f"{name}={value}: give true or false")
@@ -116,18 +107,11 @@ def _check_value(
         check(known, f"{name}={listed(value)}: choose from {listed(one_of)}")
     elif one_of:
         check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
-    elif limits and (value is not None or kind in (int, float)):
-        _check_number(name, value, *limits, whole=kind is not float)
-    elif like:
+    elif like is not None:
         matches = re.fullmatch(like[0], value, re.ASCII) is not None
         check(matches, f"{name}={value}: give {like[1]}")
-    elif folder:
-        check(value.strip() != "", f"{name} is empty: give a folder")
-
-
-def _check_number(name: str, value: Any, low: float, high: float, *, whole: bool) -> None:
-    kinds = int if whole else (int, float)
-    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
-        kind = "a whole number" if whole else "a number"
+    elif low is not None and (value is not None or kind in (int, float)):
+        number = type(value) is int or (kind is float and isinstance(value, float))
+        what = "a number" if kind is float else "a whole number"
         limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
-        raise ConfigError(f"{name}={value}: give {kind}{limits}")
+        check(number and low <= value <= high, f"{name}={value}: give {what}{limits}")

@@ -17,18 +17,61 @@ from hydra.errors import MissingConfigException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import DatasetOptions, dataset_config
-from pipeline.config.errors import ConfigError, listed
-from pipeline.config.option import check_options, frozen, meanings
-from pipeline.config.place import PlaceOptions, place_of
+from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.option import FOLDER, check_options, frozen, meanings, option
 from pipeline.config.publish import PublishOptions
 from pipeline.config.training import TrainingOptions, check_training
 
+STAGES = {
+    "build": "pipeline.generation.build",
+    "validate": "pipeline.generation.validate",
+    "analyse": "pipeline.analysis.analyse",
+    "card": "pipeline.release.card",
+    "report": "pipeline.analysis.report.stage",
+    "publish": "pipeline.release.publish",
+    "train": "pipeline.training.train",
+    "evaluate": "pipeline.training.evaluate",
+    "results": "pipeline.training.results.stage",
+    "environments": "pipeline.analysis.environments.stage",
+}
+"""Stage -> the module whose `run` performs it."""
+
 
 @dataclass(frozen=True)
-class RunConfig(TrainingOptions):
+class PlaceOptions:
+    """Where and how a dataset is made."""
+
+    data_dir: str = option(
+        "data/labyrinth",
+        "folder of the dataset, or a URL such as s3://bucket/name; each size and task is a folder "
+        "in it",
+        like=FOLDER,
+    )
+    run_dir: str = option(
+        "runs", "folder of what is trained; each size and task is a folder in it", like=FOLDER
+    )
+    overwrite: bool = option(
+        False, "replace a finished dataset or run that was made with other options"
+    )
+    workers: int = option(1, "processes", at_least=1, at_most=1_000)
+    executor: str = option(
+        "local",
+        "where they run: local (this machine), dask or ray",
+        one_of=("local", "dask", "ray"),
+    )
+    executor_address: str | None = option(
+        None, "address of a running cluster of Dask or Ray; else one is started for the run"
+    )
+    stages: tuple[str, ...] = option(
+        (), "what to do, in order: " + ", ".join(STAGES), one_of=STAGES
+    )
+
+
+@dataclass(frozen=True)
+class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     """All options, as they are given on a command line."""
 
     leakage: LeakageOptions = field(default_factory=LeakageOptions)
@@ -65,6 +108,27 @@ class Run:
     def folder(self) -> AnyPath:
         """Where the dataset of this run lies."""
         return self.data_dir / self.dataset.name
+
+    @property
+    def source(self) -> str:
+        """The dataset to learn from: a folder, or an id on the Hub."""
+        own = str(folder_at(self.options.data_dir))
+        return own if self.options.dataset is None else self.options.dataset
+
+    @property
+    def training_name(self) -> str:
+        """The name of what is trained, such as `bc-cnn-seed0` or `iupe-resnet18-seed2-paper`."""
+        options = self.options
+        parts = [options.method_name, f"seed{options.seed}"]
+        parts[1:1] = [options.network] * (options.network != options.method_name)
+        parts += [f"stride{options.pool_stride}"] * (options.pool_stride != 1)
+        parts += [options.protocol] * (options.protocol != "default")
+        return "-".join(parts)
+
+    @property
+    def training_folder(self) -> Path:
+        """Where the policy lies that is trained."""
+        return Path(self.options.run_dir).expanduser() / self.dataset.name / self.training_name
 
     @property
     def local_dir(self) -> Path:
@@ -158,7 +222,18 @@ def resolve(options: RunConfig) -> Run:
     Raises:
         ConfigError: A value is impossible; the text says what was given and what is allowed.
     """
-    run = Run(options, data_dir=place_of(options), dataset=dataset_config(options))
+    check_options(options, PlaceOptions)
+    check(
+        options.executor_address is None or options.executor != "local",
+        f"executor_address={options.executor_address}: executor=local has none",
+    )
+    try:
+        data_dir = folder_at(options.data_dir)
+    except ValueError as error:
+        raise ConfigError(f"data_dir={error}") from error
+    if isinstance(data_dir, Path) and options.executor != "local":
+        data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
+    run = Run(options, dataset_config(options), data_dir)
     stages = set(options.stages)
     if stages & {"report", "publish"}:
         _ = run.local_dir

@@ -12,10 +12,8 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from labyrinth_core.data.storage import folder_at
 from pipeline.config.errors import check, listed
-from pipeline.config.option import check_options, option
-from pipeline.config.place import PlaceOptions
+from pipeline.config.option import FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
@@ -61,7 +59,7 @@ other methods, the same rule is used.
 
 
 @dataclass(frozen=True)
-class TrainingOptions(PlaceOptions):
+class TrainingOptions:
     """What is trained, on what, and where; the method itself checks its settings."""
 
     method: dict[str, Any] = option(  # noqa: RUF009
@@ -88,11 +86,8 @@ class TrainingOptions(PlaceOptions):
         None, "id on the Hub, such as user/labyrinth, or another folder than data_dir"
     )
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
-    run_dir: str = option(
-        "runs", "folder of the runs; each size and task is a folder in it", folder=True
-    )
     results_dir: str = option(
-        "results", "folder of the tables, and of the evaluations that they are made of", folder=True
+        "results", "folder of the tables, and of the evaluations that they are made of", like=FOLDER
     )
     device: str = option(
         "auto", "where networks are computed: " + ", ".join(DEVICES), one_of=DEVICES
@@ -108,32 +103,9 @@ class TrainingOptions(PlaceOptions):
         return str(self.method.get("name", ""))
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """The settings of the method, as they were given."""
-        return {name: value for name, value in self.method.items() if name != "name"}
-
-    @property
     def network(self) -> str:
         """The encoder of the policy; the method's name if that has a network of its own."""
         return self.method_name if self.method_name in OWN_NETWORKS else self.encoder
-
-    @property
-    def source(self) -> str:
-        """The dataset: a folder, or an id on the Hub."""
-        return str(folder_at(self.data_dir)) if self.dataset is None else self.dataset
-
-    @property
-    def run_name(self) -> str:
-        """The name of the run's folder, such as `bc-cnn-seed0` or `iupe-resnet18-seed2-paper`."""
-        parts = [self.method_name, f"seed{self.seed}"]
-        parts[1:1] = [self.network] * (self.network != self.method_name)
-        parts += [f"stride{self.pool_stride}"] * (self.pool_stride != 1)
-        parts += [self.protocol] * (self.protocol != "default")
-        return "-".join(parts)
-
-    def run_folder(self, config_name: str) -> Path:
-        """Return where the run lies, for a dataset's config such as `5x5`."""
-        return Path(self.run_dir).expanduser() / config_name / self.run_name
 
 
 def check_training(options: TrainingOptions) -> None:
@@ -157,9 +129,7 @@ def check_training(options: TrainingOptions) -> None:
 
 
 def usual_settings(method: str) -> dict[str, Any]:
-    """Return the settings that conf/method/ gives a method, none if it has no file there."""
+    """Return the values of `method` that conf/method/ has, none if there is no such file."""
     path = CONF / "method" / f"{method}.yaml"
-    if not path.is_file():
-        return {}
-    settings: Any = OmegaConf.to_container(OmegaConf.load(path))
-    return {name: value for name, value in settings.items() if name != "name"}
+    values: Any = OmegaConf.to_container(OmegaConf.load(path)) if path.is_file() else {}
+    return values

@@ -52,8 +52,8 @@ def run(run: Run) -> None:
             holds another run.
     """
     options = run.options
-    folder = options.run_folder(run.dataset.name)
-    method, settings = find(options.method_name, options.settings)
+    folder = run.training_folder
+    method, settings = find(options.method_name, options.method)
     device = choose_device(options)
     identity = identify(run, settings)
     if not options.overwrite and _is_finished(folder, identity):
@@ -68,11 +68,11 @@ def run(run: Run) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         done = _train(learner, judge, options, folder, identity)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    draw_curves(folder, options.run_name, done.history)
+    draw_curves(folder, run.training_name, done.history)
     computed = {"device": device.type, "threads": torch.get_num_threads()}
     write_record(folder, identity, done, computed)
     (folder / CHECKPOINT).unlink(missing_ok=True)
-    _tell(folder, options, done)
+    _tell(run, done)
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
@@ -97,12 +97,12 @@ def locate_dataset(run: Run) -> AnyPath:
         DatasetError: There is no dataset.
     """
     options = run.options
-    if options.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
+    if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
         size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
         command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
         raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
     try:
-        return locate(options.source, run.dataset.name, "train", options.revision)
+        return locate(run.source, run.dataset.name, "train", options.revision)
     except ValueError as error:
         raise ConfigError(str(error)) from error
 
@@ -124,7 +124,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "seed": options.seed,
         "settings": asdict(settings),
         "config": run.dataset.name,
-        "dataset": options.source,
+        "dataset": run.source,
         "revision": options.revision,
         "fingerprint": Manifest.read(locate_dataset(run)).fingerprint,
     }
@@ -135,7 +135,7 @@ def worlds_of(run: Run) -> Callable[[str], LabyrinthArrays]:
     options = run.options
     return partial(
         load_arrays,
-        options.source,
+        run.source,
         run.dataset.name,
         observation=options.observation,
         image_size=IMAGE_SIZE,
@@ -163,7 +163,7 @@ def prepare(
     options = run.options
     load = worlds_of(run)
     train, validation = load("train"), load("validation")
-    source, config = options.source, run.dataset.name
+    source, config = run.source, run.dataset.name
     steps = partial(load_steps, source, config, worlds=train, revision=options.revision)
 
     def exploration() -> Steps:
@@ -233,13 +233,13 @@ def _train(
         )
 
 
-def _tell(folder: Path, options: TrainingOptions, done: Progress) -> None:
+def _tell(run: Run, done: Progress) -> None:
     best = done.best
     assert best is not None  # The last epoch is always judged.
     console.print(
-        f"{options.run_name}: SR {best['validation_sr']:.1%} on validation, "
+        f"{run.training_name}: SR {best['validation_sr']:.1%} on validation, "
         f"{best['train_sr']:.1%} on train, after epoch {best['epoch']} of "
-        f"{done.epoch}; {done.seconds:.0f} s. {folder}",
+        f"{done.epoch}; {done.seconds:.0f} s. {run.training_folder}",
         highlight=False,
         soft_wrap=True,
     )

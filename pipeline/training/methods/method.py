@@ -174,10 +174,10 @@ def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSetti
     method, settings = getattr(module, "Method", None), getattr(module, "Settings", None)
     if method is None or settings is None:
         raise ConfigError(f"method={name}: pipeline/training/methods has no method of that name")
-    values = usual_settings(name) | dict(values)
+    values = {**usual_settings(name), **values}
+    values.pop("name", None)
     for each in fields(settings):
         check(each.name in values, f"method.{each.name} is missing: give it a value")
     chosen = frozen(settings, values, "method.")
-    for cls in settings.mro()[:-1]:
-        check_options(chosen, cls, "method.")
+    check_options(chosen, settings, "method.")
     return method, chosen

@@ -148,7 +148,7 @@ def test_a_task_that_no_labyrinth_can_hold_is_refused_in_one_line(tmp_path):
         ({"experts": ["Ant-v5:a.zip"]}, ["analysis.experts=[Ant-v5:a.zip]", "HalfCheetah-v5"]),
         ({"experts": ["Labyrinth:a.zip"]}, ["analysis.experts=[Labyrinth:a.zip]"]),
         ({"experts": ["Hopper-v5"]}, ["analysis.experts=[Hopper-v5]", "environment:archive"]),
-        ({"folder": " "}, ["analysis.folder is empty"]),
+        ({"folder": " "}, ["analysis.folder=", "give a folder"]),
     ],
 )
 def test_an_impossible_option_is_refused_in_one_line(options, parts):

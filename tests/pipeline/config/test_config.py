@@ -17,8 +17,7 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, SplitsConfig, TaskConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.place import STAGES
-from pipeline.config.run import OPTIONS, Run, RunConfig, options_of, register, resolve
+from pipeline.config.run import OPTIONS, STAGES, Run, RunConfig, options_of, register, resolve
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -143,9 +142,9 @@ def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allow
         ({"stages": ["build", "sell"]}, ["stages=[build, sell]", *STAGES]),
         ({"splits": SplitsConfig(0)}, ["splits.min_walls=0", "1 to 40"]),
         ({"splits": SplitsConfig(13), "size": "3"}, ["splits.min_walls=13", "1 to 12"]),
-        ({"data_dir": ""}, ["data_dir is empty"]),
-        ({"data_dir": "  "}, ["data_dir is empty"]),
-        ({"run_dir": " "}, ["run_dir is empty"]),
+        ({"data_dir": ""}, ["data_dir=", "give a folder"]),
+        ({"data_dir": "  "}, ["data_dir=", "give a folder"]),
+        ({"run_dir": " "}, ["run_dir=", "give a folder"]),
         ({"task": TaskConfig("chess")}, ["task=chess", "key_and_door"]),
         ({"buckets": BucketsConfig(50, 33, 33)}, ["buckets=[50, 33, 33]", "add up to 100"]),
         ({"buckets": BucketsConfig(100, 0, 0)}, ["buckets=[100, 0, 0]", "1 or more"]),
@@ -207,7 +206,7 @@ def test_a_run_knows_its_folder() -> None:
 
 
 def test_the_folder_of_a_run_tells_what_was_trained() -> None:
-    plain = resolve(config(stages=["train"], seed=3)).options
+    plain = resolve(config(stages=["train"], seed=3))
     other = resolve(
         config(
             stages=["train"],
@@ -217,11 +216,10 @@ def test_the_folder_of_a_run_tells_what_was_trained() -> None:
             protocol="paper",
             run_dir="~/runs",
         )
-    ).options
-    assert plain.run_folder("5x5") == Path("runs/5x5/bc-cnn-seed3")
-    assert other.run_folder("4x6").parent == Path.home() / "runs" / "4x6"
-    assert other.run_name == "iupe-resnet18-seed0-stride2-paper"
-    assert other.settings == {"epochs": 7}
+    )
+    assert plain.training_folder == Path("runs/5x5/bc-cnn-seed3")
+    assert other.training_folder.parent == Path.home() / "runs" / "5x5"
+    assert other.training_name == "iupe-resnet18-seed0-stride2-paper"
 
 
 def test_options_document_exactly_the_fields_of_the_schema() -> None:

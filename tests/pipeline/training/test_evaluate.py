@@ -33,7 +33,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     stage.run(trained)
     printed = capsys.readouterr().out
     assert all(split in printed for split in EVALUATED_SPLITS)
-    folder = trained.options.run_folder("3x3")
+    folder = trained.training_folder
     text = (folder / "evaluation.json").read_text(encoding="utf-8")
     content = json.loads(text)
     assert list(content["splits"]) == list(content["baselines"]) == list(EVALUATED_SPLITS)

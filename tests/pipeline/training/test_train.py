@@ -43,7 +43,7 @@ def run_of(small_dataset: Run, tmp_path: Path) -> Callable[..., Run]:
 
 
 def folder_of(run: Run) -> Path:
-    return run.options.run_folder(run.dataset.name)
+    return run.training_folder
 
 
 def weights_of(run: Run) -> bytes:
