@@ -24,7 +24,6 @@ from labyrinth_core.evaluation.journeys import Journey, travel
 from labyrinth_core.evaluation.trials import trials, write_trial
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods.method import find
@@ -86,10 +85,8 @@ def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[Netw
     names = ["pool_stride", "observation", "protocol"]
     names += ["encoder"] * (run["method"] != run["encoder"])
     options = {name: run[name] for name in names}
-    task_config, method = TaskConfig(task or "navigation"), {"name": run["method"]}
-    resolved = resolve(
-        RunConfig(stages=["train"], size=size, task=task_config, method=method, **options)
-    )
+    options |= {"task": task or "navigation", "method": {"name": run["method"]}}
+    resolved = resolve(RunConfig(stages=["train"], size=size, **options))
     method, settings = find(str(run["method"]), run["settings"])  # type: ignore[arg-type]
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(resolved), make=make)

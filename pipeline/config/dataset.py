@@ -8,15 +8,8 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS, default_open_walls
-from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.option import option
-
-
-@dataclass(frozen=True)
-class TaskConfig:
-    """The group `task`."""
-
-    name: str = "navigation"
+from pipeline.config.errors import ConfigError
+from pipeline.config.option import check_options, option
 
 
 @dataclass(frozen=True)
@@ -42,8 +35,10 @@ class DatasetOptions:
     """What a dataset is; `DatasetConfig` checks the values."""
 
     size: str = option("5", "rows and columns: 5, or height x width such as 4x6")
-    task: TaskConfig = option(  # noqa: RUF009
-        TaskConfig(), "navigation, partial_observability, key_and_door or icy_floor"
+    task: str = option(
+        "navigation",
+        "navigation, partial_observability, key_and_door or icy_floor",
+        one_of=map(str, Task),
     )
     labyrinths: int | None = option(
         None, "labyrinths in each of train, validation and test (32 at 3x3, else 100)"
@@ -75,8 +70,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
     Raises:
         ConfigError: A value is impossible.
     """
-    tasks = [str(task) for task in Task]
-    check(options.task.name in tasks, f"task={options.task.name}: choose one of {listed(tasks)}")
+    check_options(options, DatasetOptions)
     try:
         height, width = parse_size(options.size)
         labyrinths, open_walls = options.labyrinths, options.open_walls
@@ -87,7 +81,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
         return DatasetConfig(
             height=height,
             width=width,
-            task=Task(options.task.name),
+            task=Task(options.task),
             labyrinths=labyrinths,
             solutions=options.solutions,
             solutions_limit=options.solutions_limit,

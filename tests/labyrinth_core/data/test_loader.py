@@ -34,7 +34,6 @@ from labyrinth_core.pictures.png import encode
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 
@@ -58,7 +57,7 @@ def data_dir(tmp_path_factory):
             config = RunConfig(
                 stages=["build"],
                 size=name.partition("-")[0],
-                task=TaskConfig(task),
+                task=task,
                 labyrinths=3,
                 random_steps=70,
                 data_dir=str(folder),
