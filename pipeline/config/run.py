@@ -236,7 +236,7 @@ def resolve(options: RunConfig) -> Run:
     run = Run(options, dataset_config(options), data_dir)
     stages = set(options.stages)
     if stages & {"report", "publish"}:
-        _ = run.local_dir
+        _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
     if stages & {"train", "evaluate", "results"}:
         check_training(options)
     if "environments" in stages:
