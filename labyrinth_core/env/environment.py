@@ -217,7 +217,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
                 from labyrinth_core.env.window import Window
             except ImportError as error:
                 raise DependencyNotInstalled(
-                    "a window needs pygame: pip install -e '.[play]'"
+                    "a window needs pygame: pip install 'labyrinth-datasets[play]'"
                 ) from error
             self._window = Window()
         return self._window

@@ -126,7 +126,8 @@ def _gymnasium(name: str, archive: str | None) -> Environment:
         env: Any = gymnasium.make(name)
     except (DependencyNotInstalled, ModuleNotFoundError) as error:
         raise ConfigError(
-            f"analysis.environments: {name} needs MuJoCo: pip install -e '.[analysis]'"
+            f"analysis.environments: {name} needs MuJoCo: "
+            "pip install 'labyrinth-datasets[analysis]'"
         ) from error
     expert = expert_of(name, archive)
     space: Any = env.action_space

@@ -59,8 +59,8 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
         DatasetError: An expert's archive cannot be read.
         OSError: The folder cannot be written.
     """
-    options = run.analysis
-    assert options is not None
+    options = run.options.analysis
+    folder = Path(options.folder).expanduser()
     check_can_draw()
     # All environments before any is played: what is missing is reported before hours of playing.
     jobs = [_job(run, name, pilots) for name in options.environments]
@@ -71,7 +71,7 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
             replace(job, seeds=job.seeds[first : first + chunk])
             for first in range(0, len(job.seeds), chunk)
         ]
-        played = ordered_map(summarise, parts, run.workers)
+        played = ordered_map(summarise, parts, run.options.workers)
         sized = ((len(part.seeds), each) for part, each in zip(parts, played, strict=True))
         summary = Summary.joined(list(tracked(sized, job.name, total=len(job.seeds))))
         results.append(measure(job.name, job.discretisation, summary, run.dataset.seed))
@@ -83,18 +83,18 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
             highlight=False,
         )
     results = corrected(results)
-    write_report(options.folder, results, maps)
+    write_report(folder, results, maps)
     console.print(_table(results))
-    console.print(f"{options.folder} has the tables and pictures.", soft_wrap=True)
+    console.print(f"{folder} has the tables and pictures.", soft_wrap=True)
 
 
 def _job(run: Run, name: str, pilots: int) -> Job:
     """Return all seeds of an environment as a job; remove episodes that were played otherwise."""
-    assert run.analysis is not None
-    archive = run.analysis.experts.get(name)
+    options = run.options.analysis
+    archive = options.archives.get(name)
     environment = _environment(name, run.dataset, archive)
     discretisation = Discretisation.around(environment, map(environment.play, range(pilots)))
-    folder = run.analysis.folder / "episodes" / name
+    folder = Path(options.folder).expanduser() / "episodes" / name
     provenance = folder / "made-of.json"
     made_of = _made_of(name, run.dataset, archive) | {"points": discretisation.fingerprint}
     text = json.dumps(made_of)
@@ -102,7 +102,7 @@ def _job(run: Run, name: str, pilots: int) -> Job:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         write_text(provenance, text)
-    return Job(name, run.dataset, archive, discretisation, folder, range(run.analysis.seeds))
+    return Job(name, run.dataset, archive, discretisation, folder, range(options.seeds))
 
 
 def _made_of(name: str, dataset: DatasetConfig, archive: str | None) -> dict[str, Any]:

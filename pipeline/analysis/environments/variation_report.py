@@ -43,7 +43,7 @@ def check_can_draw() -> None:
         import matplotlib  # noqa: F401
     except ModuleNotFoundError as error:
         raise ConfigError(
-            "stages=[environments] needs matplotlib: pip install -e '.[analysis]'"
+            "stages=[environments] needs matplotlib: pip install 'labyrinth-datasets[analysis]'"
         ) from error
 
 

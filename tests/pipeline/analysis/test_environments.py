@@ -15,7 +15,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.world.labyrinth import Task
 from pipeline.analysis.environments import stage as environments
 from pipeline.analysis.environments.summaries import Summary
-from pipeline.config.analysis import AnalysisConfig
+from pipeline.config.analysis import AnalysisOptions
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
 
@@ -25,7 +25,7 @@ REPORT = {"environments.json", "environments.csv", "environments.md", "visits.pn
 
 
 def run_of(folder: Path, *names: str, seeds: int = 8, **options: Any) -> Run:
-    analysis = AnalysisConfig(
+    analysis = AnalysisOptions(
         seeds=seeds,
         environments=list(names) or ["Labyrinth", "MountainCar-v0"],
         experts=options.pop("experts", []),
@@ -120,7 +120,7 @@ def test_a_missing_library_is_named_with_its_extra_in_one_line(
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigError) as caught:
         compare(run_of(tmp_path, name))
-    assert "pip install -e '.[analysis]'" in str(caught.value)
+    assert "pip install 'labyrinth-datasets[analysis]'" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not any(tmp_path.iterdir())
 
@@ -149,14 +149,14 @@ def test_a_task_that_no_labyrinth_can_hold_is_refused_in_one_line(tmp_path):
         ({"experts": ["Ant-v5:a.zip"]}, ["analysis.experts=[Ant-v5:a.zip]", "HalfCheetah-v5"]),
         ({"experts": ["Labyrinth:a.zip"]}, ["analysis.experts=[Labyrinth:a.zip]"]),
         ({"experts": ["Hopper-v5"]}, ["analysis.experts=[Hopper-v5]", "environment:archive"]),
-        ({"folder": " "}, ["analysis.folder is empty"]),
+        ({"folder": " "}, ["analysis.folder=", "give a folder"]),
     ],
 )
 def test_an_impossible_option_is_refused_in_one_line(options, parts):
     with pytest.raises(ConfigError) as caught:
         resolve(
             RunConfig(
-                stages=["environments"], data_dir="unused", analysis=AnalysisConfig(**options)
+                stages=["environments"], data_dir="unused", analysis=AnalysisOptions(**options)
             )
         )
     assert all(part in str(caught.value) for part in parts)

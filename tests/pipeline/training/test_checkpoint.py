@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import torch
+from method_settings import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError
@@ -23,7 +24,7 @@ Problems = Callable[..., Problem]
 
 
 def learner(problem: Problem) -> bc.Method:
-    return bc.Method(problem, bc.Settings())
+    return bc.Method(problem, settings_of("bc"))
 
 
 def same(left: Learner, right: Learner) -> bool:

@@ -130,7 +130,7 @@ def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], str]:
         import torch
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"analysis.experts: {source} needs torch: pip install -c constraints.txt -e '.[train]'"
+            f"analysis.experts: {source} needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
 
     def member(archive: zipfile.ZipFile, name: str) -> bytes:
