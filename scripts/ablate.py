@@ -177,18 +177,18 @@ def learner_of(case: Case, source: Path) -> Learner:
     """Return the learner of a run, with the weights and the randomness it begins with."""
     name, values = VARIANTS[case.variant]
     config = case.dataset.name
-    worlds = load_arrays(source, config, "train")
-    demonstrations = load_steps(source, config, "train", worlds)
+    arrays = load_arrays(source, config, "train")
+    demonstrations = load_steps(source, config, "train", arrays)
     method, settings = find(name, values)
     if case.variant == "bc":
         settings = cloning(settings, len(demonstrations.states))
     shape = (case.dataset.height, case.dataset.width, str(case.dataset.task))
     torch.manual_seed(case.seed)
     problem = Problem(
-        worlds=worlds,
-        observations=torch.from_numpy(worlds.observations),
+        arrays=arrays,
+        observations=torch.from_numpy(arrays.observations),
         demonstrations=demonstrations,
-        exploration=partial(load_steps, source, config, "random", worlds),
+        exploration=partial(load_steps, source, config, "random", arrays),
         spec=NetworkSpec("planner" if name == "planner" else "cnn", 1, *shape),
         rng=np.random.default_rng(case.seed),
     )

@@ -28,7 +28,7 @@ from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods.method import find
-from pipeline.training.networks.turning import Averaged
+from pipeline.training.networks.symmetry import Averaged
 from pipeline.training.policy import NetworkPolicy, load_policy
 from pipeline.training.record import POLICY, read_record
 from pipeline.training.train import spec_of

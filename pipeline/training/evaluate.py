@@ -1,6 +1,6 @@
-"""The stage `evaluate`: the policy of a run on all five splits, written into the run's folder.
+"""The stage `evaluate`: evaluates the policy of a run on all five splits, in the run's folder.
 
-Nothing is chosen here, and nothing learnt: one greedy episode for every labyrinth.
+Nothing is selected or learnt here: the policy acts in one greedy episode per labyrinth.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.results.evaluations import EVALUATION, FORMAT
-from pipeline.training.train import choose_device, locate_dataset, spec_of, worlds_of
+from pipeline.training.train import choose_device, loader_of, locate_dataset, spec_of
 
 
 def run(run: Run) -> None:
@@ -36,8 +36,8 @@ def run(run: Run) -> None:
 
     Raises:
         ConfigError: There is no such device, or a folder is given with a revision.
-        DatasetError: There is no finished run, or it is of another dataset than the one that is
-            there; or the dataset lacks a split.
+        DatasetError: There is no finished run, it was trained on another dataset than the one that
+            exists now, or the dataset lacks a split.
     """
     options = run.training
     assert options is not None  # `resolve` made them, for this stage.
@@ -57,12 +57,12 @@ def run(run: Run) -> None:
         )
     scores: dict[str, Scores] = {}
     baselines: dict[str, Any] = {}
-    splits = ((1, each) for each in evaluate_splits(policy, worlds_of(run)))
-    for split, worlds, found in tracked(splits, "evaluate", total=len(EVALUATED_SPLITS)):
+    splits = ((1, each) for each in evaluate_splits(policy, loader_of(run)))
+    for split, arrays, found in tracked(splits, "evaluate", total=len(EVALUATED_SPLITS)):
         if split == "train":
-            train = worlds
+            train = arrays
         scores[split] = found
-        baselines[split] = compare(train, worlds)
+        baselines[split] = compare(train, arrays)
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
@@ -73,12 +73,12 @@ def run(run: Run) -> None:
 def evaluate_splits(
     policy: Policy, load: Callable[[str], LabyrinthArrays]
 ) -> Iterator[tuple[str, LabyrinthArrays, Scores]]:
-    """Yield the five splits, train first, with what a policy achieves; the next loads meanwhile."""
+    """Yield the five splits with a policy's scores, train first; the next one loads in a thread."""
     with closing(
         prefetched(((split, load(split)) for split in EVALUATED_SPLITS), ahead=1)
     ) as loaded:
-        for split, worlds in loaded:
-            yield split, worlds, evaluate(policy, worlds)
+        for split, arrays in loaded:
+            yield split, arrays, evaluate(policy, arrays)
 
 
 def describe(
@@ -87,13 +87,13 @@ def describe(
     baselines: Mapping[str, Any],
     computed: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return all that is kept of an evaluation, in plain types.
+    """Return the content of `evaluation.json`, in plain types.
 
     Args:
-        record: `run.json` of the run.
-        scores: By split.
-        baselines: By split and name.
-        computed: Where it was evaluated.
+        record: The content of `run.json`.
+        scores: The scores of each split.
+        baselines: The figures of each split's baselines, by name.
+        computed: The device and the versions of libraries.
     """
     solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
     return {
@@ -112,7 +112,7 @@ def describe(
 
 
 def as_text(content: Mapping[str, Any]) -> str:
-    """Return JSON with a line for each entry of the first two levels, so that it can be read."""
+    """Return readable JSON: one line for each entry of the first two levels."""
     lines = []
     for key, value in content.items():
         text = json.dumps(value)
@@ -124,8 +124,8 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 
 def summary(name: str, content: Mapping[str, Any]) -> Table:
-    """Return the table of an evaluation."""
-    table = Table(title=f"{name}, one greedy episode a labyrinth")
+    """Return the table of the policy's scores."""
+    table = Table(title=f"{name}, one greedy episode per labyrinth")
     table.add_column("split")
     for heading in ("SR", "95%", "AER", "optimal*", "failures"):
         table.add_column(heading, justify="right")
@@ -140,12 +140,12 @@ def summary(name: str, content: Mapping[str, Any]) -> Table:
             " / ".join("-" if share is None else f"{share:.0%}" for share in shares),
             ", ".join(f"{count} {name}" for name, count in figures["failures"].items()) or "none",
         )
-    table.caption = "*of the actions, on the demonstrations' states / in all others"
+    table.caption = "*share of optimal actions, in the demonstrations' states / in all others"
     return table
 
 
 def baseline_summary(content: Mapping[str, Any]) -> Table:
-    """Return the table of what needs no learning."""
+    """Return the table of the baselines."""
     table = Table(title="SR without learning")
     table.add_column("split")
     for name in BASELINES:

@@ -1,13 +1,13 @@
-"""The stage `results`: the evaluations of all runs, in tables beside the paper's figures.
+"""The stage `results`: tables of the evaluations of all runs, beside the paper's figures.
 
-Evaluations are gathered from `run_dir` into `<results_dir>/runs`, where they are kept: they are
-small, and the tables are made of them alone.
+The evaluations are copied from `run_dir` to `<results_dir>/runs`, where they are kept; the tables
+are made from these copies alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from itertools import groupby
 
 from rich.table import Table
 
@@ -16,20 +16,30 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console
 from pipeline.machinery.markdown import count
-from pipeline.training.results.evaluations import EVALUATION, Figures, read_all, summarise
+from pipeline.training.results.evaluations import (
+    BY_METHOD,
+    EVALUATION,
+    Figures,
+    read_all,
+    summarise,
+)
 from pipeline.training.results.paper import METHODS
 from pipeline.training.results.result_tables import write_tables
 
 
 def run(run: Run) -> None:
-    """Gather the evaluations, and write tables of them.
+    """Collect the evaluations, and write the tables.
 
     Raises:
-        DatasetError: There are none, or one cannot be read, or two are of other datasets.
+        DatasetError: There are none, one cannot be read, or two cannot be compared.
     """
     options = run.training
     assert options is not None  # `resolve` made them, for this stage.
-    gather(options.run_dir, options.results_dir)
+    for path in sorted(options.run_dir.glob(f"*/*/{EVALUATION}")):
+        *_, config, name, _ = path.parts
+        target = options.results_dir / "runs" / config / f"{name}.json"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_text(target, path.read_text(encoding="utf-8"))
     evaluations = read_all(options.results_dir)
     figures = summarise(evaluations)
     write_tables(options.results_dir, evaluations, figures)
@@ -41,25 +51,16 @@ def run(run: Run) -> None:
     )
 
 
-def gather(run_dir: Path, results_dir: Path) -> None:
-    """Copy the evaluations of finished runs to where they are kept."""
-    for path in sorted(run_dir.glob(f"*/*/{EVALUATION}")):
-        target = results_dir / "runs" / path.parts[-3] / f"{path.parts[-2]}.json"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_text(target, path.read_text(encoding="utf-8"))
-
-
 def overview(figures: Sequence[Figures]) -> Table:
-    """Return the table for the terminal: success rates, in percent."""
+    """Return the success rates as a table for the terminal."""
     table = Table(title="SR in percent, mean over seeds")
     for heading in ("dataset", "setup", "method"):
         table.add_column(heading)
     for heading in ("seeds", *EVALUATED_SPLITS):
         table.add_column(heading, justify="right")
-    rows: dict[tuple[str, str, str, str], list[str]] = {}
-    for each in figures:
-        key = (each.config, each.setup, METHODS.get(each.method, each.method), str(each.seeds))
-        rows.setdefault(key, []).append(f"{100 * each.sr:.1f}")
-    for key, rates in rows.items():
-        table.add_row(*key, *rates)
+    for _, grouped in groupby(figures, BY_METHOD):
+        group = list(grouped)
+        name = METHODS.get(group[0].method, group[0].method)
+        rates = (f"{100 * each.sr:.1f}" for each in group)
+        table.add_row(group[0].config, group[0].setup, name, str(group[0].seeds), *rates)
     return table
