@@ -24,7 +24,6 @@ import os
 import platform
 import sys
 import time
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -40,8 +39,8 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
 from labyrinth_core.pictures.resize import area_average
-from pipeline.training.evaluate import evaluate_splits
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import NetworkPolicy
 
@@ -67,8 +66,8 @@ class Solving:
 def evaluate_all(policy: Policy, data: Path) -> float:
     """Return the seconds that the five splits take, from their files to their figures."""
     start = time.perf_counter()
-    for _, _, scores in evaluate_splits(policy, partial(load_arrays, data, CONFIG)):
-        scores.to_json()
+    for split in EVALUATED_SPLITS:
+        evaluate(policy, load_arrays(data, CONFIG, split)).to_json()
     return time.perf_counter() - start
 
 

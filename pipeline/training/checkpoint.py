@@ -45,14 +45,7 @@ class Progress:
 
 
 def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically.
-
-    Args:
-        path: The file to write.
-        learner: The learner, whose state and random states are kept.
-        progress: What the run has done so far.
-        identity: What determines the run; only a run with the same identity can continue from here.
-    """
+    """Write a checkpoint, from which only a run with the same identity continues, atomically."""
     tensors, plain = state_of(learner)
     tensors |= {f"best/{name}": tensor for name, tensor in progress.weights.items()}
     tensors["random/cpu"] = torch.get_rng_state()

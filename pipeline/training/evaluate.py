@@ -6,21 +6,17 @@ Nothing is selected or learnt here: the policy acts in one greedy episode per la
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, compare
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.policy import Policy
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, evaluate
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
@@ -57,28 +53,18 @@ def run(run: Run) -> None:
         )
     scores: dict[str, Scores] = {}
     baselines: dict[str, Any] = {}
-    splits = ((1, each) for each in evaluate_splits(policy, loader_of(run)))
-    for split, arrays, found in tracked(splits, "evaluate", total=len(EVALUATED_SPLITS)):
+    load, total = loader_of(run), len(EVALUATED_SPLITS)
+    for split in tracked(((1, split) for split in EVALUATED_SPLITS), "evaluate", total):
+        arrays = load(split)
         if split == "train":
             train = arrays
-        scores[split] = found
+        scores[split] = evaluate(policy, arrays)
         baselines[split] = compare(train, arrays)
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
     console.print(summary(options.name, content))
     console.print(baseline_summary(content))
-
-
-def evaluate_splits(
-    policy: Policy, load: Callable[[str], LabyrinthArrays]
-) -> Iterator[tuple[str, LabyrinthArrays, Scores]]:
-    """Yield the five splits with a policy's scores, train first; the next one loads in a thread."""
-    with closing(
-        prefetched(((split, load(split)) for split in EVALUATED_SPLITS), ahead=1)
-    ) as loaded:
-        for split, arrays in loaded:
-            yield split, arrays, evaluate(policy, arrays)
 
 
 def describe(
@@ -91,8 +77,8 @@ def describe(
 
     Args:
         record: The content of `run.json`.
-        scores: The scores of each split.
-        baselines: The figures of each split's baselines, by name.
+        scores: By split.
+        baselines: The figures of the baselines, by split and name.
         computed: The device and the versions of libraries.
     """
     solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
@@ -125,10 +111,9 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 def summary(name: str, content: Mapping[str, Any]) -> Table:
     """Return the table of the policy's scores."""
-    table = Table(title=f"{name}, one greedy episode per labyrinth")
-    table.add_column("split")
-    for heading in ("SR", "95%", "AER", "optimal*", "failures"):
-        table.add_column(heading, justify="right")
+    table = _table(
+        f"{name}, one greedy episode per labyrinth", "SR", "95%", "AER", "optimal*", "failures"
+    )
     for split, figures in content["splits"].items():
         low, high = figures["sr_interval"]
         shares = [figures[f"accuracy_{where}"] for where in ("on_demonstrations", "elsewhere")]
@@ -146,10 +131,12 @@ def summary(name: str, content: Mapping[str, Any]) -> Table:
 
 def baseline_summary(content: Mapping[str, Any]) -> Table:
     """Return the table of the baselines."""
-    table = Table(title="SR without learning")
-    table.add_column("split")
-    for name in BASELINES:
-        table.add_column(name.replace("_", " "), justify="right")
+    table = _table("SR without learning", *(name.replace("_", " ") for name in BASELINES))
     for split, figures in content["baselines"].items():
         table.add_row(split, *(f"{figures[name]['sr']:.1%}" for name in BASELINES))
     return table
+
+
+def _table(title: str, *headings: str) -> Table:
+    columns = (Column(heading, justify="right") for heading in headings)
+    return Table("split", *columns, title=title)

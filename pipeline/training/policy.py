@@ -26,12 +26,8 @@ BATCH = 256
 def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
     """Return a network's outputs in evaluation mode: no dropout, running statistics, no gradient.
 
-    Whatever acts, labels or judges during training calls this function. It leaves the network in
-    the mode in which it was.
-
-    Args:
-        network: Takes a batch of observations.
-        observations: Any number of them, on the network's device.
+    Whatever acts, labels or judges during training calls this function, with any number of
+    observations on the network's device. It leaves the network in the mode in which it was.
     """
     training = network.training
     network.eval()
@@ -46,11 +42,7 @@ def settle(network: nn.Module, observations: Tensor) -> None:
     """Set batch normalisation's running statistics from observations; end in evaluation mode.
 
     For methods that train in evaluation mode, where the statistics of a fresh network would stay
-    at their initial values.
-
-    Args:
-        network: Takes a batch of observations.
-        observations: Any number of them, on the network's device.
+    at their initial values. The observations are on the network's device.
     """
     normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
     for layer in normalising:

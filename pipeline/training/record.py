@@ -38,11 +38,8 @@ def write_record(
 ) -> None:
     """Write `run.json` into a run's folder, atomically.
 
-    Args:
-        folder: The folder of the run.
-        identity: What determines the run: method, settings, encoder, seed, dataset, ...
-        progress: The finished run's progress.
-        computed: The device and the number of threads.
+    `identity` determines the run (method, settings, encoder, seed, dataset, ...); `computed` tells
+    the device and the number of threads.
     """
     content = {
         "format": FORMAT,

@@ -48,10 +48,6 @@ from pipeline.training.steps import Steps, load_steps
 def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     """Train the policy of a run, unless it is finished; continue an interrupted run.
 
-    Args:
-        run: The run.
-        checkpoint_seconds: The least time between two checkpoints.
-
     Raises:
         ConfigError: A setting or the device is impossible, or an extra is missing.
         DatasetError: The dataset is missing or lacks a split that the method needs, or the folder

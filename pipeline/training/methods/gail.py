@@ -222,13 +222,8 @@ def policy_loss(
 ) -> Tensor:
     """Return PPO's loss for each sample, shape (N,).
 
-    Args:
-        settings: The clipping, and the weight of the entropy bonus.
-        outputs: The actor's outputs in the states of the samples, shape (N, 5).
-        actions: As in `Samples`, like the following arguments.
-        advantages: As in `Samples`.
-        returns: As in `Samples`.
-        log_probabilities: As in `Samples`.
+    `outputs` are the actor's outputs in the states of the samples, shape (N, 5); the arguments
+    after it are fields of `Samples`.
     """
     logs = torch.log_softmax(outputs[:, :-1], 1)
     ratio = torch.exp(logs.gather(1, actions[:, None])[:, 0] - log_probabilities)

@@ -161,10 +161,10 @@ class Learner(ABC):
 
 
 def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSettings]:
-    """Return a method and its settings, by the name of its module in this package.
+    """Return a method and its settings.
 
     Args:
-        name: An identifier, such as `bc`.
+        name: The name of the method's module in this package, such as `bc`.
         values: The values of some settings; the others have their defaults.
 
     Raises:

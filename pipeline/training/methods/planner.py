@@ -105,12 +105,8 @@ class Method(bc.Method):
 
     def step(self, share: float) -> None:
         over = (self.epochs + share) / self.settings.epochs
+        factor = min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)
         for group in self.optimizer.param_groups:
-            group["lr"] = self.settings.learning_rate * _rate(over)
+            group["lr"] = self.settings.learning_rate * factor
         clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
         super().step(share)
-
-
-def _rate(over: float) -> float:
-    """Return the factor of the learning rate, given the share of the training that is over."""
-    return min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)

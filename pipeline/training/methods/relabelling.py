@@ -39,12 +39,7 @@ class ExampleSampler:
     """Draws examples from the demonstrated episodes."""
 
     def __init__(self, arrays: LabyrinthArrays, demonstrations: Steps) -> None:
-        """Replay the episodes.
-
-        Args:
-            arrays: The labyrinths of the episodes.
-            demonstrations: The steps of the episodes, in the order of `arrays.routes`.
-        """
+        """Replay the episodes; `demonstrations` are the steps of `arrays.routes`, in order."""
         self._spec = arrays.spec
         firsts = np.cumsum([0, *map(len, arrays.routes)])[:-1]
         numbers = arrays.labyrinth[demonstrations.states[firsts]].tolist()

@@ -101,13 +101,13 @@ def read_all(results_dir: Path) -> list[Evaluation]:
                 f"{each.path} and {other.path} are of different settings, {differing}, and not to "
                 "be averaged: remove one, or choose another results_dir"
             )
-    return sorted(found, key=_order)
+    places = {method: place for place, method in enumerate(METHODS)}
 
+    def order(each: Evaluation) -> tuple[Any, ...]:
+        place = places.get(each.method, len(places))
+        return each.config, each.setup, place, each.method, each.seed
 
-def _order(each: Evaluation) -> tuple[Any, ...]:
-    known = list(METHODS)
-    place = known.index(each.method) if each.method in known else len(known)
-    return each.config, each.setup, place, each.method, each.seed
+    return sorted(found, key=order)
 
 
 def read(path: Path) -> Evaluation:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
+from pathlib import Path
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -35,11 +36,7 @@ def run(run: Run) -> None:
     """
     options = run.training
     assert options is not None  # `resolve` made them, for this stage.
-    for path in sorted(options.run_dir.glob(f"*/*/{EVALUATION}")):
-        *_, config, name, _ = path.parts
-        target = options.results_dir / "runs" / config / f"{name}.json"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_text(target, path.read_text(encoding="utf-8"))
+    gather(options.run_dir, options.results_dir)
     evaluations = read_all(options.results_dir)
     figures = summarise(evaluations)
     write_tables(options.results_dir, evaluations, figures)
@@ -51,13 +48,18 @@ def run(run: Run) -> None:
     )
 
 
+def gather(run_dir: Path, results_dir: Path) -> None:
+    """Copy the evaluations of finished runs to where they are kept."""
+    for path in sorted(run_dir.glob(f"*/*/{EVALUATION}")):
+        target = results_dir / "runs" / path.parts[-3] / f"{path.parts[-2]}.json"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_text(target, path.read_text(encoding="utf-8"))
+
+
 def overview(figures: Sequence[Figures]) -> Table:
     """Return the success rates as a table for the terminal."""
-    table = Table(title="SR in percent, mean over seeds")
-    for heading in ("dataset", "setup", "method"):
-        table.add_column(heading)
-    for heading in ("seeds", *EVALUATED_SPLITS):
-        table.add_column(heading, justify="right")
+    numbers = (Column(heading, justify="right") for heading in ("seeds", *EVALUATED_SPLITS))
+    table = Table("dataset", "setup", "method", *numbers, title="SR in percent, mean over seeds")
     for _, grouped in groupby(figures, BY_METHOD):
         group = list(grouped)
         name = METHODS.get(group[0].method, group[0].method)
