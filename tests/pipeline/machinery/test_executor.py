@@ -28,6 +28,8 @@ from pipeline.generation.validate import validate
 from pipeline.machinery import executor as executors
 from pipeline.machinery.executor import cluster, ordered_map
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 
 
