@@ -75,11 +75,8 @@ def describe(
 ) -> dict[str, Any]:
     """Return the content of `evaluation.json`, in plain types.
 
-    Args:
-        record: The content of `run.json`.
-        scores: By split.
-        baselines: The figures of the baselines, by split and name.
-        computed: The device and the versions of libraries.
+    `record` is the content of `run.json`; `scores` and the figures of `baselines` are by split;
+    `computed` tells the device and the versions of libraries.
     """
     solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
     return {

@@ -1,4 +1,4 @@
-"""What methods learn from, in the tests of training."""
+"""A small problem for the tests of training."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ torch.set_num_threads(1)
 
 @pytest.fixture(scope="session")
 def problem_of(small_dataset: Run) -> Callable[..., Problem]:
-    """A function that returns what methods learn from: eight labyrinths of 3x3."""
+    """A function that returns a problem with eight labyrinths of 3x3."""
     folder = small_dataset.data_dir
     arrays = {
         encoder: load_arrays(folder, "3x3", "train", observation=sees)

@@ -1,4 +1,4 @@
-"""The parts of the methods that go wrong elsewhere: targets, signs, samples, labels."""
+"""Details in which implementations of the methods often err: targets, signs, samples, labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all six methods promise, each tried on eight labyrinths of 3x3."""
+"""What all methods guarantee, each tested on eight labyrinths of 3x3."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TOYS: dict[str, dict[str, Any]] = {
     "sqil": {"epochs": 20, "batch_size": 64},
     "gail": {"epochs": 35, "batch_size": 32, "learning_rate": 2e-3},
 }
-"""Method -> settings with which it learns the toy in about a second, from vectors."""
+"""Method -> settings with which it learns the toy problem in about a second, from vectors."""
 
 ALL = pytest.mark.parametrize("name", list(TOYS))
 

@@ -1,4 +1,4 @@
-"""The planner plans as it should, keeps what methods promise, and generalises where BC fails."""
+"""The planner plans correctly, does what all methods do, and generalises where BC fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relabelled examples are what an optimal route demonstrates, in labyrinths that can be."""
+"""Relabelled examples show optimal actions in valid labyrinths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results over seeds, beside the figures of the paper, which are not all possible."""
+"""Results over seeds beside the figures of the paper, not all of which are possible."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_figure_of_nothing_solved_is_possible():
 
 
 class Chance:
-    """A policy that is optimal but for a share of states."""
+    """A policy that is optimal except in a share of the states."""
 
     def __init__(self, arrays, seed):
         rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The stage `train`: the same seed, the same weights; killed or not; whole or not finished."""
+"""The stage `train`: reproducible weights, interruptions, and what a run leaves."""
 
 from __future__ import annotations
 
