@@ -1,13 +1,13 @@
-"""How large the report on many labyrinths is, and how soon it can be used.
+"""Measure the size of the report on many labyrinths, and the time until it is usable.
 
     python scripts/benchmark_report.py            # 100,000 labyrinths of 5x5
     python scripts/benchmark_report.py --size 25 --labyrinths 20000
 
-A dataset of so many pictures would take long to make, so the labyrinths are sampled here and
-packed by the report's own functions; so are evaluations of runs that failed on half of them. The
-times are those that Chromium gives: from the start of
-the navigation to the first contentful paint, and to where the gallery shows labyrinths and
-answers; medians of several openings, each in a context of its own.
+A dataset with so many pictures would take long to build, so the labyrinths are sampled here and
+packed by the report's own functions, together with evaluations of runs that fail on half of them.
+The times are measured by Chromium: from the start of the navigation to the first contentful paint,
+and until the gallery shows labyrinths and responds; medians of several openings, each in a context
+of its own.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from pipeline.config.run import RunConfig, resolve
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3
-"""Of the runs: each method with so many seeds."""
+"""The number of methods of the runs, and of seeds of each method."""
 
 TIMES = """async () => {
   const paint = await new Promise((resolve) => {
@@ -63,7 +63,7 @@ TIMES = """async () => {
 
 
 def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[str, list[int]]]:
-    """Yield the text of a labyrinth, and actions, of so many episodes."""
+    """Yield the text of the labyrinth and the actions of each of some episodes."""
     rng = np.random.default_rng(list(SPLITS).index(split))
     structures = sample_structures(*size, rng)
     for structure in (next(structures) for _ in range(count)):
@@ -76,20 +76,20 @@ def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[st
 
 
 def packed(size: tuple[int, int], labyrinths: int) -> dict[str, PackedSplit]:
-    """Return six splits that hold so many labyrinths together."""
+    """Return six splits with a total number of labyrinths."""
     each = labyrinths // len(SPLITS)
     cells = size[0] * size[1]
     return {split: pack_walks(walks(episodes(split, size, each)), cells) for split in SPLITS}
 
 
 def shard_of(split: str, labyrinths: int) -> Shard:
-    """Return what a manifest would say of a split."""
+    """Return the shard of a split as a manifest would describe it."""
     path = f"{split}-00000-of-00001.parquet"
     return Shard(path, split, labyrinths, labyrinths, 0, 0, 0, 0, "", split)
 
 
 def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dict[str, Any]]:
-    """Return what the page is told of runs of which each failed on half of the labyrinths."""
+    """Return the page's results of runs that each failed on half of the labyrinths."""
     rng = np.random.default_rng(0)
     about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint}
     figures = dict.fromkeys(FIGURES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
@@ -112,7 +112,7 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
 
 
 def opened(browser: Browser, path: Path) -> dict[str, Any]:
-    """Return what one opening of a page took, in milliseconds."""
+    """Return the times of one opening of a page, in milliseconds."""
     context = browser.new_context(viewport={"width": 1280, "height": 900})
     tab = context.new_page()
     tab.goto(path.as_uri())
@@ -122,8 +122,8 @@ def opened(browser: Browser, path: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Make the page, open it, and print what was measured."""
-    parser = argparse.ArgumentParser(description="Size of the report, and time until it is usable")
+    """Make the page, open it, and print the measurements."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--labyrinths", type=int, default=100_000)
     parser.add_argument("--size", default="5", help="rows and columns, as for run.py")
     parser.add_argument("--openings", type=int, default=5)

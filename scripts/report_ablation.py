@@ -1,9 +1,9 @@
-"""Tables and figures of what scripts/ablate.py and scripts/generalise.py keep.
+"""Make tables and figures of the results of scripts/ablate.py and scripts/generalise.py.
 
     python scripts/report_ablation.py --figures docs/pictures
 
-Prints Markdown: of the ingredients and tasks, of the number of labyrinths, and of larger labyrinths
-by seed. Figures are drawn as PNG and SVG. Intervals: 95% bootstrap over seeds and labyrinths.
+Prints Markdown tables of the ingredients and tasks, of the number of labyrinths, and of larger
+labyrinths by seed. Figures are PNG and SVG. Intervals: 95% bootstrap over seeds and labyrinths.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
 }
 SETS = ("train", "test", "s0", "s0_and_g", "test, new ends", "fresh")
-"""Of the tables."""
+"""The sets of labyrinths in the tables."""
 SHOWN = {"test": "test", "test, new ends": "test, another start and goal"}
-"""Of the figures, and what they are called there."""
+"""The sets of labyrinths in the figures, and their names there."""
 COLOURS = [np.array(colour) / 255 for colour in (DEFAULT_STYLE.goal, DEFAULT_STYLE.start)]
 
 Trial = dict[str, Any]
 Groups = dict[tuple[Any, ...], list[Trial]]
-"""Runs that differ in the seed alone, by what they have in common."""
+"""Runs that differ in the seed alone, by the values that they have in common."""
 
 
 def main() -> None:
-    """Print the tables; draw the figures."""
+    """Print the tables and draw the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--results", type=Path, default=Path("results/ablation"))
     parser.add_argument("--larger", type=Path, default=Path("results/larger"))
-    parser.add_argument("--figures", type=Path, help="folder for them")
+    parser.add_argument("--figures", type=Path, help="folder for the figures")
     given = parser.parse_args()
     found = [read_trial(path) for path in sorted(given.results.glob("*/*.json"))]
     usual = grouped([each for each in found if each["usual"]], "config", "variant")
@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def grouped(trials: Iterable[Trial], *names: str) -> Groups:
-    """Return trials by what they have in common."""
+    """Return trials grouped by the values of some names."""
     groups: Groups = {}
     for trial in trials:
         groups.setdefault(tuple(trial[name] for name in names), []).append(trial)
@@ -80,12 +80,12 @@ def rate(group: Sequence[Trial], name: str) -> tuple[float, float, float]:
 
 
 def worth(group: Sequence[Trial]) -> float:
-    """Return how good runs are, to put them in order."""
+    """Return a score of runs by which they are ordered."""
     return sum(rate(group, name)[0] for name in SHOWN)
 
 
 def as_table(groups: Groups) -> str:
-    """Return a row of success rates for each group."""
+    """Return a table with a row of success rates for each group."""
     heading = ["", "", *(name.replace(", ", ",<br>") for name in SETS), "seeds", "CPU s"]
     rows = []
     for key, group in groups.items():
@@ -96,7 +96,7 @@ def as_table(groups: Groups) -> str:
 
 
 def by_seed(trials: Sequence[Trial]) -> str:
-    """Return a row for each set, and a column for each run of scripts/generalise.py."""
+    """Return a table with a row for each set and a column for each run of generalise.py."""
     sets = list(dict.fromkeys(name for each in trials for name in each["solved"]))
     rows = [
         [name, *(f"{100 * each['solved'][name].mean():.0f}" for each in trials)] for name in sets
@@ -147,7 +147,7 @@ def draw_samples(groups: Groups) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG; without the date, which would be another in each run."""
+    """Write a figure as PNG and SVG, without the date, so that the bytes are reproducible."""
     figure.savefig(f"{path}.svg", metadata={"Date": None})
     figure.savefig(f"{path}.png", dpi=130, metadata={"Software": None})
 

@@ -21,11 +21,11 @@ class Arbitrary:
 
 
 def test_a_journey_goes_as_the_look_ups_say(problem_of: Callable[..., Problem]) -> None:
-    worlds = problem_of(encoder="cnn").worlds
+    arrays = problem_of(encoder="cnn").arrays
     policy = Arbitrary()
-    episodes = follow(worlds, greedy_actions(policy, worlds))
-    journeys = travel(policy, worlds.labyrinths, 64)
+    episodes = follow(arrays, greedy_actions(policy, arrays))
+    journeys = travel(policy, arrays.labyrinths, 64)
     assert [journey.solved for journey in journeys] == episodes.solved.tolist()
-    for journey, labyrinth in zip(journeys, worlds.labyrinths, strict=True):
+    for journey, labyrinth in zip(journeys, arrays.labyrinths, strict=True):
         assert journey.states[0].agent == labyrinth.start
         assert len(set(journey.states)) >= len(journey.states) - 1

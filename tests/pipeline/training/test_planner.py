@@ -1,4 +1,4 @@
-"""The planner plans as it should, keeps what methods promise, and generalises where BC fails."""
+"""The planner plans correctly, does what all methods do, and generalises where BC fails."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
     image = problem.observations.permute(0, 3, 1, 2).float() / 255
     share = network.find(image, torch.zeros(len(image), 1, 3, 3)).exp()
     cells = share.flip(1).flatten(1).argmax(1)
-    assert np.array_equal(cells.numpy(), problem.worlds.position)
+    assert np.array_equal(cells.numpy(), problem.arrays.position)
     assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
 
 
