@@ -21,7 +21,7 @@ from pathlib import Path
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.observations import OBSERVATIONS, PIXELS, ObservationSpec
+from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
 from labyrinth_core.data.transitions import (
@@ -102,21 +102,21 @@ def load_transitions(
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
             key = _key(shards, spec)
             name = f"{manifest.config.name}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
-            return frame_cache.load(cache / name, key, image_size, episodes)
+            return frame_cache.load(cache / name, key, episodes)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
             warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=2)
     return collect(episodes())
 
 
-def _key(shards: Sequence[Shard], spec: ObservationSpec) -> str:
+def _key(shards: Sequence[Shard], spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
     """Return a hash of all that the transitions of pictures depend on."""
     content = {
         "shards": [shard.sha256 for shard in shards],
         "image_size": spec.image_size,
         "drawn": spec.draw,
         "resize": spec.resize,
-        "pixels": PIXELS,
+        "pixels": version,
     }
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 

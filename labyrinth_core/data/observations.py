@@ -34,10 +34,10 @@ so that most walls vanish on the way to 64 x 64. Pictures in `obs` have thicker 
 stay; so it is always drawn.
 """
 
-PIXELS = 1
-"""Version of the pixels that come of decoding, drawing and area-averaging.
+PICTURES_VERSION = 1
+"""Version of the decoding, drawing and resizing of pictures, which the frame cache depends on.
 
-Whatever changes one of them increases it, as the frame cache keeps pictures by it.
+Any change of a pixel increases it.
 """
 
 CACHED_BYTES = 64 * 2**20

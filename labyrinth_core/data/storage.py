@@ -52,21 +52,6 @@ def _filesystem(protocol: str) -> Any:
     return fsspec.filesystem(protocol, use_listings_cache=False)
 
 
-@contextmanager
-def _os_errors(url: str) -> Iterator[None]:
-    """Make an OSError, with the URL, of whatever a store raises within."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # Of any kind: each store has its own, such as botocore's.
-        if isinstance(error, OSError) and error.filename:
-            raise
-        number = getattr(error, "errno", None) or errno.EIO
-        reason = f"{type(error).__name__}: {one_line(error)}"
-        raise OSError(number, reason, url) from error
-
-
 @dataclass(frozen=True)
 class RemotePath:
     """A file or folder of an object store; its methods are those of `Path`.
@@ -90,33 +75,38 @@ class RemotePath:
     def parent(self) -> RemotePath:
         return RemotePath(self.url.rpartition("/")[0])
 
-    @property
-    def _at(self) -> tuple[Any, str]:
-        """The file system and the path in it."""
-        filesystem = _filesystem(self.url.partition("://")[0])
-        return filesystem, filesystem._strip_protocol(self.url)
+    def _call(self, method: str, *arguments: Any) -> Any:
+        """Return what a method of the file system returns for the path; see the class for errors.
+
+        Args:
+            method: Its name.
+            arguments: What follows the path.
+        """
+        try:
+            filesystem = _filesystem(self.url.partition("://")[0])
+            return getattr(filesystem, method)(filesystem._strip_protocol(self.url), *arguments)
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # Of any kind: each store has its own, such as botocore's.
+            if isinstance(error, OSError) and error.filename:
+                raise
+            number = getattr(error, "errno", None) or errno.EIO
+            reason = f"{type(error).__name__}: {one_line(error)}"
+            raise OSError(number, reason, self.url) from error
 
     def exists(self) -> bool:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bool(filesystem.exists(path))
+        return bool(self._call("exists"))
 
     def is_dir(self) -> bool:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bool(filesystem.isdir(path))
+        return bool(self._call("isdir"))
 
     def is_file(self) -> bool:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bool(filesystem.isfile(path))
+        return bool(self._call("isfile"))
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            found = filesystem.glob(f"{path}/{pattern}")
-        for each in sorted(found):
-            yield self / each[len(path) + 1 :]
+        base = self._call("_strip_protocol")
+        for each in sorted((self / pattern)._call("glob")):
+            yield self / each[len(base) + 1 :]
 
     def iterdir(self) -> Iterator[RemotePath]:
         return self.glob("*")
@@ -126,41 +116,29 @@ class RemotePath:
 
     def open(self, mode: str) -> BinaryIO:
         """Open for reading, mode "rb"."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return cast("BinaryIO", filesystem.open(path, mode))
+        return cast("BinaryIO", self._call("open", mode))
 
     def read_bytes(self) -> bytes:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bytes(filesystem.cat_file(path))
+        return bytes(self._call("cat_file"))
 
     def read_text(self, encoding: str) -> str:
         return self.read_bytes().decode(encoding)
 
     def write_bytes(self, content: bytes) -> None:
         """Upload a file, whole or not at all."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            filesystem.pipe_file(path, content)
+        self._call("pipe_file", content)
 
     def upload(self, local: Path) -> None:
         """Upload a local file under this name, whole or not at all."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            filesystem.put_file(str(local), path)
+        self._call("put_file", str(local))
 
     def download(self, local: Path) -> None:
         """Copy the file to a local one."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            filesystem.get_file(path, str(local))
+        self._call("get_file", str(local))
 
     def unlink(self, *, missing_ok: bool = False) -> None:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            if not missing_ok or filesystem.exists(path):
-                filesystem.rm_file(path)
+        if not missing_ok or self.exists():
+            self._call("rm_file")
 
 
 AnyPath = Path | RemotePath

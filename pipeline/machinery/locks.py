@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.storage import AnyPath, RemotePath
+from pipeline.machinery.console import console
 
 
 @contextmanager
@@ -25,26 +24,20 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
     if isinstance(folder, RemotePath):
         yield
         return
-    path = folder / f".{name}.lock"
-    made = [each for each in [folder, *folder.parents] if not each.exists()]
 
-    def say_who() -> None:
-        from pipeline.machinery.console import console
-
-        holder = path.read_text(encoding="utf-8", errors="replace") or "another process"
+    def say_who(holder: str) -> None:
         console.print(f"waiting for {holder}, which works on {folder / name}", highlight=False)
 
     with ExitStack() as stack:
-        for each in reversed(made):  # Callbacks are called last one first.
-            stack.callback(_remove_if_empty, each)
+        # Callbacks are called last one first: the innermost folder is removed before the others.
+        for each in [*reversed(folder.parents), folder]:
+            if not each.exists():
+                stack.callback(_remove_if_empty, each)
         with suppress(OSError):  # Whoever cannot make a file here will soon say so.
             folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(locked(path, say_who))
-            stack.callback(path.unlink, missing_ok=True)
+            stack.enter_context(locked(folder / f".{name}.lock", say_who))
             for left in folder.glob(f".{name}.*.tmp"):  # By one that was killed while it wrote.
                 left.unlink()
-            file.truncate(0)
-            os.write(file.fileno(), f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
 
 
