@@ -51,11 +51,11 @@ CONFIG = "5x5"
 class Solving:
     """A policy as costly as another one, and always right."""
 
-    def __init__(self, policy: Policy, worlds: LabyrinthArrays) -> None:
-        best = np.eye(4, dtype=np.float32)[worlds.optimal.argmax(axis=1)]
+    def __init__(self, policy: Policy, arrays: LabyrinthArrays) -> None:
+        best = np.eye(4, dtype=np.float32)[arrays.optimal.argmax(axis=1)]
         self._policy = policy
         self._scores = {
-            each.tobytes(): row for each, row in zip(worlds.observations, best, strict=True)
+            each.tobytes(): row for each, row in zip(arrays.observations, best, strict=True)
         }
 
     def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
@@ -120,8 +120,8 @@ def main() -> None:
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
         start = time.perf_counter()
-        worlds = load_arrays(arguments.data, CONFIG, "train")
-        looked_up = follow(worlds, greedy_actions(policy, worlds))
+        arrays = load_arrays(arguments.data, CONFIG, "train")
+        looked_up = follow(arrays, greedy_actions(policy, arrays))
         per_labyrinth = (time.perf_counter() - start) / len(infos)
         start = time.perf_counter()
         stepped = step_through(policy, [infos[place] for place in chosen])

@@ -26,7 +26,7 @@ from labyrinth_core.data.locks import locked
 from labyrinth_core.data.transitions import LoadedEpisode, Transitions, gather
 
 FRAMES = np.dtype("u1")
-COLUMNS = {
+COLUMNS: dict[str, np.dtype[Any]] = {
     "rows": np.dtype("<i8"),
     "actions": np.dtype("<i8"),
     "rewards": np.dtype("<f4"),
@@ -156,9 +156,7 @@ def _write(path: Path, key: str, episodes: Iterable[LoadedEpisode]) -> None:
 def _write_header(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Write what an .npy file begins with, of the same length for any number of items."""
     description = npy.dtype_to_descr(dtype)
-    npy.write_array_header_1_0(
-        file, {"descr": description, "fortran_order": False, "shape": shape}
-    )
+    npy.write_array_header_1_0(file, {"descr": description, "fortran_order": False, "shape": shape})
 
 
 def _pad(file: BinaryIO) -> None:

@@ -24,27 +24,7 @@ from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
-from labyrinth_core.data.transitions import (
-    LoadedEpisode,
-    Transition,
-    TransitionBatch,
-    Transitions,
-    collect,
-)
-
-__all__ = [
-    "DEFAULT_IMAGE_SIZE",
-    "OBSERVATIONS",
-    "LoadedEpisode",
-    "Transition",
-    "TransitionBatch",
-    "Transitions",
-    "load_episodes",
-    "load_transitions",
-    "locate",
-    "stream_episodes",
-    "stream_transitions",
-]
+from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side that the benchmark's baselines look at (supplement, section 1)."""

@@ -1,4 +1,4 @@
-"""Advisory file locks, on every system that `filelock` knows; the system frees those of the dead."""
+"""Advisory file locks, which the system releases when their process dies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 @contextmanager
 def locked(
-    path: Path, before_waiting: Callable[[str], None] = lambda holder: None, *, wait: bool = True
+    path: Path, before_waiting: Callable[[str], None] = lambda _: None, *, wait: bool = True
 ) -> Iterator[None]:
     """Hold the lock of a file, which is made if need be and removed at the end.
 

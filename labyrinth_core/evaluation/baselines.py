@@ -27,18 +27,18 @@ MOST_PATHS = 500
 """Demonstrated routes that are tried as fixed paths, the most frequent first."""
 
 
-def compare(train: LabyrinthArrays, worlds: LabyrinthArrays) -> dict[str, dict[str, float]]:
+def compare(train: LabyrinthArrays, arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
     """Return the figures of each baseline on a split.
 
     Args:
         train: The labyrinths whose demonstrations the baselines know.
-        worlds: The labyrinths to act in.
+        arrays: The labyrinths to act in.
     """
     return {
-        "random": random_figures(worlds),
-        "majority": _figures(follow(worlds, majority_actions(train)[worlds.position])),
-        "fixed_path": _figures(walk(worlds, fixed_path(train))),
-        "oracle": _figures(follow(worlds, worlds.optimal.argmax(axis=1))),
+        "random": random_figures(arrays),
+        "majority": _figures(follow(arrays, majority_actions(train)[arrays.position])),
+        "fixed_path": _figures(walk(arrays, fixed_path(train))),
+        "oracle": _figures(follow(arrays, arrays.optimal.argmax(axis=1))),
     }
 
 
@@ -68,42 +68,42 @@ def fixed_path(train: LabyrinthArrays) -> tuple[int, ...]:
     return max(paths, key=lambda path: walk(train, path).solved.sum())
 
 
-def walk(worlds: LabyrinthArrays, path: Sequence[int]) -> Episodes:
+def walk(arrays: LabyrinthArrays, path: Sequence[int]) -> Episodes:
     """Return the episodes in which the agent does the same actions in every labyrinth.
 
     After the last it stays where it is until it is cut.
     """
-    state = worlds.initial
+    state = arrays.initial
     moves = np.zeros(len(state), np.int64)
     for action in path:
-        moves += ~worlds.terminal[state]
-        state = worlds.next_state[state, action]
-    ended = worlds.terminal[state]
-    outcomes = np.select([worlds.goal[state], ended], ["solved", "ice"], "cut")
-    return Episodes(outcomes, np.where(ended, moves, worlds.step_limit), worlds.cells)
+        moves += ~arrays.terminal[state]
+        state = arrays.next_state[state, action]
+    ended = arrays.terminal[state]
+    outcomes = np.select([arrays.goal[state], ended], ["solved", "ice"], "cut")
+    return Episodes(outcomes, np.where(ended, moves, arrays.step_limit), arrays.cells)
 
 
-def random_figures(worlds: LabyrinthArrays) -> dict[str, float]:
+def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     """Return what is to be expected of uniformly random actions, exactly.
 
     The probabilities of being in each state are carried on from step to step up to the limit;
     what reaches an end leaves them with the return that it has then.
     """
-    count, labyrinths = worlds.next_state.shape[0], len(worlds.initial)
+    count, labyrinths = arrays.next_state.shape[0], len(arrays.initial)
     here = np.repeat(np.arange(count), 4)
-    onward, ends = ~worlds.done.ravel(), worlds.done.ravel() & ~worlds.terminal[here]
-    sources, targets = here[onward], worlds.next_state.ravel()[onward]
-    last, paid = here[ends], worlds.rewards.ravel()[ends].astype(np.float64)
-    penalty = STEP_PENALTY / worlds.cells
-    alive = np.bincount(worlds.initial, np.full(labyrinths, 1 / labyrinths), count)
+    onward, ends = ~arrays.done.ravel(), arrays.done.ravel() & ~arrays.terminal[here]
+    sources, targets = here[onward], arrays.next_state.ravel()[onward]
+    last, paid = here[ends], arrays.rewards.ravel()[ends].astype(np.float64)
+    penalty = STEP_PENALTY / arrays.cells
+    alive = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
     solved = mean = square = 0.0
-    for step in range(worlds.step_limit):
+    for step in range(arrays.step_limit):
         ending, returns = alive[last] / 4, paid - penalty * step
         solved += float(ending[paid > 0].sum())
         mean += float(ending @ returns)
         square += float(ending @ returns**2)
         alive = np.bincount(targets, alive[sources] / 4, count)
-    left, cut = float(alive.sum()), -penalty * worlds.step_limit
+    left, cut = float(alive.sum()), -penalty * arrays.step_limit
     mean, square = mean + left * cut, square + left * cut**2
     deviation = max(square - mean**2, 0.0) ** 0.5
     return {"sr": solved, "aer": mean, "aer_std": deviation}

@@ -55,41 +55,41 @@ class Episodes:
         return returns
 
 
-def greedy_actions(policy: Policy, worlds: LabyrinthArrays) -> NDArray[np.int64]:
+def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
     """Return what a policy does in each state, shape (S,); 0 where nothing can be done any more.
 
     Of actions with the same score it is the first.
     """
-    actions = np.zeros(len(worlds.terminal), np.int64)
-    acting = np.flatnonzero(~worlds.terminal)
+    actions = np.zeros(len(arrays.terminal), np.int64)
+    acting = np.flatnonzero(~arrays.terminal)
     for begin in range(0, len(acting), SEEN_TOGETHER):
         states = acting[begin : begin + SEEN_TOGETHER]
-        actions[states] = policy.logits(worlds.observations[states]).argmax(axis=1)
+        actions[states] = policy.logits(arrays.observations[states]).argmax(axis=1)
     return actions
 
 
-def follow(worlds: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
+def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
     """Return how the episodes go in which each state has its action.
 
     Args:
-        worlds: The labyrinths.
+        arrays: The labyrinths.
         actions: Of each state, shape (S,).
     """
-    after = np.take_along_axis(worlds.next_state, actions[:, None], axis=1)[:, 0]
-    state = worlds.initial
+    after = np.take_along_axis(arrays.next_state, actions[:, None], axis=1)[:, 0]
+    state = arrays.initial
     moves = np.zeros(len(state), np.int64)
     # Whoever is under way for longer than a labyrinth has states was somewhere twice, and so
     # does the same over and over until the episode is cut.
-    for _ in range(np.bincount(worlds.labyrinth).max()):
-        moves += ~worlds.terminal[state]
+    for _ in range(np.bincount(arrays.labyrinth).max()):
+        moves += ~arrays.terminal[state]
         state = after[state]
-    ended = worlds.terminal[state]
+    ended = arrays.terminal[state]
     outcomes = np.select(
-        [worlds.goal[state], ended, after[state] == state], ["solved", "ice", "wall"], "loop"
+        [arrays.goal[state], ended, after[state] == state], ["solved", "ice", "wall"], "loop"
     )
-    return Episodes(outcomes, np.where(ended, moves, worlds.step_limit), worlds.cells)
+    return Episodes(outcomes, np.where(ended, moves, arrays.step_limit), arrays.cells)
 
 
-def success_rate(policy: Policy, worlds: LabyrinthArrays) -> float:
+def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
     """Return the share of labyrinths that a greedy episode of a policy solves."""
-    return float(follow(worlds, greedy_actions(policy, worlds)).solved.mean())
+    return float(follow(arrays, greedy_actions(policy, arrays)).solved.mean())

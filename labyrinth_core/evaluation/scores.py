@@ -86,15 +86,15 @@ class Scores:
         }
 
 
-def evaluate(policy: Policy, worlds: LabyrinthArrays) -> Scores:
+def evaluate(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     """Return the scores of a policy on a split, acting greedily."""
-    actions = greedy_actions(policy, worlds)
-    right = np.take_along_axis(worlds.optimal, actions[:, None], axis=1)[:, 0]
-    solvable, shown = worlds.optimal.any(axis=1), worlds.on_demonstration
+    actions = greedy_actions(policy, arrays)
+    right = np.take_along_axis(arrays.optimal, actions[:, None], axis=1)[:, 0]
+    solvable, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
     return Scores(
-        episodes=follow(worlds, actions),
-        labyrinth_ids=worlds.labyrinth_ids,
-        distance=worlds.distance,
+        episodes=follow(arrays, actions),
+        labyrinth_ids=arrays.labyrinth_ids,
+        distance=arrays.distance,
         accuracy_on_demonstrations=_share(right[solvable & shown]),
         accuracy_elsewhere=_share(right[solvable & ~shown]),
     )

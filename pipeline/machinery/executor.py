@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from contextvars import ContextVar
 from itertools import islice
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
@@ -102,84 +102,67 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     return {}
 
 
-class _Feed(Generic[Item]):
-    """Items that are handed out one by one, and again if those who had them are lost.
-
-    An error of their source ends them, and is kept: joblib asks for items in a thread of its own,
-    where an error would be lost.
-    """
-
-    def __init__(self, items: Iterable[Item]) -> None:
-        self._items = iter(items)
-        self._again: deque[Item] = deque()
-        self._out: deque[Item] = deque()
-        """Those handed out of which no result has come, in order."""
-        self.error: BaseException | None = None
-
-    def __iter__(self) -> Iterator[Item]:
-        return self
-
-    def __next__(self) -> Item:
-        try:
-            item = self._again.popleft() if self._again else next(self._items)
-        except StopIteration:
-            raise
-        except BaseException as error:
-            self.error = error
-            raise StopIteration from error
-        self._out.append(item)
-        return item
-
-    def finish_first(self) -> None:
-        """Forget the first of those that are out: its result is there."""
-        self._out.popleft()
-
-    def take_back(self) -> None:
-        """Begin again with those that are out."""
-        self._again, self._out = self._out + self._again, deque()
-
-
 def ordered_map(
-    function: Callable[[Item], Result], items: Iterable[Item], workers: int
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    workers: int,
+    *,
+    losses: int = LOSSES,
 ) -> Iterator[Result]:
     """Yield `function(item)` for each item, in their order, as they become ready.
 
-    What a lost worker had to do is done by another.
+    The items of a lost worker are done by another.
 
     Args:
         function: Picklable, and pure: it may run in another process, and again.
-        items: What to call it with; taken from when a worker is free.
+        items: Its arguments; each is taken when a worker is free.
         workers: Processes; with 1, and no cluster, everything happens in this one.
+        losses: Times in a row that workers may be lost.
 
     Raises:
-        DatasetError: Workers were lost again and again.
+        DatasetError: Workers were lost more often.
     """
     backend = _backend.get()
     if backend == "local" and workers == 1:
         yield from map(function, items)
         return
-    feed = _Feed(items)
+    source = iter(items)
+    again: deque[Item] = deque()  # Taken back from lost workers.
+    out: deque[Item] = deque()  # Given to workers, no result yet.
+    errors: list[Exception] = []
+
+    def feed() -> Iterator[Item]:
+        try:
+            while again:
+                out.append(again.popleft())
+                yield out[-1]
+            for item in source:
+                out.append(item)
+                yield item
+        except Exception as error:  # joblib, which asks in a thread of its own, would lose it.
+            errors.append(error)
+
     lost = _losses(backend)
-    losses = 0
+    lost_in_a_row = 0
     while True:
         try:
-            with closing(_results(function, feed, workers, backend)) as results:
+            with closing(_results(function, feed(), workers, backend)) as results:
                 for result in results:
-                    feed.finish_first()
-                    losses = 0
+                    out.popleft()
+                    lost_in_a_row = 0
                     yield result
+            break
         except lost as error:
-            losses += 1
-            if losses > LOSSES:
+            lost_in_a_row += 1
+            if lost_in_a_row > losses:
                 raise DatasetError(
-                    f"workers were lost {losses} times in a row, killed perhaps for want of "
+                    f"workers were lost {lost_in_a_row} times in a row, killed perhaps for want of "
                     "memory: the same command goes on from what is finished; try fewer workers"
                 ) from error
-            feed.take_back()
-            continue
-        if feed.error is not None:
-            raise feed.error
-        return
+            again.extendleft(reversed(out))
+            out.clear()
+    if errors:
+        raise errors[0]
 
 
 def _results(

@@ -16,9 +16,6 @@ from labyrinth_core.data import frame_cache, loader, mapped
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
-    Transition,
-    TransitionBatch,
-    Transitions,
     load_episodes,
     load_transitions,
     stream_episodes,
@@ -27,6 +24,7 @@ from labyrinth_core.data.loader import (
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
+from labyrinth_core.data.transitions import Transition, TransitionBatch, Transitions
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.rollout import replay
