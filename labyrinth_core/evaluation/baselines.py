@@ -1,6 +1,6 @@
-"""What needs no learning: a random policy, the usual action, a fixed path, and the optimum.
+"""Baselines without learning: random actions, the most frequent action, a fixed route, the optimum.
 
-They say what a figure is worth. All are settled by the dataset.
+They give the figures of a policy a scale. They depend on the dataset alone.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ BASELINES = {
     "fixed_path": "the demonstrated route that solves most of train, walked blindly",
     "oracle": "an optimal action in every state",
 }
-"""What each baseline does, whatever the picture shows."""
+"""Baseline -> what it does."""
 
-MOST_PATHS = 500
-"""Demonstrated routes that are tried as fixed paths, the most frequent first."""
+MOST_ROUTES = 500
+"""The largest number of demonstrated routes that are tried everywhere, the most frequent first."""
 
 
 def compare(train: LabyrinthArrays, arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
@@ -32,12 +32,12 @@ def compare(train: LabyrinthArrays, arrays: LabyrinthArrays) -> dict[str, dict[s
 
     Args:
         train: The labyrinths whose demonstrations the baselines know.
-        arrays: The labyrinths to act in.
+        arrays: The labyrinths of the split.
     """
     return {
         "random": random_figures(arrays),
         "majority": _figures(follow(arrays, majority_actions(train)[arrays.position])),
-        "fixed_path": _figures(walk(arrays, fixed_path(train))),
+        "fixed_path": _figures(follow_route(arrays, best_route(train))),
         "oracle": _figures(follow(arrays, arrays.optimal.argmax(axis=1))),
     }
 
@@ -52,7 +52,7 @@ def _figures(episodes: Episodes) -> dict[str, float]:
 
 
 def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the action most often demonstrated in each cell, or anywhere where none is."""
+    """Return the action demonstrated most often in each cell, or in all cells if in it none is."""
     counts = np.zeros((train.cells, 4), np.int64)
     np.add.at(counts, train.position, train.demonstrated)
     unseen = counts.sum(axis=1) == 0
@@ -61,21 +61,21 @@ def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
     return actions
 
 
-def fixed_path(train: LabyrinthArrays) -> tuple[int, ...]:
-    """Return the demonstrated actions that solve most labyrinths if done in every one."""
-    routes = Counter(tuple(route.tolist()) for route in train.routes)
-    paths = [path for path, _ in routes.most_common(MOST_PATHS)]
-    return max(paths, key=lambda path: walk(train, path).solved.sum())
+def best_route(train: LabyrinthArrays) -> tuple[int, ...]:
+    """Return the demonstrated route that solves most labyrinths if taken in every one."""
+    counts = Counter(tuple(route.tolist()) for route in train.routes)
+    routes = [route for route, _ in counts.most_common(MOST_ROUTES)]
+    return max(routes, key=lambda route: follow_route(train, route).solved.sum())
 
 
-def walk(arrays: LabyrinthArrays, path: Sequence[int]) -> Episodes:
-    """Return the episodes in which the agent does the same actions in every labyrinth.
+def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
+    """Return the results of the episodes in which the agent takes one route in every labyrinth.
 
-    After the last it stays where it is until it is cut.
+    After the last action it stays where it is until the episode is cut.
     """
     state = arrays.initial
     moves = np.zeros(len(state), np.int64)
-    for action in path:
+    for action in route:
         moves += ~arrays.terminal[state]
         state = arrays.next_state[state, action]
     ended = arrays.terminal[state]
@@ -84,10 +84,10 @@ def walk(arrays: LabyrinthArrays, path: Sequence[int]) -> Episodes:
 
 
 def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
-    """Return what is to be expected of uniformly random actions, exactly.
+    """Return the exact expectations of uniformly random actions.
 
-    The probabilities of being in each state are carried on from step to step up to the limit;
-    what reaches an end leaves them with the return that it has then.
+    The distribution over the states is propagated step by step up to the limit; probability that
+    reaches a terminal state leaves it, with the return of that step.
     """
     count, labyrinths = arrays.next_state.shape[0], len(arrays.initial)
     here = np.repeat(np.arange(count), 4)

@@ -9,7 +9,7 @@ import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation.baselines import compare, fixed_path, majority_actions, walk
+from labyrinth_core.evaluation.baselines import best_route, compare, follow_route, majority_actions
 from labyrinth_core.evaluation.following import follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores, episodes_of, evaluate
@@ -145,10 +145,10 @@ def test_the_other_baselines_are_what_they_say(datasets):
     arrays = load_arrays(datasets, "3x4", "train", image_size=8)
     figures = compare(arrays, arrays)
     assert figures["oracle"]["sr"] == 1
-    path = fixed_path(arrays)
-    solved = walk(arrays, path).solved.sum()
+    best = best_route(arrays)
+    solved = follow_route(arrays, best).solved.sum()
     assert solved >= 1
-    assert all(walk(arrays, route).solved.sum() <= solved for route in arrays.routes)
+    assert all(follow_route(arrays, route).solved.sum() <= solved for route in arrays.routes)
     assert figures["fixed_path"]["sr"] == pytest.approx(solved / 5)
     counts = np.zeros((12, 4))
     for state, row in enumerate(arrays.demonstrated):
