@@ -126,34 +126,33 @@ def _stack(
     episodes: Sequence[tuple[int, NDArray[np.int64]]],
     spec: ObservationSpec,
 ) -> LabyrinthArrays:
-    stacked = list(tables.values())
-    visited = [_visitable(each) for each in stacked]
-    counts = np.array([len(states) for states in visited])
-    first = (np.cumsum(counts) - counts).tolist()
-    columns = [_columns(*each) for each in zip(stacked, visited, first, strict=True)]
-    joined = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
-    begins = {
-        number: first[place] + visited[place].index(each.initial)
-        for place, (number, each) in enumerate(tables.items())
-    }
+    parts: list[dict[str, NDArray[Any]]] = []
+    initial: dict[int, int] = {}
+    count = 0
+    for number, each in tables.items():
+        states = _visitable(each)
+        initial[number] = count + states.index(each.initial)
+        seen = spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
+        part = _columns(each, states, count)
+        parts.append(part | {"observations": seen, "labyrinth": np.full(len(states), len(parts))})
+        count += len(states)
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    after, demonstrated = joined["next_state"].tolist(), np.zeros((count, 4), np.int64)
+    for number, actions in episodes:
+        state = initial[number]
+        for action in actions.tolist():
+            demonstrated[state, action] += 1
+            state = after[state][action]
+    labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
-        observations=np.concatenate(
-            [
-                spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
-                for each, states in zip(stacked, visited, strict=True)
-            ]
-        ),
-        labyrinth=np.repeat(np.arange(len(stacked)), counts),
-        demonstrated=_count_steps(
-            joined["next_state"], [(begins[number], actions) for number, actions in episodes]
-        ),
-        initial=np.array(list(begins.values())),
-        distance=np.array([each.distances[each.initial] for each in stacked]),
+        demonstrated=demonstrated,
+        initial=np.array(list(initial.values())),
+        distance=np.array([each.distances[each.initial] for each in tables.values()]),
         labyrinth_ids=np.array(list(tables), np.int64),
         routes=tuple(actions for _, actions in episodes),
-        labyrinths=tuple(each.labyrinth for each in stacked),
+        labyrinths=labyrinths,
         spec=spec,
-        cells=stacked[0].labyrinth.structure.cells,
+        cells=labyrinths[0].structure.cells,
         **joined,
     )
 
@@ -184,15 +183,3 @@ def _columns(tables: LabyrinthTables, states: list[int], first: int) -> dict[str
         "done": ends | tables.terminal[after],
         "optimal": tables.optimal_actions[states],
     }
-
-
-def _count_steps(
-    next_state: NDArray[np.int64], episodes: Sequence[tuple[int, NDArray[np.int64]]]
-) -> NDArray[np.int64]:
-    """Return how often episodes, given by first state and actions, take each action, (S, 4)."""
-    after, counts = next_state.tolist(), np.zeros_like(next_state)
-    for state, actions in episodes:
-        for action in actions.tolist():
-            counts[state, action] += 1
-            state = after[state][action]
-    return counts

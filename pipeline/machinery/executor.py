@@ -1,6 +1,6 @@
-"""An ordered map over pieces of work: in this process, in several, or on a cluster.
+"""An ordered map over items: in this process, in several, or on a cluster.
 
-joblib does the work: its own processes, or its backends for Dask and Ray. Within `cluster`, every
+It runs on joblib's process pool, or on its backends for Dask and Ray. Within `cluster`, every
 `ordered_map` runs on that cluster.
 """
 
@@ -23,10 +23,10 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 LOSSES = 3
-"""Times in a row that workers may be lost before the map gives up."""
+"""The number of times in a row that workers may be lost before the map gives up."""
 
 AHEAD = 4
-"""Items for each worker that a backend without a stream of results is given at a time."""
+"""The number of items a worker that Ray, which cannot stream results, is given at a time."""
 
 _backend: ContextVar[str] = ContextVar("backend", default="local")
 
@@ -37,12 +37,12 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
 
     Args:
         executor: local, dask or ray.
-        workers: Processes of a cluster that is started for the time of the context.
-        address: Of a running cluster, to be used instead. It has to see the same folder, under
-            the same name.
+        workers: The number of processes of a cluster that is started for the context.
+        address: The address of a running cluster to use instead, which has to see the same folder
+            under the same name.
 
     Raises:
-        ConfigError: The executor is not installed, or its cluster is not to be had.
+        ConfigError: The executor is not installed, or its cluster cannot be reached.
     """
     if executor == "local":
         yield
@@ -67,7 +67,7 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
 def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     import distributed
 
-    # Each coming and going of a worker is news to it.
+    # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
     place: Any = address
     if place is None:
@@ -84,7 +84,7 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]
 
 def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    if address and ":" in address:  # Ray itself would try for minutes.
+    if address and ":" in address:  # Checked here, since Ray would try for minutes.
         host, _, port = address.rpartition(":")
         host = host.removeprefix("ray://").strip("[]")
         socket.create_connection((host, int(port)), timeout=10).close()
@@ -170,7 +170,7 @@ def _results(
 ) -> Generator[Result]:
     from joblib import Parallel, delayed
 
-    if backend == "ray":  # It gives no result before it has all.
+    if backend == "ray":  # It returns no result before all are there.
         with Parallel(n_jobs=workers, batch_size=1) as parallel:
             while part := list(islice(feed, AHEAD * workers)):
                 yield from parallel(delayed(function)(item) for item in part)
@@ -181,7 +181,7 @@ def _results(
 
 
 def _losses(backend: str) -> tuple[type[Exception], ...]:
-    """Return what a backend raises when a worker is gone."""
+    """Return the errors that a backend raises when a worker is lost."""
     if backend == "dask":
         from distributed import KilledWorker
 

@@ -1,4 +1,4 @@
-"""Folders in which one process at a time changes something."""
+"""Locks on folders, so that one process at a time changes them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pipeline.machinery.console import console
 
 @contextmanager
 def held(folder: AnyPath, name: str) -> Iterator[None]:
-    """Be the only process that changes something in a folder; wait for another, and say which.
+    """Hold the lock of a file or folder in a folder; wait for another process, and say which.
 
-    An object store has no locks, nor have some file systems; there nobody waits.
+    Object stores and some file systems have no locks; there nobody waits.
 
     Args:
-        folder: Made if need be, and removed again if it is empty at the end.
-        name: Of what is changed; what `storage.write_bytes` left of it unfinished is removed.
+        folder: The folder, which is made if need be, and removed if it is empty at the end.
+        name: The name of what is changed; unfinished files of `storage.write_bytes` are removed.
     """
     if isinstance(folder, RemotePath):
         yield
@@ -33,10 +33,10 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
         for each in [*reversed(folder.parents), folder]:
             if not each.exists():
                 stack.callback(_remove_if_empty, each)
-        with suppress(OSError):  # Whoever cannot make a file here will soon say so.
+        with suppress(OSError):  # A folder that cannot be written is reported by the caller.
             folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(folder / f".{name}.lock", say_who))
-            for left in folder.glob(f".{name}.*.tmp"):  # By one that was killed while it wrote.
+            for left in folder.glob(f".{name}.*.tmp"):  # Left by a process that was killed.
                 left.unlink()
         yield
 
