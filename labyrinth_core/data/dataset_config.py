@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE
@@ -101,20 +101,8 @@ class DatasetConfig:
         return cls(task=Task(task), buckets=tuple(plain.pop("buckets")), **plain)
 
 
-_TYPES: dict[str, Any] = {
-    "height": int,
-    "width": int,
-    "task": str,
-    "labyrinths": int,
-    "solutions": str,
-    "solutions_limit": int,
-    "random_steps": int,
-    "sampler": str,
-    "open_walls": float,
-    "buckets": [int, int, int],
-    "seed": int,
-    "min_walls": int,
-}
+_IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}
+_TYPES = {name: _IN_JSON.get(kind, kind) for name, kind in get_type_hints(DatasetConfig).items()}
 """Field of the JSON object -> its type, for a list the types of its items."""
 
 

@@ -71,11 +71,7 @@ class PictureDigest:
         """Take the picture with nothing exchanged."""
         sums_and_heights = [_strip_sum(strip) for strip in strips]
         self._sums = [strip_sum for strip_sum, _ in sums_and_heights]
-        # The factor of a strip is the base to the power of the number of rows below it.
-        powers = [1]
-        for _, height in sums_and_heights[:0:-1]:
-            powers.append(powers[-1] * _repeated(height)[1] % _MODULUS)
-        self._powers = powers[::-1]
+        self._powers = _powers(tuple(height for _, height in sums_and_heights))
         self._sum: int = sum(map(mul, self._sums, self._powers))
 
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
@@ -88,6 +84,15 @@ class PictureDigest:
         for place, strip in changes.items():
             total += (_strip_sum(strip)[0] - self._sums[place]) * self._powers[place]
         return (total % _MODULUS).to_bytes(16, "little")
+
+
+@lru_cache(maxsize=64)
+def _powers(heights: tuple[int, ...]) -> list[int]:
+    """Return the factor of each strip: the base to the power of the number of rows below it."""
+    powers = [1]
+    for height in heights[:0:-1]:
+        powers.append(powers[-1] * _repeated(height)[1] % _MODULUS)
+    return powers[::-1]
 
 
 @lru_cache(maxsize=8_192)

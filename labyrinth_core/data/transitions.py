@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, overload
 
 import numpy as np
@@ -138,29 +138,24 @@ def gather(
     Raises:
         DatasetError: There is no episode.
     """
-    actions: list[NDArray[np.int64]] = []
-    rewards: list[NDArray[np.float32]] = []
-    terminated: list[bool] = []
-    ids: list[int] = []
+    kept: list[LoadedEpisode] = []
     for episode in episodes:
         keep(episode.observations)
-        actions.append(episode.actions)
-        rewards.append(episode.rewards)
-        terminated.append(episode.terminated)
-        ids.append(episode.labyrinth_id)
-    if not ids:
+        kept.append(replace(episode, info="", observations=episode.observations[:0]))
+    if not kept:
         raise DatasetError("there is no episode in the split")
-    lengths = np.array([len(of_episode) for of_episode in actions], np.int64)
+    lengths = np.array([len(episode) for episode in kept], np.int64)
     count = int(lengths.sum())
     dones = np.zeros(count, np.bool_)
-    dones[np.cumsum(lengths) - 1] = terminated
+    dones[np.cumsum(lengths) - 1] = [episode.terminated for episode in kept]
+    ids = np.array([episode.labyrinth_id for episode in kept], np.int64)
     return {
         # An episode has one state more than it has transitions.
         "rows": np.arange(count) + np.repeat(np.arange(len(lengths)), lengths),
-        "actions": np.concatenate(actions),
-        "rewards": np.concatenate(rewards),
+        "actions": np.concatenate([episode.actions for episode in kept]),
+        "rewards": np.concatenate([episode.rewards for episode in kept]),
         "dones": dones,
-        "labyrinth_ids": np.repeat(np.array(ids, np.int64), lengths),
+        "labyrinth_ids": np.repeat(ids, lengths),
     }
 
 
