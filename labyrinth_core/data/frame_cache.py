@@ -13,6 +13,7 @@ others wait for it, and then find the file.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -95,8 +96,9 @@ def read(path: Path, key: str) -> Transitions | None:
     """
     try:
         with path.open("rb") as file:
-            frames = _mapped(file, path, FRAMES)
-            columns = {name: _mapped(file, path, dtype) for name, dtype in COLUMNS.items()}
+            mapped = np.asarray(np.memmap(path, np.uint8, "r"))
+            frames = _next(file, mapped, FRAMES)
+            columns = {name: _next(file, mapped, dtype) for name, dtype in COLUMNS.items()}
             digest = file.read()
     except (FileNotFoundError, ValueError, OverflowError):
         return None
@@ -105,15 +107,16 @@ def read(path: Path, key: str) -> Transitions | None:
     return Transitions(frames, **columns)
 
 
-def _mapped(file: BinaryIO, path: Path, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the array that begins where a file is read; raise ValueError if there is none."""
+def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the mapped array that begins where a file is read; raise ValueError if none does."""
     npy.read_magic(file)
     shape, _, found = npy.read_array_header_1_0(file)
-    if found != dtype:
-        raise ValueError(f"{path} has {found} where {dtype} should be")
-    array = np.memmap(path, dtype, "r", file.tell(), shape)
-    file.seek(-(-(file.tell() + array.nbytes) // _ALIGNMENT) * _ALIGNMENT)
-    return np.asarray(array)
+    if found != dtype or min(shape) < 1:
+        raise ValueError(f"shape {shape} and type {found}, instead of type {dtype}")
+    begin = file.tell()
+    end = begin + math.prod(shape) * dtype.itemsize
+    file.seek(-(-end // _ALIGNMENT) * _ALIGNMENT)
+    return mapped[begin:end].view(dtype).reshape(shape)
 
 
 def _digest(key: str, frames: tuple[int, ...], columns: Mapping[str, NDArray[Any]]) -> bytes:
