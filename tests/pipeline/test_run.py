@@ -23,6 +23,8 @@ from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.run import OPTIONS, Run
 from pipeline.generation.sample import split_of
 
+pytestmark = pytest.mark.slow
+
 RUN = Path(__file__).parents[2] / "run.py"
 STAGES = "stages=[build,validate]"
 

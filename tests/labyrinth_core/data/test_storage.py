@@ -32,6 +32,8 @@ from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.release import card
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 
 TRAIN = "train-00000-of-00001.parquet"

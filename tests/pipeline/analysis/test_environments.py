@@ -19,6 +19,8 @@ from pipeline.config.analysis import AnalysisConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
 
+pytestmark = pytest.mark.slow
+
 REPORT = {"environments.json", "environments.csv", "environments.md", "visits.png", "visits.svg"}
 
 

@@ -21,6 +21,8 @@ from pipeline.analysis.environments.experts.stable_baselines import read_archive
 from pipeline.config.analysis import LABYRINTH
 from pipeline.config.run import RunConfig, resolve
 
+pytestmark = pytest.mark.slow
+
 DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
 
 

@@ -17,6 +17,8 @@ from pipeline.analysis.environments.experts.random_search import (
     improve,
 )
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = Settings(step_size=0.1, directions=8, noise=0.1, top=4)
 TARGET = np.array([[1.0, -2.0, 0.5]])
 

@@ -25,6 +25,8 @@ from pipeline.analysis.report.stage import PAGE, page, write_report
 from pipeline.analysis.walks import walks
 from pipeline.release.card import published_files, write_card
 
+pytestmark = pytest.mark.slow
+
 ROOMY = 10**9
 
 

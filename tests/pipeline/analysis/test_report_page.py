@@ -26,6 +26,8 @@ from pipeline.analysis.report.stage import write_report
 from pipeline.config.run import Run
 from pipeline.machinery.front_matter import finished
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data"
 WAIT = 60_000
 """Milliseconds until it is said that something does not happen; nothing takes so long."""

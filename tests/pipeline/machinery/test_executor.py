@@ -27,6 +27,8 @@ from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
 from pipeline.machinery.executor import cluster, ordered_map
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 
 

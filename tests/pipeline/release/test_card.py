@@ -38,6 +38,8 @@ from pipeline.release.canvas import picture_with_route
 from pipeline.release.changelog import updated
 from pipeline.release.figures import FIGURES
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")
 

@@ -34,6 +34,8 @@ from pipeline.config.publish import PublishConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.release.remote import reasons
 
+pytestmark = pytest.mark.slow
+
 LOADED = """
 import json, os, sys
 from pathlib import Path

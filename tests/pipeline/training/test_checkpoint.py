@@ -17,6 +17,8 @@ from pipeline.training.checkpoint import Progress, state_of
 from pipeline.training.methods import bc
 from pipeline.training.methods.method import Learner, Problem
 
+pytestmark = pytest.mark.slow
+
 Problems = Callable[..., Problem]
 
 

@@ -20,6 +20,8 @@ from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.method import Learner, Problem, find
 from pipeline.training.policy import NetworkPolicy
 
+pytestmark = pytest.mark.slow
+
 Problems = Callable[..., Problem]
 
 CONF = Path(__file__).parents[3] / "conf" / "method"

@@ -28,6 +28,8 @@ from pipeline.training.networks.planning import FAR, Bellman, Planner
 from pipeline.training.policy import NetworkPolicy, load_policy
 from pipeline.training.record import POLICY, read_record
 
+pytestmark = pytest.mark.slow
+
 Problems = Callable[..., Problem]
 
 TOY: dict[str, Any] = {"epochs": 8, "pictures": 384, "iterations": 10, "channels": 16}

@@ -23,6 +23,8 @@ from pipeline.training import loop, train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def run_of(small_dataset: Run, tmp_path: Path) -> Callable[..., Run]:
