@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, episodes_of
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 EVALUATIONS = "*/*/evaluation.json"
 """In the folder of runs, by the stage `evaluate`."""
@@ -127,10 +127,10 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
     if manifest is None or manifest.fingerprint != run["fingerprint"]:
         return None
     seed, told, solved, failed = int(run["seed"]), {}, {}, {}
-    cells = manifest.config.height * manifest.config.width
     for split in EVALUATED_SPLITS:
         scores = content["splits"][split]
-        solved[split] = episodes_of(scores, cells).solved.astype(np.float64)
+        # `outcomes` has the first letter of each episode's outcome, such as that of "solved".
+        solved[split] = np.array([letter == "s" for letter in scores["outcomes"]], np.float64)
         failed[split] = scores["failed"]
         held = sum(shard.labyrinths for shard in manifest.of(split))
         if len(solved[split]) != held:
