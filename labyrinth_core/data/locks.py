@@ -41,8 +41,8 @@ def locked(
         holder.write_text(f"process {os.getpid()} on {socket.gethostname()}", encoding="utf-8")
         yield
     finally:
-        # Before the lock is released: whoever then has opened the removed file opens it again.
-        # On Windows a locked file cannot be removed, so `release` removes it.
+        # Removed while locked: `filelock` checks after locking that the file still has a name.
+        # On Windows, where a locked file cannot be removed, `release` removes it.
         for each in (holder, path):
             with suppress(OSError):
                 each.unlink()

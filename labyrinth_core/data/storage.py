@@ -99,12 +99,9 @@ class RemotePath:
         return bool(self._ask(lambda store, path: store.isfile(path)))
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        for each in self._ask(
-            lambda store, path: [
-                found[len(path) + 1 :] for found in sorted(store.glob(f"{path}/{pattern}"))
-            ]
-        ):
-            yield self / each
+        base = self._ask(lambda _, path: path)
+        for each in sorted(self._ask(lambda store, path: store.glob(f"{path}/{pattern}"))):
+            yield self / each[len(base) + 1 :]
 
     def iterdir(self) -> Iterator[RemotePath]:
         return self.glob("*")
