@@ -22,13 +22,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from labyrinth_sets import labyrinth_sets, write_results
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.following import success_rate
-from labyrinth_core.evaluation.journeys import travel
+from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.policy import Policy
-from labyrinth_core.evaluation.trials import trials, write_trial
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
@@ -104,7 +103,7 @@ def main() -> None:
         if labyrinths not in (None, config_of(size, task).labyrinths):
             source = built(given.folder / f"data-of-{dataset.labyrinths}", dataset)
         about, solved = run(case, source, usual, given.folder / case.name)
-        write_trial(kept, {**about, "usual": source == usual}, solved)
+        write_results(kept, {**about, "usual": source == usual}, solved)
         told = (f"{name} {np.mean(which):.1%}" for name, which in solved.items())
         print(f"{case.name}: {', '.join(told)}", flush=True)
 
@@ -154,9 +153,10 @@ def run(
     rng = np.random.default_rng(SEED)
     solved = {
         name: [
-            each.solved for each in travel(NetworkPolicy(learner.policy), labyrinths, IMAGE_SIZE)
+            each.solved
+            for each in greedy_episodes(NetworkPolicy(learner.policy), labyrinths, IMAGE_SIZE)
         ]
-        for name, labyrinths in trials(usual, case.dataset.name, rng)
+        for name, labyrinths in labyrinth_sets(usual, case.dataset.name, rng)
     }
     about = {
         "config": case.dataset.name,

@@ -28,6 +28,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -35,7 +36,7 @@ from labyrinth_core.world.rollout import random_episode
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.analysis.report.findings import EVALUATED, FIGURES, read_results
+from pipeline.analysis.report.findings import FIGURES, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack_walks
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.analysis.walks import walks
@@ -97,7 +98,7 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
     with tempfile.TemporaryDirectory() as folder:
         for method, seed in product(range(METHODS), range(SEEDS)):
             told = {}
-            for split in EVALUATED:
+            for split in EVALUATED_SPLITS:
                 ids = bytes(splits[split].fixed["id"])
                 solved = rng.random(splits[split].labyrinths) < 0.5
                 failed = [ids[8 * at : 8 * at + 8].hex() for at in np.flatnonzero(~solved)]
@@ -106,7 +107,7 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
             path = Path(folder) / "config" / f"method{method}-seed{seed}" / "evaluation.json"
             path.parent.mkdir(parents=True)
             content = {"run": about | {"seed": seed}, "splits": told}
-            content["baselines"] = dict.fromkeys(EVALUATED, rates)
+            content["baselines"] = dict.fromkeys(EVALUATED_SPLITS, rates)
             path.write_text(json.dumps(content), encoding="utf-8")
         return read_results(Path(folder), [manifest])
 

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from labyrinth_sets import labyrinth_sets, write_results
 from PIL import Image, ImageDraw
 
+from labyrinth_core.evaluation.following import GreedyEpisode, greedy_episodes
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.journeys import Journey, travel
-from labyrinth_core.evaluation.trials import trials, write_trial
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
 from pipeline.config.run import RunConfig, resolve
@@ -53,7 +53,7 @@ def main() -> None:
     policy, side = policy_of(given.run, record["run"], once=given.once)
     pixels = IMAGE_SIZE / side
     kept: dict[str, list[bool]] = {}
-    sets = trials(
+    sets = labyrinth_sets(
         given.data_dir,
         record["run"]["config"],
         np.random.default_rng(given.seed),
@@ -63,20 +63,20 @@ def main() -> None:
     for name, labyrinths in sets:
         size = max(labyrinths[0].structure.height, labyrinths[0].structure.width)
         began = time.process_time()
-        journeys = travel(policy, labyrinths, round(pixels * size))
-        kept[name] = [journey.solved for journey in journeys]
+        episodes = greedy_episodes(policy, labyrinths, round(pixels * size))
+        kept[name] = [episode.solved for episode in episodes]
         solved = np.array([kept[name]], float)
         low, high = interval(solved)
         print(
             f"{name:24} {solved.mean():7.1%}  95% {100 * low:.0f}-{100 * high:.0f}  "
-            f"of {len(journeys)}, {time.process_time() - began:.0f} s of CPU",
+            f"of {len(episodes)}, {time.process_time() - began:.0f} s of CPU",
             flush=True,
         )
         if given.pictures is not None:
-            draw_failures(given.pictures, name.replace(", ", "-").replace(" ", "-"), journeys)
+            draw_failures(given.pictures, name.replace(", ", "-").replace(" ", "-"), episodes)
     if given.json is not None:
         about = {"run": record["run"], "drawn_with_seed": given.seed, "in_one_view": given.once}
-        write_trial(given.json, about, kept)
+        write_results(given.json, about, kept)
 
 
 def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[NetworkPolicy, int]:
@@ -95,20 +95,20 @@ def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[Netw
     return policy, max(resolved.dataset.height, resolved.dataset.width)
 
 
-def draw_failures(folder: Path, name: str, journeys: list[Journey]) -> None:
+def draw_failures(folder: Path, name: str, episodes: list[GreedyEpisode]) -> None:
     """Draw the last state of each failure with its path dotted, and print the reason."""
     folder.mkdir(parents=True, exist_ok=True)
-    for number, journey in enumerate(journeys):
-        if journey.solved:
+    for number, episode in enumerate(episodes):
+        if episode.solved:
             continue
-        last, before = journey.states[-1], journey.states[-2]
+        last, before = episode.states[-1], episode.states[-2]
         how = "wall" if last == before else "loop or ice"
-        print(f"  {name}-{number}: {how} after {len(journey.states) - 1} moves")
-        picture = Image.fromarray(render(journey.labyrinth, last))
-        pen, structure = ImageDraw.Draw(picture), journey.labyrinth.structure
+        print(f"  {name}-{number}: {how} after {len(episode.states) - 1} moves")
+        picture = Image.fromarray(render(episode.labyrinth, last))
+        pen, structure = ImageDraw.Draw(picture), episode.labyrinth.structure
         pitch = PICTURE_SIZE / max(structure.height, structure.width)
-        for state in journey.states[:-1]:
-            row, column = journey.labyrinth.position(state.agent)
+        for state in episode.states[:-1]:
+            row, column = episode.labyrinth.position(state.agent)
             x, y = (column + 0.5) * pitch, (structure.height - row - 0.5) * pitch
             pen.ellipse((x - pitch / 8, y - pitch / 8, x + pitch / 8, y + pitch / 8), fill="orange")
         picture.save(folder / f"{name}-{number}.png")

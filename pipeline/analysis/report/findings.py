@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 EVALUATIONS = "*/*/evaluation.json"
 """In the folder of runs, by the stage `evaluate`."""
@@ -27,10 +27,6 @@ EXAMPLES = 20
 """Labyrinths named that two splits have in common, of each kind."""
 MOST_FAILED = 2_000
 """Labyrinths named on which a run failed, in each split."""
-EVALUATED = [split for split in SPLITS if split != "random"]
-"""Splits on which policies are evaluated."""
-SOLVED = "s"
-"""The letter of an episode that reached the goal."""
 
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
 """What two labyrinths may have in common."""
@@ -131,9 +127,10 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
     if manifest is None or manifest.fingerprint != run["fingerprint"]:
         return None
     seed, told, solved, failed = int(run["seed"]), {}, {}, {}
-    for split in EVALUATED:
+    for split in EVALUATED_SPLITS:
         scores = content["splits"][split]
-        solved[split] = np.array([letter == SOLVED for letter in scores["outcomes"]], np.float64)
+        # `outcomes` has the first letter of each episode's outcome, such as that of "solved".
+        solved[split] = np.array([letter == "s" for letter in scores["outcomes"]], np.float64)
         failed[split] = scores["failed"]
         held = sum(shard.labyrinths for shard in manifest.of(split))
         if len(solved[split]) != held:
@@ -147,7 +144,7 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
 def _method(runs: Sequence[_Run]) -> dict[str, Any]:
     """Return what the page shows of a method: means over its runs, and each run."""
     splits = {}
-    for split in EVALUATED:
+    for split in EVALUATED_SPLITS:
         told = [run.told["splits"][split] for run in runs]
         solved = np.stack([run.solved[split] for run in runs])
         by_all = set.intersection(*(set(run.failed[split]) for run in runs))
