@@ -38,8 +38,7 @@ def option(
         one_of: The values to choose from; one, or several if the option is a tuple.
         like: A regular expression for the whole text, and a phrase that says what to give.
     """
-    checks = {"low": at_least, "high": at_most, "one_of": list(one_of), "like": like}
-    metadata = {"meaning": meaning, "checks": checks}
+    metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
@@ -86,32 +85,22 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
     """
     kinds = get_type_hints(cls)
     for each in fields(cls):
-        if "checks" in each.metadata:
-            value, checks = getattr(options, each.name), each.metadata["checks"]
-            _check_value(group + each.name, value, kinds[each.name], **checks)
-
-
-def _check_value(
-    name: str,
-    value: Any,
-    kind: Any,
-    low: float | None,
-    high: float,
-    one_of: list[object],
-    like: tuple[str, str] | None,
-) -> None:
-    if kind is bool:
-        check(isinstance(value, bool), f"{name}={value}: give true or false")
-    elif isinstance(value, list | tuple):
-        known = not one_of or (len(value) > 0 and set(value) <= set(one_of))
-        check(known, f"{name}={listed(value)}: choose from {listed(one_of)}")
-    elif one_of:
-        check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
-    elif like is not None:
-        matches = re.fullmatch(like[0], value, re.ASCII) is not None
-        check(matches, f"{name}={value}: give {like[1]}")
-    elif low is not None and (value is not None or kind in (int, float)):
-        number = type(value) is int or (kind is float and isinstance(value, float))
-        what = "a number" if kind is float else "a whole number"
-        limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
-        check(number and low <= value <= high, f"{name}={value}: give {what}{limits}")
+        if "checks" not in each.metadata:
+            continue
+        low, high, one_of, like = each.metadata["checks"]
+        name, value, kind = group + each.name, getattr(options, each.name), kinds[each.name]
+        if kind is bool:
+            check(isinstance(value, bool), f"{name}={value}: give true or false")
+        elif isinstance(value, list | tuple):
+            known = not one_of or (len(value) > 0 and set(value) <= set(one_of))
+            check(known, f"{name}={listed(value)}: choose from {listed(one_of)}")
+        elif one_of:
+            check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
+        elif like is not None:
+            matches = re.fullmatch(like[0], value, re.ASCII) is not None
+            check(matches, f"{name}={value}: give {like[1]}")
+        elif low is not None and (value is not None or kind in (int, float)):
+            number = type(value) is int or (kind is float and isinstance(value, float))
+            what = "a number" if kind is float else "a whole number"
+            limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
+            check(number and low <= value <= high, f"{name}={value}: give {what}{limits}")

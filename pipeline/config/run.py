@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import difflib
 import re
-import textwrap
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
@@ -157,32 +157,21 @@ Options, each as name=value:
 def register() -> None:
     """Tell Hydra the schema and the text of `--help`."""
     store = ConfigStore.instance()
-    store.store(name="schema", node=_writable(OmegaConf.structured(RunConfig)))
+    schema = OmegaConf.structured(RunConfig)
+    for node in (schema, *schema.values()):
+        if isinstance(node, DictConfig):  # Frozen like its class, but Hydra has to merge into it.
+            OmegaConf.set_readonly(node, None)
+    store.store(name="schema", node=schema)
     help_text = _HELP.format(options="\n".join(map(_described, SECTIONS)))
     store.store(group="hydra/help", name="options", node={"template": help_text})
-
-
-def _writable(node: DictConfig) -> DictConfig:
-    """Return what OmegaConf made of a frozen dataclass, so that Hydra can merge values into it."""
-    OmegaConf.set_readonly(node, None)
-    for child in node.values():
-        if isinstance(child, DictConfig):
-            _writable(child)
-    return node
 
 
 def _described(heading: str) -> str:
     """Return a section of `--help`."""
     width = max(map(len, OPTIONS))
-    lines = [
-        textwrap.fill(
-            f"  {name:{width}}  {meaning}",
-            100,
-            subsequent_indent=" " * (width + 4),
-            break_on_hyphens=False,
-        )
-        for name, meaning in SECTIONS[heading].items()
-    ]
+    wrapper = TextWrapper(100, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
+    options = SECTIONS[heading].items()
+    lines = [wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options]
     return "\n".join([f"{heading}:", *lines, ""])
 
 

@@ -131,7 +131,4 @@ def check_training(options: TrainingOptions) -> None:
 def usual_settings(method: str) -> dict[str, Any]:
     """Return the values of `method` that conf/method/ has, none if there is no such file."""
     path = CONF / "method" / f"{method}.yaml"
-    values: dict[str, Any] = {}
-    if path.is_file():
-        values |= dict(OmegaConf.load(path))
-    return values
+    return dict(OmegaConf.load(path)) if path.is_file() else {}

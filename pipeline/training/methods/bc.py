@@ -69,16 +69,10 @@ class Method(Learner):
             if settings.augment:
                 pictures, labels = transform_examples(pictures, labels)
             loss = self.loss(pictures, labels)
-            self.optimizer.zero_grad()
-            loss.backward()
-            self.step(len(losses) / -(-settings.pictures // settings.batch_size))
+            self.descend(self.optimizer, loss)
             losses.append(loss.item())
         return sum(losses) / len(losses)
 
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
         """Return the mean loss of some examples."""
         return functional.cross_entropy(self.policy(pictures), labels)
-
-    def step(self, share: float) -> None:  # noqa: ARG002
-        """Update the weights; `share` is the part of the epoch that is over."""
-        self.optimizer.step()

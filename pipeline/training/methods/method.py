@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
 from importlib import import_module
+from importlib.util import find_spec
 from math import inf
 from typing import Any
 
@@ -174,15 +175,10 @@ def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSetti
         ConfigError: There is no such method or setting, or a value that is not allowed.
     """
     module_name = f"{__package__}.{name}"
-    try:
-        module = import_module(module_name)
-    except ModuleNotFoundError as error:
-        if error.name != module_name:
-            raise
-        module = None
-    method, settings = getattr(module, "Method", None), getattr(module, "Settings", None)
-    if method is None or settings is None:
+    module: Any = import_module(module_name) if find_spec(module_name) else None
+    if not (hasattr(module, "Method") and hasattr(module, "Settings")):
         raise ConfigError(f"method={name}: pipeline/training/methods has no method of that name")
+    method, settings = module.Method, module.Settings
     values = {**usual_settings(name), **values}
     values.pop("name", None)
     for each in fields(settings):

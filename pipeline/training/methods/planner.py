@@ -30,11 +30,12 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
+from torch.optim import Adam
 
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods import bc
-from pipeline.training.methods.method import Problem, setting
+from pipeline.training.methods.method import setting
 from pipeline.training.methods.relabelling import NO_LABEL
 from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.networks.planning import Planner
@@ -66,11 +67,7 @@ class Settings(bc.Settings):
 
 
 class Method(bc.Method):
-    """The policy, and the number of epochs that are over."""
-
-    def __init__(self, problem: Problem, settings: Settings) -> None:
-        super().__init__(problem, settings)
-        self.epochs = 0
+    """The policy; its optimizer counts the gradient steps, on which the learning rate depends."""
 
     @classmethod
     def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
@@ -79,21 +76,11 @@ class Method(bc.Method):
                 f"size={spec.height}x{spec.width}: method.grid_prior=true needs as many rows as "
                 "columns; give method.grid_prior=false"
             )
-        return Planner(
-            IMAGE_SIZE / max(spec.height, spec.width),
-            channels=settings.channels,
-            iterations=settings.iterations,
-            sharpness=settings.sharpness,
-            path_prior=settings.path_prior,
-            grid_prior=settings.grid_prior,
-            colour_prior=settings.colour_prior,
-        )
+        return Planner(IMAGE_SIZE / max(spec.height, spec.width), settings)
 
     def epoch(self) -> dict[str, float]:
         whole = self.settings.grid_prior and self.settings.colour_prior
-        loss = self.learn_drawn(whole=whole)
-        self.epochs += 1
-        return {"loss": loss}
+        return {"loss": self.learn_drawn(whole=whole)}
 
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
         if labels.dim() == 1:
@@ -101,10 +88,15 @@ class Method(bc.Method):
         planner = next(each for each in self.policy.modules() if isinstance(each, Planner))
         return functional.cross_entropy(planner.plan(pictures), labels, ignore_index=NO_LABEL)
 
-    def step(self, share: float) -> None:
-        over = (self.epochs + share) / self.settings.epochs
+    def descend(self, optimizer: Adam, loss: Tensor) -> None:
+        settings, weights = self.settings, list(self.policy.parameters())
+        an_epoch = -(-settings.pictures // settings.batch_size)
+        epochs, steps = divmod(int(optimizer.state[weights[0]].get("step", 0)), an_epoch)
+        over = (epochs + steps / an_epoch) / settings.epochs
         factor = min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.settings.learning_rate * factor
-        clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
-        super().step(share)
+        for group in optimizer.param_groups:
+            group["lr"] = settings.learning_rate * factor
+        optimizer.zero_grad()
+        loss.backward()
+        clip_grad_norm_(weights, MAX_GRADIENT)
+        optimizer.step()

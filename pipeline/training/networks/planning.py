@@ -15,6 +15,7 @@ actions alone.
 from __future__ import annotations
 
 from math import log
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, nn
@@ -22,6 +23,9 @@ from torch.nn import functional
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from pipeline.training.networks.network import ACTIONS, as_input
+
+if TYPE_CHECKING:
+    from pipeline.training.methods.planner import Settings
 
 FAR = 1e9
 """The cost of ending outside the picture."""
@@ -119,34 +123,21 @@ class Gated(nn.Module):
 class Planner(nn.Module):
     """The stem, the planning, and the choice of the agent's position from the plan."""
 
-    def __init__(
-        self,
-        cell_pixels: float,
-        *,
-        channels: int,
-        iterations: int,
-        sharpness: float,
-        path_prior: bool,
-        grid_prior: bool,
-        colour_prior: bool,
-    ) -> None:
+    def __init__(self, cell_pixels: float, settings: Settings) -> None:
         """Draw the weights.
+
+        Without `grid_prior` the internal grid has one position every `POSITION_PIXELS`; without
+        `colour_prior` learned attention finds the agent.
 
         Args:
             cell_pixels: The side of a cell in pixels; used with `grid_prior` alone.
-            channels: The number of features of a position.
-            iterations: The number of iterations in training, in cells.
-            sharpness: The sharpness of `Bellman` in evaluation mode; used with `grid_prior` alone.
-            path_prior: Whether planning is `Bellman`, or else `Gated`.
-            grid_prior: Whether the internal grid has one position per cell, or else one every
-                `POSITION_PIXELS`.
-            colour_prior: Whether the agent is found by its colour, or else by learned attention.
+            settings: The settings of `method=planner`.
         """
         super().__init__()
+        channels, self.grid_prior = settings.channels, settings.grid_prior
         self.cell_pixels = cell_pixels
-        self.grid_prior = grid_prior
         middle = nn.Conv2d(channels, channels, 6, stride=4, padding=1)
-        if not grid_prior:
+        if not self.grid_prior:
             middle = nn.Conv2d(channels, channels, 3, padding=1)
         self.stem = nn.Sequential(
             nn.Conv2d(3, channels, POSITION_PIXELS, stride=POSITION_PIXELS),
@@ -156,14 +147,16 @@ class Planner(nn.Module):
             nn.Conv2d(channels, channels, 1),
             nn.ReLU(),
         )
-        positions = 1.0 if grid_prior else FINE_POSITIONS
-        steps, power = round(iterations * positions), sharpness if grid_prior else FINE_SHARPNESS
+        positions, sharpness = 1.0, settings.sharpness
+        if not self.grid_prior:
+            positions, sharpness = FINE_POSITIONS, FINE_SHARPNESS
+        steps = round(settings.iterations * positions)
         self.planning = (
-            Bellman(channels, steps, power, FIRST_END + log(positions))
-            if path_prior
+            Bellman(channels, steps, sharpness, FIRST_END + log(positions))
+            if settings.path_prior
             else Gated(channels, steps)
         )
-        self.attention = None if colour_prior else nn.Conv2d(channels, 1, 1)
+        self.attention = None if settings.colour_prior else nn.Conv2d(channels, 1, 1)
         self.colour: Tensor
         colour = torch.tensor(DEFAULT_STYLE.agent).view(3, 1, 1) / 255
         self.register_buffer("colour", colour, persistent=False)
