@@ -22,8 +22,7 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, ge
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run
+from pipeline.config.run import PublishOptions, Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, tracked
 from pipeline.release.card import published_files, write_card

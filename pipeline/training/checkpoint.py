@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError
 from pipeline.training.methods.method import Learner
 from pipeline.training.record import differences
 from pipeline.training.tensor_files import load_tensors, save_tensors
@@ -64,12 +63,7 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
     Raises:
         DatasetError: The file cannot be read, or belongs to another run.
     """
-    try:
-        tensors, metadata = load_tensors(path)
-        state = json.loads(metadata["state"])
-    except (OSError, SafetensorError, KeyError, ValueError) as error:
-        reason = one_line(error)
-        raise DatasetError(f"{path} is no checkpoint: {reason}; remove it to begin anew") from error
+    tensors, state = load_tensors(path, "state")
     differing = differences(state["run"], identity)
     if differing:
         raise DatasetError(

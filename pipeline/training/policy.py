@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import SafetensorError
 from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -92,16 +91,7 @@ def load_policy(
     Raises:
         DatasetError: There is no such file, or it holds the policy of another network.
     """
-    try:
-        tensors, metadata = load_tensors(path, device)
-        actual = json.loads(metadata.get("network", "{}"))
-    except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: stages=[train] makes it") from error
-    except (OSError, SafetensorError, ValueError) as error:
-        reason = one_line(error)
-        raise DatasetError(
-            f"{path} cannot be read: {reason}; remove it, and stages=[train] makes it anew"
-        ) from error
+    tensors, actual = load_tensors(path, "network", device)
     differing = differences(actual, asdict(spec))
     if differing:
         raise DatasetError(f"{path} is a policy with {differing}")
@@ -109,7 +99,6 @@ def load_policy(
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:
-        raise DatasetError(
-            f"{path} is not a policy of this network: {one_line(error):.300}"
-        ) from error
+        reason = f"{path} is not a policy of this network"
+        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     return NetworkPolicy(network)

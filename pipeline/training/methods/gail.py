@@ -209,19 +209,13 @@ def sample(
     return Samples(*map(np.ravel, (states, actions, scaled, returns, taken)))
 
 
-def policy_loss(
-    settings: Settings,
-    outputs: Tensor,
-    actions: Tensor,
-    advantages: Tensor,
-    returns: Tensor,
-    log_probabilities: Tensor,
-) -> Tensor:
+def policy_loss(settings: Settings, outputs: Tensor, *targets: Tensor) -> Tensor:
     """Return PPO's loss for each sample, shape (N,).
 
-    `outputs` are the actor's outputs in the states of the samples, shape (N, 5); the arguments
-    after it are fields of `Samples`.
+    `outputs` are the actor's outputs in the states of the samples, shape (N, 5); `targets` are the
+    fields of `Samples` after the states.
     """
+    actions, advantages, returns, log_probabilities = targets
     logs = torch.log_softmax(outputs[:, :-1], 1)
     ratio = torch.exp(logs.gather(1, actions[:, None])[:, 0] - log_probabilities)
     clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)

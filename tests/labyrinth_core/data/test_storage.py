@@ -27,8 +27,7 @@ from labyrinth_core.data.storage import (
     write_bytes,
 )
 from pipeline.config.errors import ConfigError
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.release import card
