@@ -18,10 +18,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.errors import DatasetError
 from pipeline.training.methods.method import Learner
-from pipeline.training.record import differences
-from pipeline.training.tensor_files import load_tensors, save_tensors
+from pipeline.training.policy import load_tensors, save_tensors
+from pipeline.training.record import INSTEAD, require_same
 
 Tensors = dict[str, Tensor]
 
@@ -64,12 +63,7 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
         DatasetError: The file cannot be read, or belongs to another run.
     """
     tensors, state = load_tensors(path, "state")
-    differing = differences(state["run"], identity)
-    if differing:
-        raise DatasetError(
-            f"{path} is of a run with {differing}: choose another run_dir, or give overwrite=true "
-            "to begin anew"
-        )
+    require_same(f"{path} is of a run", state["run"], identity, INSTEAD)
     restore(learner, tensors, state["learner"])
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])

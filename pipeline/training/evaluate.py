@@ -13,7 +13,6 @@ from typing import Any
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, compare
 from labyrinth_core.evaluation.intervals import interval
@@ -24,7 +23,7 @@ from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.results.evaluations import EVALUATION, FORMAT
-from pipeline.training.train import choose_device, loader_of, locate_dataset, spec_of
+from pipeline.training.train import choose_device, fingerprint_of, loader_of, spec_of
 
 
 def run(run: Run) -> None:
@@ -43,7 +42,7 @@ def run(run: Run) -> None:
     method, settings = find(record["run"]["method"], record["run"]["settings"])
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(run), device, make)
-    fingerprint = Manifest.read(locate_dataset(run)).fingerprint
+    fingerprint = fingerprint_of(run)
     if fingerprint != record["run"]["fingerprint"]:
         raise DatasetError(
             f"{folder} was trained on another dataset than {run.source}: their fingerprints "

@@ -1,9 +1,9 @@
-"""The policy of a network, and its file."""
+"""The policy of a network, and files of weights in the safetensors format, which is no code."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.storage import write_bytes
 from pipeline.training.networks.network import MOMENTUM, Network, NetworkSpec
-from pipeline.training.record import differences
-from pipeline.training.tensor_files import load_tensors, save_tensors
+from pipeline.training.record import require_same
 
 BATCH = 256
 """The number of observations in a forward pass without gradients."""
@@ -69,6 +71,32 @@ class NetworkPolicy:
         return array
 
 
+def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str]) -> None:
+    """Write tensors and texts into one file, atomically."""
+    # Cloned because networks may share weights, which the format cannot express.
+    owned = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
+    write_bytes(path, save(owned, metadata))
+
+
+def load_tensors(
+    path: Path, text: str, device: torch.device | str = "cpu"
+) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Return the tensors of a file, and what one of its texts, named `text`, says in JSON.
+
+    Raises:
+        DatasetError: The file is not there, or cannot be read.
+    """
+    try:
+        with safe_open(path, framework="pt", device=str(device)) as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            return tensors, json.loads((file.metadata() or {})[text])
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path} is not there: stages=[train] makes it") from error
+    except (OSError, SafetensorError, LookupError, ValueError) as error:
+        reason = f"{path} cannot be read: {one_line(error)}"
+        raise DatasetError(f"{reason}; remove it to begin anew with stages=[train]") from error
+
+
 def save_policy(path: Path, tensors: dict[str, Tensor], spec: NetworkSpec) -> None:
     """Write the weights of a policy and the shape of its network, atomically."""
     save_tensors(path, tensors, {"network": json.dumps(asdict(spec), sort_keys=True)})
@@ -92,9 +120,7 @@ def load_policy(
         DatasetError: There is no such file, or it holds the policy of another network.
     """
     tensors, actual = load_tensors(path, "network", device)
-    differing = differences(actual, asdict(spec))
-    if differing:
-        raise DatasetError(f"{path} is a policy with {differing}")
+    require_same(f"{path} is a policy", actual, asdict(spec))
     network = make(spec).to(device)
     try:
         network.load_state_dict(tensors)

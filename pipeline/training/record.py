@@ -25,6 +25,7 @@ CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
 FORMAT = 1
+INSTEAD = ": choose another run_dir, or give overwrite=true to begin anew"
 
 
 def current_versions() -> dict[str, str]:
@@ -71,14 +72,18 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return in words how two descriptions of a run or a policy differ; empty if they agree."""
+def require_same(
+    thing: str, actual: Mapping[str, Any], wanted: Mapping[str, Any], advice: str = ""
+) -> None:
+    """Raise a DatasetError that says how the description of a thing differs from what is wanted."""
     actual, wanted = _by_option(actual), _by_option(wanted)
-    return "; ".join(
+    differences = [
         f"{name}={actual.get(name)}, not {wanted.get(name)}"
         for name in {**wanted, **actual}
         if actual.get(name) != wanted.get(name)
-    )
+    ]
+    if differences:
+        raise DatasetError(f"{thing} with {'; '.join(differences)}{advice}")
 
 
 def _by_option(identity: Mapping[str, Any]) -> dict[str, Any]:

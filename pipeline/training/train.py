@@ -20,7 +20,6 @@ from rich.progress import Progress as Bars
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
-from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.policy import Policy
@@ -35,11 +34,12 @@ from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import save_policy
 from pipeline.training.record import (
     CHECKPOINT,
+    INSTEAD,
     POLICY,
     Board,
-    differences,
     draw_curves,
     read_record,
+    require_same,
     write_record,
 )
 from pipeline.training.steps import Steps, load_steps
@@ -96,8 +96,8 @@ def choose_device(options: TrainingOptions) -> torch.device:
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 
-def locate_dataset(run: Run) -> AnyPath:
-    """Return the folder of the dataset that a run learns from.
+def fingerprint_of(run: Run) -> str:
+    """Return the fingerprint of the dataset that a run learns from.
 
     Raises:
         ConfigError: A folder is given with a revision.
@@ -109,18 +109,14 @@ def locate_dataset(run: Run) -> AnyPath:
         command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
         raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
     try:
-        return locate(run.source, run.dataset.name, "train", options.revision)
+        folder = locate(run.source, run.dataset.name, "train", options.revision)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+    return Manifest.read(folder).fingerprint
 
 
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
-    """Return everything that determines the weights of a run, in plain types.
-
-    Raises:
-        ConfigError: As for `locate_dataset`.
-        DatasetError: There is no dataset.
-    """
+    """Return everything that determines the weights of a run, in plain types."""
     options = run.options
     return {
         "method": options.method_name,
@@ -133,7 +129,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "config": run.dataset.name,
         "dataset": run.source,
         "revision": options.revision,
-        "fingerprint": Manifest.read(locate_dataset(run)).fingerprint,
+        "fingerprint": fingerprint_of(run),
     }
 
 
@@ -153,14 +149,8 @@ def loader_of(run: Run) -> Callable[[str], LabyrinthArrays]:
 
 def spec_of(run: Run) -> NetworkSpec:
     """Return the specification of the network of a run's policy."""
-    options = run.options
-    return NetworkSpec(
-        encoder=options.network,
-        pool_stride=options.pool_stride,
-        height=run.dataset.height,
-        width=run.dataset.width,
-        task=str(run.dataset.task),
-    )
+    options, shape = run.options, (run.dataset.height, run.dataset.width)
+    return NetworkSpec(options.network, options.pool_stride, *shape, str(run.dataset.task))
 
 
 def prepare(
@@ -169,8 +159,8 @@ def prepare(
     """Return a fresh learner, and what evaluates its policy on train and validation."""
     options = run.options
     load = loader_of(run)
-    train, validation = load("train"), load("validation")
-    source, config = run.source, run.dataset.name
+    splits = {split: load(split) for split in ("train", "validation")}
+    train, source, config = splits["train"], run.source, run.dataset.name
     steps = partial(load_steps, source, config, arrays=train, revision=options.revision)
 
     def exploration() -> Steps:
@@ -190,25 +180,16 @@ def prepare(
     )
 
     def judge(policy: Policy) -> dict[str, float]:
-        return {
-            "train_sr": success_rate(policy, train),
-            "validation_sr": success_rate(policy, validation),
-        }
+        return {f"{split}_sr": success_rate(policy, each) for split, each in splits.items()}
 
     return method(problem, settings), judge
 
 
 def _is_finished(folder: Path, identity: dict[str, Any]) -> bool:
     record = read_record(folder)
-    if record is None:
-        return False
-    differing = differences(record["run"], identity)
-    if differing:
-        raise DatasetError(
-            f"{folder} holds a run with {differing}: choose another run_dir, or give "
-            "overwrite=true to replace it"
-        )
-    return (folder / POLICY).is_file()
+    if record is not None:
+        require_same(f"{folder} holds a run", record["run"], identity, INSTEAD)
+    return record is not None and (folder / POLICY).is_file()
 
 
 def _reporter(
@@ -240,9 +221,8 @@ def _finish(
     (folder / CHECKPOINT).unlink(missing_ok=True)
     best = done.best
     assert best is not None  # The policy is always evaluated after the last epoch.
-    console.print(
+    told = (
         f"{name}: SR {best['validation_sr']:.1%} on validation, {best['train_sr']:.1%} on "
-        f"train, after epoch {best['epoch']} of {done.epoch}; {done.seconds:.0f} s. {folder}",
-        highlight=False,
-        soft_wrap=True,
+        f"train, after epoch {best['epoch']} of {done.epoch}; {done.seconds:.0f} s. {folder}"
     )
+    console.print(told, highlight=False, soft_wrap=True)

@@ -66,8 +66,8 @@ class Figures:
     accuracy_elsewhere: float | None
     failures: dict[str, float]
     """The share of all labyrinths with each outcome."""
-    by_distance: dict[int, tuple[int, int]]
-    """By moves on a shortest route: the number of episodes that succeed, and of all."""
+    by_distance: dict[int, str]
+    """By moves on a shortest route: how many episodes succeed, such as `3 of 5`."""
 
 
 def read_all(results_dir: Path) -> list[Evaluation]:
@@ -101,10 +101,9 @@ def read_all(results_dir: Path) -> list[Evaluation]:
                 f"{each.path} and {other.path} are of different settings, {differing}, and not to "
                 "be averaged: remove one, or choose another results_dir"
             )
-    places = {method: place for place, method in enumerate(METHODS)}
 
     def order(each: Evaluation) -> tuple[Any, ...]:
-        place = places.get(each.method, len(places))
+        place = [*METHODS, each.method].index(each.method)
         return each.config, each.setup, place, each.method, each.seed
 
     return sorted(found, key=order)
@@ -167,7 +166,7 @@ def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
         accuracy_elsewhere=_mean(each["accuracy_elsewhere"] for each in told),
         failures={name: float((outcomes == name).mean()) for name in list(OUTCOMES)[1:]},
         by_distance={
-            int(moves): (sum(each["by_distance"][moves][0] for each in told), len(group) * count)
+            int(moves): f"{sum(e['by_distance'][moves][0] for e in told)} of {len(told) * count}"
             for moves, (_, count) in told[0]["by_distance"].items()
         },
     )

@@ -23,12 +23,6 @@ METHODS = {
 }
 """The methods of the tables, in their order, and their names in print."""
 
-FAILED = -STEP_LIMIT * STEP_PENALTY
-"""The return of an episode that is truncated."""
-
-_HALF_A_DIGIT = 0.005
-"""The rounding error of AER as printed."""
-
 
 @dataclass(frozen=True)
 class PaperFigure:
@@ -56,8 +50,9 @@ class PaperFigure:
     @property
     def is_possible(self) -> bool:
         """Whether a policy can have this AER together with this SR."""
-        most = self.sr * self.greatest_return + (1 - self.sr) * FAILED
-        return self.aer <= most + _HALF_A_DIGIT
+        truncated = -STEP_LIMIT * STEP_PENALTY
+        most = self.sr * self.greatest_return + (1 - self.sr) * truncated
+        return self.aer <= most + 0.005  # AER is printed with two digits.
 
 
 @lru_cache(maxsize=1)

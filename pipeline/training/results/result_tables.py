@@ -72,11 +72,12 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     yield table(heading, map(_detail, group), "ll" + "r" * 7)
     yield "By moves on a shortest route, episodes that succeed, of all:"
     lengths = sorted({moves for each in group for moves in each.by_distance})
-    yield table(
-        ["method", "split", *map(str, lengths)],
-        _by_distance(group, lengths),
-        "ll" + "r" * len(lengths),
-    )
+    rows = [
+        [METHODS.get(each.method, each.method), each.split]
+        + [each.by_distance.get(moves, "") for moves in lengths]
+        for each in group
+    ]
+    yield table(["method", "split", *map(str, lengths)], rows, "ll" + "r" * len(lengths))
     yield "SR on train less that on test, in points, and what the runs took:"
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
     by_method = (list(group) for _, group in groupby(runs, BY_METHOD))
@@ -136,18 +137,8 @@ def _detail(each: Figures) -> list[str]:
         each.accuracy_on_demonstrations,
         each.accuracy_elsewhere,
     ]
-    return [METHODS.get(each.method, each.method), each.split, *map(_percent, shares)]
-
-
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.1f}"
-
-
-def _by_distance(group: Sequence[Figures], lengths: Sequence[int]) -> Iterator[list[str]]:
-    for each in group:
-        counts = [each.by_distance.get(moves) for moves in lengths]
-        cells = ["" if count is None else f"{count[0]} of {count[1]}" for count in counts]
-        yield [METHODS.get(each.method, each.method), each.split, *cells]
+    cells = ("" if share is None else f"{100 * share:.1f}" for share in shares)
+    return [METHODS.get(each.method, each.method), each.split, *cells]
 
 
 def _effort(runs: Sequence[Evaluation]) -> list[str]:

@@ -40,11 +40,8 @@ def run(run: Run) -> None:
     figures = summarise(evaluations)
     write_tables(results_dir, evaluations, figures)
     console.print(overview(figures))
-    console.print(
-        f"{count(len(evaluations), 'run')}: {results_dir}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    told = f"{count(len(evaluations), 'run')}: {results_dir}"
+    console.print(told, highlight=False, soft_wrap=True)
 
 
 def gather(run_dir: Path, results_dir: Path) -> None:
