@@ -5,7 +5,6 @@ Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +26,6 @@ IMAGE_SIZE = 64
 
 OWN_NETWORKS = ("planner",)
 """Methods with a network of their own, for pictures, whatever `encoder` says."""
-
-DEVICES = ("auto", "cpu", "cuda")
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,7 @@ class TrainingOptions:
         "results", "folder of the tables, and of the evaluations that they are made of", like=FOLDER
     )
     device: str = option(
-        "auto", "where networks are computed: " + ", ".join(DEVICES), one_of=DEVICES
+        "auto", "where networks are computed: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
     )
     threads: int | None = option(
         None, "threads of the processor for networks (all cores)", at_least=1, at_most=1_000
@@ -111,10 +108,8 @@ class TrainingOptions:
 def check_training(options: TrainingOptions) -> None:
     """Raise a ConfigError if an option is impossible."""
     name, seen = options.method_name, options.observation
-    check(
-        re.fullmatch(r"[a-z][a-z0-9_]*", name, re.ASCII) is not None,
-        f"method.name={name}: give the name of a method, such as bc",
-    )
+    valid = name.isidentifier() and name.islower()
+    check(valid, f"method.name={name}: give the name of a method, such as bc")
     check_options(options, TrainingOptions)
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(

@@ -6,7 +6,7 @@ Nothing is selected or learnt here: the policy acts in one greedy episode per la
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -60,8 +60,8 @@ def run(run: Run) -> None:
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
-    console.print(summary(run.training_name, content))
-    console.print(baseline_summary(content))
+    for table in summaries(run.training_name, content):
+        console.print(table)
 
 
 def describe(
@@ -103,11 +103,11 @@ def as_text(content: Mapping[str, Any]) -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
-def summary(name: str, content: Mapping[str, Any]) -> Table:
-    """Return the table of the policy's scores."""
-    table = _table(
-        f"{name}, one greedy episode per labyrinth", "SR", "95%", "AER", "optimal*", "failures"
-    )
+def summaries(name: str, content: Mapping[str, Any]) -> Iterator[Table]:
+    """Yield the tables of the policy's scores and of the baselines."""
+    right = partial(Column, justify="right")
+    headings = ("SR", "95%", "AER", "optimal*", "failures")
+    table = Table("split", *map(right, headings), title=f"{name}, one greedy episode per labyrinth")
     for split, figures in content["splits"].items():
         low, high = figures["sr_interval"]
         shares = [figures[f"accuracy_{where}"] for where in ("on_demonstrations", "elsewhere")]
@@ -120,17 +120,9 @@ def summary(name: str, content: Mapping[str, Any]) -> Table:
             ", ".join(f"{count} {name}" for name, count in figures["failures"].items()) or "none",
         )
     table.caption = "*share of optimal actions, in the demonstrations' states / in all others"
-    return table
-
-
-def baseline_summary(content: Mapping[str, Any]) -> Table:
-    """Return the table of the baselines."""
-    table = _table("SR without learning", *(name.replace("_", " ") for name in BASELINES))
+    yield table
+    named = (right(name.replace("_", " ")) for name in BASELINES)
+    table = Table("split", *named, title="SR without learning")
     for split, figures in content["baselines"].items():
         table.add_row(split, *(f"{figures[name]['sr']:.1%}" for name in BASELINES))
-    return table
-
-
-def _table(title: str, *headings: str) -> Table:
-    columns = (Column(heading, justify="right") for heading in headings)
-    return Table("split", *columns, title=title)
+    yield table

@@ -17,18 +17,14 @@ from pipeline.training.policy import NetworkPolicy
 CHECKPOINT_SECONDS = 30.0
 """The least time between two checkpoints."""
 
-Judge = Callable[[Policy], dict[str, float]]
-"""Returns the success rates of a policy, among them `validation_sr`."""
-
 
 def fit(
     learner: Learner,
-    judge: Judge,
+    judge: Callable[[Policy], dict[str, float]],
     protocol: Protocol,
     path: Path,
     identity: Mapping[str, Any],
     report: Callable[[Progress], None],
-    *,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Progress:
     """Train until the last epoch, or until the protocol stops; continue from a checkpoint.
@@ -37,7 +33,8 @@ def fit(
 
     Args:
         learner: A fresh learner.
-        judge: Evaluates the policy every `evaluate_every` epochs, and after the last epoch.
+        judge: Returns success rates of the policy, among them `validation_sr`; called every
+            `evaluate_every` epochs, and after the last epoch.
         protocol: When to stop.
         path: The file of the checkpoint; if it exists, training continues from there.
         identity: What determines the run.

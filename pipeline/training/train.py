@@ -28,7 +28,7 @@ from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
 from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import CHECKPOINT_SECONDS, Judge, fit
+from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import save_policy
@@ -70,15 +70,8 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with progress() as bars:
             report = _reporter(bars, options, learner.settings.epochs, folder)
-            done = fit(
-                learner,
-                judge,
-                PROTOCOLS[options.protocol],
-                folder / CHECKPOINT,
-                identity,
-                report,
-                checkpoint_seconds=checkpoint_seconds,
-            )
+            protocol, path = PROTOCOLS[options.protocol], folder / CHECKPOINT
+            done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     _finish(folder, identity, run.training_name, learner, done)
 
 
@@ -155,7 +148,7 @@ def spec_of(run: Run) -> NetworkSpec:
 
 def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
-) -> tuple[Learner, Judge]:
+) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
     """Return a fresh learner, and what evaluates its policy on train and validation."""
     options = run.options
     load = loader_of(run)

@@ -33,13 +33,7 @@ from pipeline.training.steps import Steps
 
 
 def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
-    """Return the field that declares a setting; the files in conf/method/ have the values.
-
-    Args:
-        meaning: A phrase in which a noun says what the value is.
-        at_least: The least value of a number.
-        at_most: The greatest value of a number.
-    """
+    """Return the field that declares a setting, as `option` does; conf/method/ has the values."""
     return option(MISSING, meaning, at_least=at_least, at_most=at_most)
 
 

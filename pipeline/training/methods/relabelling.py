@@ -12,6 +12,7 @@ not show.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -98,8 +99,7 @@ def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
 
 def _parts(episode: Episode) -> list[tuple[int, int]]:
     """Return the pairs of indices of states that can be start and goal of an example."""
-    indices = range(len(episode) + 1)
-    pairs = [(first, last) for first in indices for last in indices if first != last]
+    pairs = list(permutations(range(len(episode) + 1), 2))
     if episode.labyrinth.door is None:
         return pairs
     return [pair for pair in pairs if pair[0] < pair[1] and _is_episode(episode, *pair)]

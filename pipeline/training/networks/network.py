@@ -138,15 +138,6 @@ class Mlp(nn.Module):
         return functional.leaky_relu(self.layer(inputs), SLOPE)
 
 
-def make_encoder(spec: NetworkSpec, frames: int = 1) -> Cnn | ResNet18 | Mlp:
-    """Return a fresh encoder for one observation, or for several concatenated frames."""
-    if spec.encoder == "mlp":
-        return Mlp(spec, frames)
-    if spec.encoder == "resnet18":
-        return ResNet18(3 * frames, spec.pool_stride)
-    return Cnn(3 * frames)
-
-
 def as_input(observations: Tensor) -> Tensor:
     """Return the input of an encoder: pictures scaled to [0, 1], channels first; or plain vectors.
 
@@ -166,7 +157,13 @@ class Network(nn.Module):
 
     def __init__(self, spec: NetworkSpec, outputs: int = ACTIONS, frames: int = 1) -> None:
         super().__init__()
-        self.encoder = make_encoder(spec, frames)
+        self.encoder: Cnn | ResNet18 | Mlp
+        if spec.encoder == "mlp":
+            self.encoder = Mlp(spec, frames)
+        elif spec.encoder == "resnet18":
+            self.encoder = ResNet18(3 * frames, spec.pool_stride)
+        else:
+            self.encoder = Cnn(3 * frames)
         self.classifier = nn.Sequential(
             nn.Linear(self.encoder.features, WIDTH),
             nn.LeakyReLU(SLOPE),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.following import OUTCOMES, Episodes
+from labyrinth_core.evaluation.following import Episodes
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, episodes_of
 from labyrinth_core.world.grid import parse_size
@@ -24,6 +24,9 @@ EVALUATION = "evaluation.json"
 """The name of the file that an evaluation leaves in the folder of its run."""
 
 FORMAT = 1
+
+FAILURES = ("loop", "wall", "ice")
+AVERAGED = ("path_efficiency", "accuracy_on_demonstrations", "accuracy_elsewhere")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +64,10 @@ class Figures:
     aer_std: float
     """The standard deviation over labyrinths, averaged over seeds."""
     aer_interval: tuple[float, float]
-    path_efficiency: float | None
-    accuracy_on_demonstrations: float | None
-    accuracy_elsewhere: float | None
     failures: dict[str, float]
-    """The share of all labyrinths with each outcome."""
+    """The share of all labyrinths with each of `FAILURES`."""
+    averages: dict[str, float | None]
+    """The mean of each of `AVERAGED`; None if it is not defined for any seed."""
     by_distance: dict[int, str]
     """By moves on a shortest route: how many episodes succeed, such as `3 of 5`."""
 
@@ -161,10 +163,8 @@ def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
         aer=float(returns.mean()),
         aer_std=float(returns.std(axis=1).mean()),
         aer_interval=interval(returns),
-        path_efficiency=_mean(each["path_efficiency"] for each in told),
-        accuracy_on_demonstrations=_mean(each["accuracy_on_demonstrations"] for each in told),
-        accuracy_elsewhere=_mean(each["accuracy_elsewhere"] for each in told),
-        failures={name: float((outcomes == name).mean()) for name in list(OUTCOMES)[1:]},
+        failures={name: float((outcomes == name).mean()) for name in FAILURES},
+        averages={name: _mean(each[name] for each in told) for name in AVERAGED},
         by_distance={
             int(moves): f"{sum(e['by_distance'][moves][0] for e in told)} of {len(told) * count}"
             for moves, (_, count) in told[0]["by_distance"].items()

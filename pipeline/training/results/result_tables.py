@@ -15,7 +15,14 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.markdown import table
-from pipeline.training.results.evaluations import BY_METHOD, Evaluation, Figures, gap
+from pipeline.training.results.evaluations import (
+    AVERAGED,
+    BY_METHOD,
+    FAILURES,
+    Evaluation,
+    Figures,
+    gap,
+)
 from pipeline.training.results.paper import METHODS, PaperFigure, paper_figures
 
 MARK = "†"
@@ -36,8 +43,7 @@ The runs themselves are in `runs/`, all of this as numbers is in `results.csv`, 
 COLUMNS = (
     *("config", "setup", "method", "split", "source", "seeds"),
     *("sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"),
-    *("path_efficiency", "accuracy_on_demonstrations", "accuracy_elsewhere"),
-    *("loop", "wall", "ice", "possible"),
+    *(*AVERAGED, *FAILURES, "possible"),
 )
 """The columns of `results.csv`."""
 
@@ -67,7 +73,7 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     heading = ["split", "", *(name.replace("_", " ") for name in BASELINES)]
     yield table(heading, _baseline_rows(runs[0]), "ll" + "r" * len(BASELINES))
     yield "Where an episode ends, and how good the actions are in all states, in percent:"
-    heading = ["method", "split", "solved", "loop", "wall", "ice", "path efficiency"]
+    heading = ["method", "split", "solved", *FAILURES, "path efficiency"]
     heading += ["optimal actions on demonstrations", "elsewhere"]
     yield table(heading, map(_detail, group), "ll" + "r" * 7)
     yield "By moves on a shortest route, episodes that succeed, of all:"
@@ -130,13 +136,7 @@ def _baseline_rows(evaluation: Evaluation) -> Iterator[list[str]]:
 
 
 def _detail(each: Figures) -> list[str]:
-    shares = [
-        each.sr,
-        *(each.failures[name] for name in ("loop", "wall", "ice")),
-        each.path_efficiency,
-        each.accuracy_on_demonstrations,
-        each.accuracy_elsewhere,
-    ]
+    shares = (each.sr, *each.failures.values(), *each.averages.values())
     cells = ("" if share is None else f"{100 * share:.1f}" for share in shares)
     return [METHODS.get(each.method, each.method), each.split, *cells]
 
@@ -167,7 +167,8 @@ def as_csv(figures: Sequence[Figures]) -> str:
         for (config, _, _), each in paper_figures().items()
     ]
     for figure in figures:
-        row = asdict(figure) | figure.failures | {"source": "here", "possible": True}
+        row = asdict(figure) | figure.failures | figure.averages
+        row |= {"source": "here", "possible": True}
         for name in ("sr", "aer"):
             row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval")
         rows.append(row)
