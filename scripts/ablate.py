@@ -34,11 +34,11 @@ from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
 from pipeline.generation import build
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import fit
+from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import NetworkPolicy, save_policy
 from pipeline.training.record import POLICY
-from pipeline.training.steps import load_steps
 
 INGREDIENTS = ("augment", "relabel", "average", "path_prior", "grid_prior", "colour_prior")
 

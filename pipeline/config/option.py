@@ -12,7 +12,7 @@ from dataclasses import field, fields, is_dataclass
 from math import inf
 from typing import Any, TypeVar, get_type_hints
 
-from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.errors import check, listed
 
 Options = TypeVar("Options")
 
@@ -64,8 +64,7 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        if name not in kinds:
-            raise ConfigError(f"{group}{name} is no option: choose from {listed(kinds)}")
+        check(name in kinds, f"{group}{name} is no option: choose from {listed(kinds)}")
         made[name] = tuple(value) if isinstance(value, list) else value
         if is_dataclass(kinds[name]):
             made[name] = frozen(kinds[name], value, f"{group}{name}.")

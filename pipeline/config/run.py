@@ -187,17 +187,14 @@ def register() -> None:
         if isinstance(node, DictConfig):  # Frozen like its class, but Hydra has to merge into it.
             OmegaConf.set_readonly(node, None)
     store.store(name="schema", node=schema)
-    help_text = _HELP.format(options="\n".join(map(_described, SECTIONS)))
-    store.store(group="hydra/help", name="options", node={"template": help_text})
-
-
-def _described(heading: str) -> str:
-    """Return a section of `--help`."""
     width = max(map(len, OPTIONS))
     wrapper = TextWrapper(100, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
-    options = SECTIONS[heading].items()
-    lines = [wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options]
-    return "\n".join([f"{heading}:", *lines, ""])
+    lines = []
+    for heading, options in SECTIONS.items():
+        told = (wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options.items())
+        lines += [f"{heading}:", *told, ""]
+    help_text = _HELP.format(options="\n".join(lines))
+    store.store(group="hydra/help", name="options", node={"template": help_text})
 
 
 def refusal(error: Exception) -> str:

@@ -6,6 +6,7 @@ Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,8 @@ class Protocol:
     """As `data.observations.RESIZES` has it: `area` keeps every wall, `original` does not."""
     evaluate_every: int | None = None
     """Epochs after which the policy is tried; None: as the method has it."""
-    patience: int | None = None
-    """Evaluations without a better validation SR after which training stops; None: never."""
+    patience: float = inf
+    """Evaluations without a better validation SR after which training stops."""
 
 
 PROTOCOLS = {

@@ -46,18 +46,15 @@ def fit(
     every = protocol.evaluate_every or learner.settings.evaluate_every
     saved = time.perf_counter()
     began = saved - progress.seconds
-    while progress.epoch < epochs:
-        if protocol.patience is not None and progress.stale >= protocol.patience:
-            break
+    while progress.epoch < epochs and progress.stale < protocol.patience:
         figures = learner.epoch()
         progress.epoch += 1
         if progress.epoch % every == 0 or progress.epoch == epochs:
             figures |= judge(NetworkPolicy(learner.policy))
         now = time.perf_counter()
         progress.seconds = now - began
-        progress.history.append(
-            {"epoch": progress.epoch, "seconds": round(progress.seconds, 3)} | figures
-        )
+        row = {"epoch": progress.epoch, "seconds": round(progress.seconds, 3)} | figures
+        progress.history.append(row)
         if "validation_sr" in figures:
             _select(learner, progress)
         if now - saved >= checkpoint_seconds:

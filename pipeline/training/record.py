@@ -76,48 +76,32 @@ def require_same(
     thing: str, actual: Mapping[str, Any], wanted: Mapping[str, Any], advice: str = ""
 ) -> None:
     """Raise a DatasetError that says how the description of a thing differs from what is wanted."""
-    actual, wanted = _by_option(actual), _by_option(wanted)
+    found, asked = dict(actual), dict(wanted)
+    for options in (found, asked):
+        settings = options.pop("settings", {})
+        options |= {f"method.{name}": value for name, value in settings.items()}
     differences = [
-        f"{name}={actual.get(name)}, not {wanted.get(name)}"
-        for name in {**wanted, **actual}
-        if actual.get(name) != wanted.get(name)
+        f"{name}={found.get(name)}, not {asked.get(name)}"
+        for name in asked | found
+        if found.get(name) != asked.get(name)
     ]
     if differences:
         raise DatasetError(f"{thing} with {'; '.join(differences)}{advice}")
 
 
-def _by_option(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a description with the method's settings named as options: `method.epochs`."""
-    options = dict(identity)
-    settings = options.pop("settings", {})
-    return options | {f"method.{name}": value for name, value in settings.items()}
-
-
-class Board:
-    """The figures of a run for TensorBoard, written epoch by epoch to the folder `tensorboard/`.
+def open_board(folder: Path) -> Any:
+    """Return a writer of figures for TensorBoard into the folder `tensorboard/`, emptied first.
 
     Raises:
         ConfigError: TensorBoard is not installed.
     """
-
-    def __init__(self, folder: Path) -> None:
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-        except ImportError as error:
-            needed = "pip install 'labyrinth-datasets[tensorboard]'"
-            raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
-        shutil.rmtree(folder / BOARD, ignore_errors=True)
-        self._writer: Any = SummaryWriter(str(folder / BOARD))
-        self._written = 0
-
-    def write(self, history: Sequence[Mapping[str, float]]) -> None:
-        """Write the epochs not written yet, including those before an interruption."""
-        for row in history[self._written :]:
-            for name, value in row.items():
-                if name != "epoch":
-                    self._writer.add_scalar(name, value, row["epoch"])
-        self._written = len(history)
-        self._writer.flush()
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError as error:
+        needed = "pip install 'labyrinth-datasets[tensorboard]'"
+        raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
+    shutil.rmtree(folder / BOARD, ignore_errors=True)
+    return SummaryWriter(str(folder / BOARD))
 
 
 def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]) -> None:

@@ -29,6 +29,7 @@ from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
+from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import save_policy
@@ -36,13 +37,12 @@ from pipeline.training.record import (
     CHECKPOINT,
     INSTEAD,
     POLICY,
-    Board,
     draw_curves,
+    open_board,
     read_record,
     require_same,
     write_record,
 )
-from pipeline.training.steps import Steps, load_steps
 
 
 def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
@@ -58,9 +58,12 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     method, settings = find(options.method_name, options.method)
     device = choose_device(options)
     identity = identify(run, settings)
-    if not options.overwrite and _is_finished(folder, identity):
-        console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
-        return
+    record = None if options.overwrite else read_record(folder)
+    if record is not None:
+        require_same(f"{folder} holds a run", record["run"], identity, INSTEAD)
+        if (folder / POLICY).is_file():
+            console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
+            return
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
@@ -178,26 +181,25 @@ def prepare(
     return method(problem, settings), judge
 
 
-def _is_finished(folder: Path, identity: dict[str, Any]) -> bool:
-    record = read_record(folder)
-    if record is not None:
-        require_same(f"{folder} holds a run", record["run"], identity, INSTEAD)
-    return record is not None and (folder / POLICY).is_file()
-
-
 def _reporter(
     bars: Bars, options: TrainingOptions, epochs: int, folder: Path
 ) -> Callable[[Progress], None]:
     """Return the function that shows and logs the progress of a run after every epoch."""
-    board = Board(folder) if options.tensorboard else None
+    board = open_board(folder) if options.tensorboard else None
     bar = bars.add_task(options.method_name, total=epochs)
+    written = 0
 
     def report(done: Progress) -> None:
+        nonlocal written
         best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
         loss = f"{options.method_name} loss {done.history[-1]['loss']:.3f}"
         bars.update(bar, completed=done.epoch, description=loss + best)
-        if board is not None:
-            board.write(done.history)
+        if board is not None:  # Epochs before an interruption are written again.
+            for row in done.history[written:]:
+                for name in sorted(row.keys() - {"epoch"}):
+                    board.add_scalar(name, row[name], row["epoch"])
+            board.flush()
+        written = done.epoch
 
     return report
 
@@ -206,10 +208,9 @@ def _finish(
     folder: Path, identity: dict[str, Any], name: str, learner: Learner, done: Progress
 ) -> None:
     """Write what a run leaves, its record last, and print its success rates."""
-    problem = learner.problem
-    save_policy(folder / POLICY, done.weights, problem.spec)
+    save_policy(folder / POLICY, done.weights, learner.problem.spec)
     draw_curves(folder, name, done.history)
-    computed = {"device": problem.device.type, "threads": torch.get_num_threads()}
+    computed = {"device": learner.problem.device.type, "threads": torch.get_num_threads()}
     write_record(folder, identity, done, computed)
     (folder / CHECKPOINT).unlink(missing_ok=True)
     best = done.best

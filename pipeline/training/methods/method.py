@@ -26,10 +26,10 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.option import check_options, frozen, option
 from pipeline.config.training import usual_settings
+from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
 from pipeline.training.networks.network import ACTIONS, Network, NetworkSpec
 from pipeline.training.policy import outputs_of
-from pipeline.training.steps import Steps
 
 
 def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:

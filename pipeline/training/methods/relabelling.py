@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import permutations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +20,9 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
-from pipeline.training.steps import Steps
+from pipeline.training.methods.acting import Steps
 
 NO_LABEL = -1
-
-
-class Examples(NamedTuple):
-    """N pictures with the actions that are demonstrated in them."""
-
-    pictures: NDArray[np.uint8]
-    """Shape (N, size, size, 3)."""
-    labels: NDArray[np.int64]
-    """The agent's action, shape (N,); or the action in every cell, shape (N, height, width), rows
-    from the top, with `NO_LABEL` where none is demonstrated."""
 
 
 class ExampleSampler:
@@ -50,8 +39,14 @@ class ExampleSampler:
         ]
         self._parts = [_parts(episode) for episode in self._episodes]
 
-    def draw(self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool) -> Examples:
-        """Return examples: an episode, a part of it, and the agent's state on it, at random.
+    def draw(
+        self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """Return pictures of states on parts of episodes, all at random, and their labels.
+
+        The shape of the pictures is (N, size, size, 3). The labels are the agent's actions, shape
+        (N,); or the actions in every cell, shape (N, height, width), rows from the top, with
+        `NO_LABEL` where none is demonstrated.
 
         Args:
             count: The number of examples, at least 1.
@@ -63,7 +58,7 @@ class ExampleSampler:
         """
         drawn = [self._example(rng, relabel, whole) for _ in range(count)]
         pictures, labels = zip(*drawn, strict=True)
-        return Examples(np.stack(pictures), np.stack(labels))
+        return np.stack(pictures), np.stack(labels)
 
     def _example(
         self, rng: np.random.Generator, relabel: bool, whole: bool

@@ -94,17 +94,14 @@ class ResNet18(nn.Sequential):
     features = 512
 
     def __init__(self, channels: int = 3, pool_stride: int = 1) -> None:
-        stages = [(64, 64, 1), (64, 128, 2), (128, 256, 2), (256, 512, 2)]
+        blocks = [(64, 64, 1), (64, 64, 1), (64, 128, 2), (128, 128, 1)]
+        blocks += [(128, 256, 2), (256, 256, 1), (256, 512, 2), (512, 512, 1)]
         super().__init__(
             nn.Conv2d(channels, 64, 7, stride=2, padding=3, bias=False),
             nn.BatchNorm2d(64, momentum=MOMENTUM),
             nn.ReLU(),
             nn.MaxPool2d(3, stride=pool_stride, padding=1),
-            *(
-                block
-                for inputs, outputs, stride in stages
-                for block in (Block(inputs, outputs, stride), Block(outputs, outputs, 1))
-            ),
+            *(Block(*shape) for shape in blocks),
             nn.AdaptiveAvgPool2d(1),
             nn.Flatten(),
         )

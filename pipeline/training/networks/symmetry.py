@@ -34,7 +34,7 @@ def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor
 
     Args:
         pictures: Shape (N, size, size, 3).
-        labels: As in `relabelling.Examples`.
+        labels: As `ExampleSampler.draw` returns them.
     """
     seen, told = [], []
     for symmetry in SYMMETRIES:

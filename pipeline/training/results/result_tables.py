@@ -40,13 +40,6 @@ The runs themselves are in `runs/`, all of this as numbers is in `results.csv`, 
 `results.tex`. `labyrinth-datasets stages=[results]` makes these files.
 """
 
-COLUMNS = (
-    *("config", "setup", "method", "split", "source", "seeds"),
-    *("sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"),
-    *(*AVERAGED, *FAILURES, "possible"),
-)
-"""The columns of `results.csv`."""
-
 
 def write_tables(
     folder: Path, evaluations: Sequence[Evaluation], figures: Sequence[Figures]
@@ -172,8 +165,11 @@ def as_csv(figures: Sequence[Figures]) -> str:
         for name in ("sr", "aer"):
             row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval")
         rows.append(row)
+    columns = ["config", "setup", "method", "split", "source", "seeds"]
+    columns += ["sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"]
+    columns += [*AVERAGED, *FAILURES, "possible"]
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()

@@ -12,9 +12,9 @@ import torch
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from pipeline.config.run import Run
+from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem
 from pipeline.training.networks.network import NetworkSpec
-from pipeline.training.steps import load_steps
 
 torch.set_num_threads(1)
 

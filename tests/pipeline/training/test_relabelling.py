@@ -13,9 +13,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.world.dynamics import is_terminal, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import distances
+from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem
 from pipeline.training.methods.relabelling import NO_LABEL, ExampleSampler
-from pipeline.training.steps import load_steps
 
 
 def sampler_of(datasets: Path, task: str) -> ExampleSampler:
@@ -59,14 +59,14 @@ def test_without_relabelling_the_pictures_are_those_of_the_demonstrations(
 ) -> None:
     problem = problem_of(encoder="cnn")
     rng = np.random.default_rng(0)
-    examples = problem.examples.draw(40, rng, relabel=False, whole=False)
+    pictures, actions = problem.examples.draw(40, rng, relabel=False, whole=False)
     published = {
         (problem.arrays.observations[state].tobytes(), action)
         for state, action in zip(
             problem.demonstrations.states, problem.demonstrations.actions.tolist(), strict=True
         )
     }
-    drawn = zip(examples.pictures, examples.labels.tolist(), strict=True)
+    drawn = zip(pictures, actions.tolist(), strict=True)
     assert {(picture.tobytes(), action) for picture, action in drawn} <= published
 
 
