@@ -1,4 +1,4 @@
-"""Transitions between numbered states: those of episodes in a dataset, and those of acting agents."""
+"""Transitions between numbered states: those of a dataset's episodes, and of agents that act."""
 
 from __future__ import annotations
 
