@@ -1,6 +1,7 @@
-"""Cells of a grid, actions, and the table that connects them: the only code that does coordinates.
+"""The cells of a grid, the actions, and sets of cells.
 
-A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left.
+A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left. A bit
+set over cells is an integer whose bit `c`, counted from the lowest, stands for cell `c`.
 """
 
 from __future__ import annotations
@@ -8,13 +9,16 @@ from __future__ import annotations
 import re
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 MIN_SIDE = 2
 MAX_SIDE = 1_000
-"""Largest height and width; keeps the cost of text from strangers within bounds."""
+"""The largest height and width; it bounds what a text from a stranger can cost."""
 
 
 class Action(IntEnum):
-    """What an agent can do; `UP` increases the row, and is up in the picture."""
+    """The four moves of an agent; `UP` increases the row, and is up in the picture."""
 
     UP = 0
     RIGHT = 1
@@ -33,13 +37,13 @@ def row_and_column(cell: int, width: int) -> tuple[int, int]:
 
 
 def manhattan(a: int, b: int, width: int) -> int:
-    """Return how many moves two cells are apart when no wall stands between."""
+    """Return the number of moves between two cells of a grid without walls."""
     (row_a, column_a), (row_b, column_b) = divmod(a, width), divmod(b, width)
     return abs(row_a - row_b) + abs(column_a - column_b)
 
 
 def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
-    """Return the cells beside `cell`, by the action that leads there when no wall does not."""
+    """Return the neighbours of `cell`, by the action that leads there unless walled off."""
     row, column = divmod(cell, width)
     beside = {}
     if row + 1 < height:
@@ -53,13 +57,24 @@ def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
     return beside
 
 
+def bit_set(flags: NDArray[np.bool_]) -> int:
+    """Return the bit set of the cells whose flag is set, given one flag for each cell in order."""
+    return int.from_bytes(np.packbits(flags, bitorder="little").tobytes(), "little")
+
+
+def flags(bits: int, cells: int) -> NDArray[np.bool_]:
+    """Return a flag for each cell, shape (cells,), set for those in the bit set `bits`."""
+    packed = np.frombuffer(bits.to_bytes(-(-cells // 8), "little"), np.uint8)
+    return np.unpackbits(packed, count=cells, bitorder="little").view(np.bool_)
+
+
 def vertical_edges(height: int, width: int) -> int:
-    """Return the bit set of cells with a neighbour above: all but the top row."""
+    """Return the bit set of the cells with a neighbour above: all but the top row."""
     return (1 << (height - 1) * width) - 1
 
 
 def horizontal_edges(height: int, width: int) -> int:
-    """Return the bit set of cells with a neighbour at their right: all but the last column."""
+    """Return the bit set of the cells with a neighbour at the right: all but the last column."""
     row = (1 << width - 1) - 1
     return row * (((1 << height * width) - 1) // ((1 << width) - 1))
 
