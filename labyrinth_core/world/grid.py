@@ -9,9 +9,6 @@ from __future__ import annotations
 import re
 from enum import IntEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
 MIN_SIDE = 2
 MAX_SIDE = 1_000
 """The largest height and width; it bounds what a text from a stranger can cost."""
@@ -57,15 +54,14 @@ def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
     return beside
 
 
-def bit_set(flags: NDArray[np.bool_]) -> int:
-    """Return the bit set of the cells whose flag is set, given one flag for each cell in order."""
-    return int.from_bytes(np.packbits(flags, bitorder="little").tobytes(), "little")
+def digits(bits: int, cells: int) -> str:
+    """Return a bit set as text: a digit 1 for each cell in it, a 0 for each other, in order."""
+    return f"{bits:0{cells}b}"[::-1]
 
 
-def flags(bits: int, cells: int) -> NDArray[np.bool_]:
-    """Return a flag for each cell, shape (cells,), set for those in the bit set `bits`."""
-    packed = np.frombuffer(bits.to_bytes(-(-cells // 8), "little"), np.uint8)
-    return np.unpackbits(packed, count=cells, bitorder="little").view(np.bool_)
+def bit_set(digits: str) -> int:
+    """Return the bit set that a text describes; the inverse of `digits`."""
+    return int(digits[::-1], 2)
 
 
 def vertical_edges(height: int, width: int) -> int:

@@ -8,13 +8,11 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
 
-import numpy as np
-
 from labyrinth_core.world.grid import (
     MAX_SIDE,
     MIN_SIDE,
     bit_set,
-    flags,
+    digits,
     horizontal_edges,
     neighbours,
     row_and_column,
@@ -78,13 +76,13 @@ class Structure:
         Raises:
             ValueError: A pair is not one of neighbours.
         """
-        up, right = np.zeros((2, height * width), np.bool_)
+        up, right = ["0"] * (height * width), ["0"] * (height * width)
         for pair in passages:
             low, high = sorted(pair)
             if low < 0 or high not in neighbours(low, height, width).values():
                 raise ValueError(f"cells {pair} of a {height}x{width} grid are no neighbours")
-            (up if high - low == width else right)[low] = True
-        return cls(height, width, bit_set(up), bit_set(right))
+            (up if high - low == width else right)[low] = "1"
+        return cls(height, width, bit_set("".join(up)), bit_set("".join(right)))
 
     def __reduce__(self) -> tuple[object, ...]:
         return Structure, (self.height, self.width, self.up, self.right)
@@ -98,14 +96,14 @@ class Structure:
     def moves(self) -> list[Moves]:
         """The cells that the actions lead to from each cell; a wall leads back to the cell."""
         width = self.width
-        up, right = flags(self.up, self.cells).tolist(), flags(self.right, self.cells).tolist()
-        # The last flags are never set, so an index below 0 finds no passage.
+        up, right = digits(self.up, self.cells), digits(self.right, self.cells)
+        # The last digits are always 0, so an index below 0 finds no passage.
         return [
             (
-                cell + width if up[cell] else cell,
-                cell + 1 if right[cell] else cell,
-                cell - width if up[cell - width] else cell,
-                cell - 1 if right[cell - 1] else cell,
+                cell + width if up[cell] == "1" else cell,
+                cell + 1 if right[cell] == "1" else cell,
+                cell - width if up[cell - width] == "1" else cell,
+                cell - 1 if right[cell - 1] == "1" else cell,
             )
             for cell in range(self.cells)
         ]
@@ -149,7 +147,8 @@ class Structure:
         """Return the reflection in the diagonal through cell 0: rows become columns."""
 
         def transpose(bits: int) -> int:
-            return bit_set(flags(bits, self.cells).reshape(self.height, self.width).T)
+            text = digits(bits, self.cells)
+            return bit_set("".join([text[column :: self.width] for column in range(self.width)]))
 
         return Structure(self.width, self.height, transpose(self.right), transpose(self.up))
 
@@ -157,7 +156,9 @@ class Structure:
         """Return the reflection that exchanges left and right."""
 
         def mirror(bits: int) -> int:
-            return bit_set(flags(bits, self.cells).reshape(self.height, self.width)[:, ::-1])
+            text = digits(bits, self.cells)
+            rows = range(0, self.cells, self.width)
+            return bit_set("".join([text[row : row + self.width][::-1] for row in rows]))
 
         # A passage belongs to the cell at its left, which the reflection puts at its right.
         return Structure(self.height, self.width, mirror(self.up), mirror(self.right << 1))

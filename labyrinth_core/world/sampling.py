@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from labyrinth_core.world.grid import bit_set, flags, horizontal_edges, neighbours, vertical_edges
+from labyrinth_core.world.grid import bit_set, horizontal_edges, neighbours, vertical_edges
 from labyrinth_core.world.labyrinth import Structure
 
 Edge = tuple[int, int]
@@ -76,18 +76,17 @@ def sample_structures(
     draw_tree = ALGORITHMS[algorithm]
     cells = height * width
     beside = [list(neighbours(cell, height, width).values()) for cell in range(cells)]
-    edges = flags(
-        vertical_edges(height, width) | horizontal_edges(height, width) << cells, 2 * cells
-    )
+    edges = vertical_edges(height, width) | horizontal_edges(height, width) << cells
     draws = Draws(rng)
     while True:
-        in_tree = [False] * (2 * cells)
+        digits = ["0"] * (2 * cells)  # First for the passages up, then for those to the right.
         for a, b in draw_tree(beside, draws):
-            in_tree[min(a, b) + (0 if abs(b - a) == width else cells)] = True
-        is_open = np.array(in_tree)
+            digits[min(a, b) + (0 if abs(b - a) == width else cells)] = "1"
+        is_open = bit_set("".join(digits))
         if open_walls:
-            is_open |= edges & (rng.random(2 * cells) < open_walls)
-        yield Structure(height, width, bit_set(is_open[:cells]), bit_set(is_open[cells:]))
+            coins = np.packbits(rng.random(2 * cells) < open_walls, bitorder="little")
+            is_open |= edges & int.from_bytes(coins.tobytes(), "little")
+        yield Structure(height, width, is_open & (1 << cells) - 1, is_open >> cells)
 
 
 def default_open_walls(height: int, width: int) -> float:
