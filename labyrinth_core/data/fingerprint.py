@@ -87,6 +87,7 @@ class PictureDigest:
         return (total % _MODULUS).to_bytes(16, "little")
 
 
+@lru_cache(maxsize=64)
 def _powers(heights: tuple[int, ...]) -> list[int]:
     """Return what is multiplied with the sum of each strip, by the rows that lie below it."""
     powers = [1]

@@ -32,6 +32,14 @@ Strip = tuple[Band, ...]
 """Some bands, from top to bottom."""
 
 
+class KeptStrip(Strip):
+    """A strip that is drawn once and used in many pictures; caches know it by its identity."""
+
+    __slots__ = ()
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
 LEVEL = 3
 """Of zlib, for rows of pixels: most are compressed for one picture and never met again.
 
@@ -123,13 +131,18 @@ def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
 def _strip_piece(strip: Strip) -> Piece:
     pieces = []
     for row, count in strip:
-        pieces.append(_compress(_FILTER_NONE + row, LEVEL))
+        pieces.append(_row_piece(row))
         if count > 1:
             pieces.append(_repeat_piece(len(row), count - 1))
     _, a, b = _sums(pieces)
     compressed = b"".join([piece[0] for piece in pieces])
     length = sum([piece.length for piece in pieces])
     return Piece(compressed, a % _ADLER_MODULUS, b % _ADLER_MODULUS, length)
+
+
+@lru_cache(maxsize=8_192)
+def _row_piece(row: bytes) -> Piece:
+    return _compress(_FILTER_NONE + row, LEVEL)
 
 
 @lru_cache(maxsize=2_048)

@@ -14,7 +14,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.pictures.png import PICTURE_SIZE, Band, Mosaic, Strip
+from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Mosaic, Strip
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
@@ -251,7 +251,7 @@ def _line(grid: _Grid, style: Style, passages: int) -> Strip:
     colours = grid.choose(passages, wall, floor)
     between = [colour * wide for colour, wide in zip(colours, grid.wide, strict=True)]
     posts = [wall * grid.thickness] * len(between)
-    return ((grid.pixels(style, between, posts), grid.thickness),)
+    return KeptStrip([(grid.pixels(style, between, posts), grid.thickness)])
 
 
 @lru_cache(maxsize=8_192)
@@ -266,7 +266,7 @@ def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passage
         row = grid.pixels(style, [looks[cell] for cell in cells], walls)
         upper.append((row, bottom - top))
     # Nested squares are as far from the bottom as from the top: the lower half mirrors the upper.
-    return tuple(upper + upper[-2::-1])
+    return KeptStrip(upper + upper[-2::-1])
 
 
 @lru_cache(maxsize=8_192)
@@ -290,7 +290,7 @@ def _with_tile(grid: _Grid, style: Style, strip: Strip, column: int, code: int) 
             bands[-1] = (changed, bands[-1][1] + bottom - top)
         else:
             bands.append((changed, bottom - top))
-    return tuple(bands)
+    return KeptStrip(bands)
 
 
 def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
