@@ -96,6 +96,10 @@ def _powers(heights: tuple[int, ...]) -> list[int]:
     return powers[::-1]
 
 
+# Without the cache of `_strip_sum` or `_repeated` the build writes 0.7 or 0.6 times as many rows a
+# second at 5x5.
+
+
 @lru_cache(maxsize=8_192)
 def _strip_sum(strip: Strip) -> tuple[int, int]:
     """Return the sum of a strip that lies at the bottom, and its height."""

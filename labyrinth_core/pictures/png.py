@@ -127,6 +127,10 @@ def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
     return below, sum(a) - len(a) + 1, sum(b) + sum(map(mul, a, below)) - sum(below)
 
 
+# Without the caches of `_strip_piece` or `_repeat_piece` the build writes 0.8 or 0.46 times as many
+# rows a second at 5x5, without that of `_row_piece` 0.88 times as many at 25x25.
+
+
 @lru_cache(maxsize=8_192)
 def _strip_piece(strip: Strip) -> Piece:
     pieces = []

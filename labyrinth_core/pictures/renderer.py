@@ -224,6 +224,11 @@ class _Grid:
         return b"".join([*parts, floor * right])
 
 
+# Without the caches of `_line`, `_tiles` or `_with_tile` the build writes 0.8, 0.55 or 0.65 times
+# as many rows a second at 5x5, and none of them would hit without that of `_grid`: 0.5 times. With
+# the whole row drawn anew instead of one tile exchanged it is 0.77 times as many at 25x25.
+
+
 @lru_cache(maxsize=64)
 def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
     most = max(height, width)

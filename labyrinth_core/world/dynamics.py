@@ -87,12 +87,18 @@ def transition_table(labyrinth: Labyrinth) -> list[Moves]:
 
     Rows of impossible states have no meaning: on the closed door, or on the key without it.
     """
+    moves, cells = labyrinth.structure.moves, labyrinth.structure.cells
     if labyrinth.door is None:
-        return labyrinth.structure.moves
-    cells, table = labyrinth.structure.cells, []
+        return moves
+    table = []
     for index in range(state_count(labyrinth)):
-        state = state_at(labyrinth, index)
-        after = [transition(labyrinth, state, action) for action in range(4)]
-        up, right, down, left = [at + cells * (has_key + is_open) for at, has_key, is_open in after]
+        after = moves[index % cells]
+        if labyrinth.door in after or labyrinth.key in after:
+            state = state_at(labyrinth, index)
+            up, right, down, left = (
+                state_index(labyrinth, transition(labyrinth, state, action)) for action in range(4)
+            )
+        else:  # Nothing but the cell changes.
+            up, right, down, left = (cell + index - index % cells for cell in after)
         table.append((up, right, down, left))
     return table

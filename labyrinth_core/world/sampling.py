@@ -99,7 +99,7 @@ def default_open_walls(height: int, width: int) -> float:
 
 def _wilson(beside: Neighbours, draws: Draws) -> list[Edge]:
     """Loop-erased random walks; Wilson, "Generating random spanning trees", STOC 1996."""
-    cells = len(beside)
+    cells, twelfths = len(beside), draws.twelfths
     onward = [-1] * cells
     in_tree = [False] * cells
     in_tree[cells // 2] = True  # Any root will do; from the middle the first walks are short.
@@ -108,7 +108,8 @@ def _wilson(beside: Neighbours, draws: Draws) -> list[Edge]:
         cell = start
         while not in_tree[cell]:
             # Leaving a cell a second time forgets the loop made since the first.
-            onward[cell] = cell = beside[cell][next(draws.twelfths) % len(beside[cell])]
+            around = beside[cell]
+            onward[cell] = cell = around[next(twelfths) % len(around)]
         cell = start
         while not in_tree[cell]:
             in_tree[cell] = True
