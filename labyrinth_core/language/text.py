@@ -6,13 +6,14 @@ Nothing is evaluated, and the time taken grows with the length of the text and n
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
@@ -33,6 +34,8 @@ _SETTINGS_OF = {
 
 _HEADING = "labyrinth"
 _OPEN_IN_TEXT = str.maketrans("| -", "010")
+_VERTICAL = bytes.maketrans(b"01", b"| ")
+_HORIZONTAL = bytes.maketrans(b"01", b"- ")
 
 
 class _Settings(NamedTuple):
@@ -318,24 +321,43 @@ def dump(labyrinth: Labyrinth) -> str:
     """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
     structure = labyrinth.structure
     width, cells = structure.width, structure.cells
-    tiles = [" "] * cells
-    tiles[labyrinth.start], tiles[labyrinth.goal] = "SE"
+    # Cell 0 first, as the bits of an integer have it last.
+    above = f"{structure.up:0{cells}b}"[::-1].encode().translate(_HORIZONTAL)
+    beside = f"{structure.right:0{cells}b}"[::-1].encode().translate(_VERTICAL)
+    tiles = bytearray(b" ") * cells
+    tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
     if labyrinth.key is not None and labyrinth.door is not None:
-        tiles[labyrinth.key], tiles[labyrinth.door] = "KD"
+        tiles[labyrinth.key], tiles[labyrinth.door] = b"KD"
     for cell in labyrinth.ice:
-        tiles[cell] = "I"
-    above = digits(structure.up, cells).replace("0", "-").replace("1", " ")
-    beside = digits(structure.right, cells).replace("0", "|").replace("1", " ")
-    lines = [_HEADING + ":", "-" * (4 * width + 1)]
+        tiles[cell] = ord("I")
+    shown = bytes(tiles)
+    outer_wall = b"-" * (4 * width + 1)
+    lines = [outer_wall]
     for first in range(cells - width, -1, -width):
-        row = slice(first, first + width)
-        if row.stop < cells:
-            lines.append(f"| {' + '.join(above[row])} |")
-        line = list("|   " * width + "|")
-        line[2::4], line[4::4] = tiles[row], beside[row]
-        lines.append("".join(line))
-    lines += [lines[1], "end\n"]
-    return f"{_SETTINGS_OF[labyrinth.task]}\n" + "\n".join(lines)
+        last = first + width
+        if last < cells:
+            lines.append(_wall_line(above[first:last]))
+        lines.append(_cell_line(shown[first:last], beside[first:last]))
+    lines.append(outer_wall)
+    drawing = b"\n".join(lines).decode()
+    return f"{_SETTINGS_OF[labyrinth.task]}\n{_HEADING}:\n{drawing}\nend\n"
+
+
+@lru_cache(maxsize=4_096)
+def _cell_line(tiles: bytes, beside: bytes) -> bytes:
+    """Return the line of a row of cells, given a character for each and for the wall after it."""
+    line = bytearray(b"|   " * len(tiles) + b"|")
+    line[2::4] = tiles
+    line[4::4] = beside  # The last has no passage: the outer wall.
+    return bytes(line)
+
+
+@lru_cache(maxsize=4_096)
+def _wall_line(above: bytes) -> bytes:
+    """Return the line above a row of cells, given a character for the wall above each."""
+    line = bytearray(b"|   " + b"+   " * (len(above) - 1) + b"|")
+    line[2::4] = above
+    return bytes(line)
 
 
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:

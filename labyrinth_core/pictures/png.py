@@ -166,6 +166,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return _NUMBER.pack(len(data)) + kind + data + _NUMBER.pack(zlib.crc32(kind + data))
 
 
+@lru_cache(maxsize=64)
 def _header(width: int, height: int) -> bytes:
     truecolour = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", truecolour)

@@ -298,6 +298,7 @@ def _with_tile(grid: _Grid, style: Style, strip: Strip, column: int, code: int) 
     return KeptStrip(bands)
 
 
+@lru_cache(maxsize=4_096)
 def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
     """Return the pixels of one tile at height `y`: nested squares, the outermost first."""
     pixels = b""
@@ -309,6 +310,7 @@ def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
     return pixels
 
 
+@lru_cache(maxsize=256)
 def _squares(style: Style, code: int) -> list[tuple[int, Colour]]:
     """Return the squares that a cell shows, as (inset in twelfths of a cell, colour)."""
     agent, tile = code & ~7, code & 7
