@@ -18,14 +18,13 @@ from rich.table import Table
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.storage import AnyPath, write_text
-from pipeline.analysis.content import Content, ReadJob, read
 from pipeline.analysis.elsewhere import Files, labyrinths_of
 from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config.run import Run
-from pipeline.machinery.console import console, tracked
-from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.console import console, progress
+from pipeline.machinery.counts import Content, DatasetCounts, make_counts
 
 FORMAT = 1
 LEAKS_SHOWN = 10
@@ -67,8 +66,9 @@ def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
 def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
     """Return the certificate and the shifts of a dataset, which are left in its folder."""
     manifest = Manifest.read(folder)
-    contents = read_contents(folder, manifest, workers)
-    certificate = certify({split: held.labyrinths for split, held in contents.items()})
+    counts, contents = read_contents(folder, manifest, workers)
+    labyrinths = {split: content.labyrinths for split, content in contents.items()}
+    certificate = certify(labyrinths, counts.certificate)
     pairs = [("train", split) for split in SPLITS if split != "train"]
     shifts = compare(contents, [*pairs, ("validation", "test")], manifest.config.seed)
     content = {
@@ -84,17 +84,26 @@ def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
     return certificate, shifts
 
 
-def read_contents(folder: AnyPath, manifest: Manifest, workers: int = 1) -> dict[str, Content]:
-    """Return what each split of a dataset holds; raises DatasetError if a shard is damaged."""
-    jobs = [ReadJob(folder, shard) for split in SPLITS for shard in manifest.of(split)]
-    done = zip(jobs, ordered_map(read, jobs, workers), strict=True)
+def read_contents(
+    folder: AnyPath, manifest: Manifest, workers: int = 1
+) -> tuple[DatasetCounts, dict[str, Content]]:
+    """Count a dataset, and return its counts and the content of each split.
+
+    Raises:
+        DatasetError: A shard is missing or damaged.
+        OSError: The counts cannot be written.
+    """
     parts: dict[str, list[Content]] = {}
-    total = sum(job.shard.rows for job in jobs)
-    for split, part in tracked(
-        ((job.shard.rows, (job.shard.split, part)) for job, part in done), "analyse", total
-    ):
-        parts.setdefault(split, []).append(part)
-    return {split: Content.joined(of_split) for split, of_split in parts.items()}
+    with progress() as bars:
+        bar = bars.add_task("analyse", total=sum(shard.rows for shard in manifest.shards))
+        counts = make_counts(
+            folder,
+            manifest,
+            workers,
+            advance=lambda rows: bars.advance(bar, rows),
+            keep=lambda split, content: parts.setdefault(split, []).append(content),
+        )
+    return counts, {split: Content.joined(of_split) for split, of_split in parts.items()}
 
 
 def _write(path: AnyPath, content: Mapping[str, Any]) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.near_twins import passage_table
-from pipeline.analysis.content import Content
 from pipeline.analysis.shift import (
     PERMUTATIONS,
     Floats,
@@ -31,6 +30,7 @@ from pipeline.analysis.shift import (
     permutation_test,
     wasserstein_of_counts,
 )
+from pipeline.machinery.counts import Content
 
 
 class Sample(NamedTuple):

@@ -18,6 +18,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, progress
+from pipeline.machinery.counts import COUNTS
 from pipeline.machinery.locks import held
 from pipeline.release import readme
 from pipeline.release.changelog import updated
@@ -135,7 +136,7 @@ def _measured(
         for manifest in manifests:
             folder = data_dir / manifest.config.name
             dataset = measure(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            problems = list(dataset.certificate.problems())
+            problems = list(dataset.counts.certificate.problems())
             if problems:
                 raise DatasetError(f"{folder}: {'; '.join(problems)}: no card for such a dataset")
             datasets.append(dataset)
@@ -147,12 +148,12 @@ def _draw(data_dir: AnyPath, datasets: Sequence[DatasetStatistics], default: str
     folder = data_dir / readme.PICTURES
     folder.mkdir(exist_ok=True)
     shown = next(dataset for dataset in datasets if dataset.name == default)
-    banner(shown).save(data_dir / readme.BANNER)
+    banner(shown.splits).save(data_dir / readme.BANNER)
     drawn = set()
     for dataset in datasets:
         for name, figure in FIGURES.items():
             path = data_dir / readme.picture_path(dataset.name, name)
-            figure.draw(dataset).save(path)
+            figure.draw(dataset.splits).save(path)
             drawn.add(path)
     ours = re.compile(rf"\d+x\d+(-\w+)?-({'|'.join(FIGURES)})\.png", re.ASCII)
     for path in folder.iterdir():
@@ -208,7 +209,7 @@ def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[st
     pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")
     names += [f"{readme.PICTURES}/{path.name}" for path in pictures]
     for manifest in manifests:
-        files = [MANIFEST, ANALYSIS, *(shard.path for shard in manifest.shards)]
+        files = [MANIFEST, COUNTS, ANALYSIS, *(shard.path for shard in manifest.shards)]
         names += [f"{manifest.config.name}/{name}" for name in files]
     return [name for name in names if (data_dir / name).is_file()]
 

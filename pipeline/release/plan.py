@@ -14,7 +14,7 @@ from labyrinth_core.data.storage import file_sha256
 _DATA = r"\d+x\d+(-\w+)?/(manifest\.json|\w+-\d{5,}-of-\d{5,}\.parquet)"
 _CARD = (
     r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
-    r"|\d+x\d+(-\w+)?/analysis\.json"
+    r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"
     r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
 )
 

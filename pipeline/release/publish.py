@@ -111,8 +111,10 @@ def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
         for path in run.local_dir.iterdir():
             if path.name == PICTURES:
                 shutil.copytree(path, folder / PICTURES)
-            elif path.is_dir():
-                (folder / path.name).symlink_to(path.resolve())
+            elif path.is_dir():  # The counts may have to be made anew.
+                (folder / path.name).mkdir()
+                for file in path.iterdir():
+                    (folder / path.name / file.name).symlink_to(file.resolve())
             elif path.suffix == ".md":  # What a person wrote there is kept.
                 shutil.copy(path, folder)
         try:

@@ -28,6 +28,7 @@ from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, progress
+from pipeline.machinery.counts import DatasetCounts, counts_of
 
 FOLDER = "report"
 """In the data_dir; nothing of it is published."""
@@ -89,8 +90,10 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         bar = bars.add_task("report", total=rows)
         for manifest in manifests:
             folder = data_dir / manifest.config.name
-            splits = pack(folder, manifest, limit, workers, lambda rows: bars.advance(bar, rows))
-            datasets.append(describe(manifest, splits, limit, read_analysis(folder, manifest)))
+            analysis = read_analysis(folder, manifest)
+            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
+            splits = {split: pack(folder, manifest, split, limit, workers) for split in SPLITS}
+            datasets.append(describe(manifest, counts, splits, limit, analysis))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)
     results = read_results(run_dir, manifests)
@@ -103,6 +106,7 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
 
 def describe(
     manifest: Manifest,
+    counts: DatasetCounts,
     splits: Mapping[str, PackedSplit],
     limit: int,
     analysis: Mapping[str, Any] | None = None,
@@ -111,7 +115,8 @@ def describe(
 
     Args:
         manifest: Of the dataset.
-        splits: What is in it.
+        counts: All that is counted in it.
+        splits: Its labyrinths and episodes.
         limit: About how many bytes of labyrinths and episodes of each split to tell.
         analysis: As from `findings.read_analysis`.
     """
@@ -122,7 +127,10 @@ def describe(
         "width": config.width,
         "task": str(config.task),
         "seed": config.seed,
-        "splits": [{"name": name} | split.to_json(limit) for name, split in splits.items()],
+        "splits": [
+            {"name": name} | split.to_json(counts.splits[name], limit)
+            for name, split in splits.items()
+        ],
         "analysis": analysis,
     }
 
