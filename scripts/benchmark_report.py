@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pipeline.analysis.walks import walks
 from playwright.sync_api import Browser, sync_playwright
 
 from labyrinth_core.data.columns import SPLITS
@@ -38,7 +39,6 @@ from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.analysis.report.findings import EVALUATED, FIGURES, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack_walks
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
-from pipeline.analysis.walks import walks
 from pipeline.config.run import RunConfig, resolve
 
 RANDOM_STEPS = 100

@@ -24,7 +24,7 @@ from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, progress
-from pipeline.machinery.counts import Content, DatasetCounts, make_counts
+from pipeline.machinery.counts import Content, DatasetCounts, count_dataset
 
 FORMAT = 1
 LEAKS_SHOWN = 10
@@ -67,6 +67,7 @@ def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
     """Return the certificate and the shifts of a dataset, which are left in its folder."""
     manifest = Manifest.read(folder)
     counts, contents = read_contents(folder, manifest, workers)
+    counts.write(folder, manifest)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     certificate = certify(labyrinths, counts.certificate)
     pairs = [("train", split) for split in SPLITS if split != "train"]
@@ -87,16 +88,15 @@ def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
 def read_contents(
     folder: AnyPath, manifest: Manifest, workers: int = 1
 ) -> tuple[DatasetCounts, dict[str, Content]]:
-    """Count a dataset, and return its counts and the content of each split.
+    """Return the counts of a dataset and the content of each split.
 
     Raises:
-        DatasetError: A shard is missing or damaged.
-        OSError: The counts cannot be written.
+        DatasetError: A shard is missing, damaged, or not the manifest's.
     """
     parts: dict[str, list[Content]] = {}
     with progress() as bars:
         bar = bars.add_task("analyse", total=sum(shard.rows for shard in manifest.shards))
-        counts = make_counts(
+        counts = count_dataset(
             folder,
             manifest,
             workers,

@@ -7,9 +7,9 @@ Labyrinths are compared by hashes of 63 bits; two that differ have the same with
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,15 +152,6 @@ class Certificate:
         for split, ids in self.strangers.items():
             if ids:
                 yield f"{split} has {len(ids)} structures that are not in train"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the certificate in plain types."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Certificate:
-        """Return the certificate that `to_json` described; raises TypeError for anything else."""
-        return cls(**dict(values) | {"pairs": tuple(Pair(**pair) for pair in values["pairs"])})
 
 
 def certify(splits: Mapping[str, Keys]) -> Certificate:

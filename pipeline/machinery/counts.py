@@ -1,8 +1,9 @@
 """The counts of a dataset: all that is counted in its rows, in one pass, and kept in one file.
 
 The stage `analyse` leaves them in `counts.json` in the dataset's folder, where card and report
-find them. Whoever finds none, or those of other shards, makes the file anew. What is in memory
-meanwhile is a shard's labyrinths, and three numbers of each labyrinth for the certificate.
+find them. Where there are none, or those of other shards, they are counted anew, and the card
+leaves them, too. What is in memory meanwhile is a shard's labyrinths, and three numbers of each
+labyrinth for the certificate.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import optimal_actions
-from pipeline.machinery.certificate import Certificate, Keys, certify, size_of
+from pipeline.machinery.certificate import Certificate, Keys, Pair, certify, size_of
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.routes import Route, routes_of
 
@@ -89,7 +91,8 @@ class SplitCounts:
     """The number of optimal actions, summed over the states acted in."""
     optimal: int
     """The number of actions taken that are optimal."""
-    examples: list[Example] = field(default_factory=list)
+    examples: list[Example]
+    """The first `EXAMPLES` labyrinths."""
 
     @property
     def episodes(self) -> int:
@@ -159,7 +162,7 @@ class SplitCounts:
         """Return the counts that `to_json` described.
 
         Raises:
-            ValueError, TypeError: They are something else.
+            ValueError, LookupError, TypeError: They are something else.
         """
         known = dict(values)
         for name in ("actions", "visits"):
@@ -177,6 +180,38 @@ class DatasetCounts:
     splits: Mapping[str, SplitCounts]
     """In the order of the table of splits."""
     certificate: Certificate
+
+    def write(self, folder: AnyPath, manifest: Manifest) -> None:
+        """Write the counts into the folder of their dataset, all or nothing."""
+        content = _described(manifest) | {
+            "splits": {split: counts.to_json() for split, counts in self.splits.items()},
+            "certificate": asdict(self.certificate),
+        }
+        write_text(folder / COUNTS, json.dumps(content) + "\n")
+
+    @classmethod
+    def read(cls, folder: AnyPath, manifest: Manifest) -> DatasetCounts | None:
+        """Return the counts in a folder, None if there are none of its shards as they are now."""
+        try:
+            content = json.loads((folder / COUNTS).read_bytes())
+            if content | _described(manifest) != content:
+                return None
+            splits = {split: SplitCounts.from_json(content["splits"][split]) for split in SPLITS}
+            certificate = content["certificate"]
+            pairs = tuple(Pair(**pair) for pair in certificate["pairs"])
+            return cls(splits, Certificate(**certificate | {"pairs": pairs}))
+        except (FileNotFoundError, ValueError, LookupError, TypeError, RecursionError):
+            return None
+
+
+def _described(manifest: Manifest) -> dict[str, Any]:
+    """Return what the file says of the dataset whose counts it holds."""
+    return {
+        "format": FORMAT,
+        "name": manifest.config.name,
+        "fingerprint": manifest.fingerprint,
+        "shards": {shard.path: shard.sha256 for shard in manifest.shards},
+    }
 
 
 class Counted(NamedTuple):
@@ -245,46 +280,31 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
     return Counted(counts, Keys.of(labyrinths), content)
 
 
-class ShardJob(NamedTuple):
-    """All that a worker needs to know to read one shard."""
-
-    folder: AnyPath
-    shard: Shard
-    size: tuple[int, int]
-    """Height and width of the labyrinths in it."""
-
-
-def jobs_of(folder: AnyPath, manifest: Manifest) -> list[ShardJob]:
-    """Return a job for each shard of a dataset, in the order of the table of splits."""
-    size = manifest.config.height, manifest.config.width
-    return [ShardJob(folder, shard, size) for split in SPLITS for shard in manifest.of(split)]
-
-
-def count_shard(job: ShardJob) -> Counted:
+def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted:
     """Return the counts of one shard.
 
     Raises:
         DatasetError: The file is missing, damaged, or not the manifest's.
     """
-    counted = count_routes(routes_of(job.folder, job.shard), job.size)
-    counts, shard = counted.counts, job.shard
+    counted = count_routes(routes_of(folder, shard), size)
+    counts = counted.counts
     found = (counts.labyrinths, counts.episodes, counts.rows)
     if not counts.rows or found != (shard.labyrinths, shard.episodes, shard.rows):
         raise DatasetError(
-            f"{job.folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
+            f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
             f"{found[2]} rows, which is not what its manifest says: build again"
         )
     return counted
 
 
-def make_counts(
+def count_dataset(
     folder: AnyPath,
     manifest: Manifest,
     workers: int = 1,
     advance: Callable[[int], None] = lambda _: None,
     keep: Callable[[str, Content], None] = lambda *_: None,
 ) -> DatasetCounts:
-    """Count a dataset, leave the counts in its folder, and return them.
+    """Return the counts of a dataset, counted in its shards.
 
     Args:
         folder: With its shards.
@@ -295,26 +315,21 @@ def make_counts(
 
     Raises:
         DatasetError: A shard is missing, damaged, or not the manifest's.
-        OSError: The file cannot be written.
     """
-    jobs = jobs_of(folder, manifest)
+    size = manifest.config.height, manifest.config.width
+    shards = [shard for split in SPLITS for shard in manifest.of(split)]
     splits: dict[str, SplitCounts] = {}
-    keys: dict[str, list[Keys]] = {}
-    for job, counted in zip(jobs, ordered_map(count_shard, jobs, workers), strict=True):
-        split = job.shard.split
-        if split in splits:
-            splits[split].add(counted.counts)
+    keys: dict[str, list[Keys]] = {split: [] for split in SPLITS}
+    done = ordered_map(partial(count_shard, folder, size), shards, workers)
+    for shard, counted in zip(shards, done, strict=True):
+        if shard.split in splits:
+            splits[shard.split].add(counted.counts)
         else:
-            splits[split] = counted.counts
-        keys.setdefault(split, []).append(counted.keys)
-        keep(split, counted.content)
-        advance(job.shard.rows)
+            splits[shard.split] = counted.counts
+        keys[shard.split].append(counted.keys)
+        keep(shard.split, counted.content)
+        advance(shard.rows)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
-    content = _described(manifest) | {
-        "splits": {split: counts.to_json() for split, counts in splits.items()},
-        "certificate": certificate.to_json(),
-    }
-    write_text(folder / COUNTS, json.dumps(content) + "\n")
     return DatasetCounts(splits, certificate)
 
 
@@ -324,46 +339,26 @@ def counts_of(
     workers: int = 1,
     advance: Callable[[int], None] = lambda _: None,
 ) -> DatasetCounts:
-    """Return the counts in the folder of a dataset, made anew if they are not those of its shards.
+    """Return the counts that lie in the folder of a dataset; where there are none, count.
 
-    Args and errors as of `make_counts`; the files are compared with the manifest in any case.
+    Args:
+        folder: With its shards, which have to be those of the manifest in either case.
+        manifest: Of that folder.
+        workers: Processes.
+        advance: Called after each shard with the number of its rows.
+
+    Raises:
+        DatasetError: A shard is missing, damaged, or not the manifest's.
     """
-    counts = _read(folder, manifest)
+    counts = DatasetCounts.read(folder, manifest)
     if counts is None:
-        return make_counts(folder, manifest, workers, advance)
-    jobs = jobs_of(folder, manifest)
-    for job, _ in zip(jobs, ordered_map(_check_file, jobs, workers), strict=True):
-        advance(job.shard.rows)
+        return count_dataset(folder, manifest, workers, advance)
+    for shard in manifest.shards:
+        path = folder / shard.path
+        try:
+            if file_sha256(path) != shard.sha256:
+                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+        except OSError as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+        advance(shard.rows)
     return counts
-
-
-def _described(manifest: Manifest) -> dict[str, Any]:
-    """Return what the file says of the dataset whose counts it holds."""
-    return {
-        "format": FORMAT,
-        "name": manifest.config.name,
-        "fingerprint": manifest.fingerprint,
-        "shards": {shard.path: shard.sha256 for shard in manifest.shards},
-    }
-
-
-def _read(folder: AnyPath, manifest: Manifest) -> DatasetCounts | None:
-    """Return the counts in a folder, None if there are none of these shards."""
-    try:
-        content = json.loads((folder / COUNTS).read_bytes())
-        if content | _described(manifest) != content:
-            return None
-        splits = {split: SplitCounts.from_json(content["splits"][split]) for split in SPLITS}
-        return DatasetCounts(splits, Certificate.from_json(content["certificate"]))
-    except (FileNotFoundError, ValueError, LookupError, TypeError, RecursionError):
-        return None
-
-
-def _check_file(job: ShardJob) -> None:
-    """Raise DatasetError if a shard is not the file that its manifest describes."""
-    path = job.folder / job.shard.path
-    try:
-        if file_sha256(path) != job.shard.sha256:
-            raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
-    except OSError as error:
-        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error

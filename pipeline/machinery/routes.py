@@ -66,11 +66,14 @@ def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
     Raises:
         DatasetError: The file is missing, damaged, or its rows do not make episodes.
     """
+    path = folder / shard.path
     groups = grouped(read_rows(folder, [shard], pictures=False))
     try:
         yield from routes(
             (rows[0].info, [row.actions for row in rows[:-1]], sum(row.rewards for row in rows))
             for rows in groups
         )
-    except (ValueError, IndexError) as error:
-        raise DatasetError(f"{folder / shard.path} cannot be read: {one_line(error)}") from error
+    except (ValueError, IndexError, DatasetError) as error:
+        if str(path) in str(error):  # Of `read_rows`.
+            raise
+        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error

@@ -18,7 +18,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, progress
-from pipeline.machinery.counts import COUNTS
+from pipeline.machinery.counts import COUNTS, counts_of
 from pipeline.machinery.locks import held
 from pipeline.release import readme
 from pipeline.release.changelog import updated
@@ -26,7 +26,7 @@ from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.provenance import ARXIV, Release
-from pipeline.release.statistics import DatasetStatistics, measure
+from pipeline.release.statistics import DatasetStatistics, read_closeness
 
 HASHES = "SHA256SUMS"
 
@@ -119,6 +119,8 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         "README.md": _with_front_matter(values, manifests, text),
     }
     _draw(data_dir, datasets, default)
+    for dataset in datasets:
+        dataset.counts.write(data_dir / dataset.name, dataset.manifest)
     for name, content in texts.items():
         write_text(data_dir / name, content)
     _write_hashes(data_dir, manifests)
@@ -135,11 +137,12 @@ def _measured(
         bar = bars.add_task("card", total=rows)
         for manifest in manifests:
             folder = data_dir / manifest.config.name
-            dataset = measure(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            problems = list(dataset.counts.certificate.problems())
+            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
+            problems = list(counts.certificate.problems())
             if problems:
                 raise DatasetError(f"{folder}: {'; '.join(problems)}: no card for such a dataset")
-            datasets.append(dataset)
+            closeness = read_closeness(folder, manifest)
+            datasets.append(DatasetStatistics(manifest, counts, closeness))
     return datasets
 
 

@@ -6,14 +6,14 @@ How near they are is in the file that the stage `analyse` has left, if it has.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.storage import AnyPath
-from pipeline.machinery.counts import DatasetCounts, SplitCounts, counts_of
+from pipeline.machinery.counts import DatasetCounts, SplitCounts
 
 
 class Closeness(NamedTuple):
@@ -56,28 +56,6 @@ class DatasetStatistics:
     def rows(self) -> int:
         """The number of rows of all splits."""
         return sum(counts.rows for counts in self.splits.values())
-
-
-def measure(
-    folder: AnyPath,
-    manifest: Manifest,
-    workers: int = 1,
-    advance: Callable[[int], None] = lambda _: None,
-) -> DatasetStatistics:
-    """Return the statistics of a dataset.
-
-    Args:
-        folder: With its shards.
-        manifest: Of that folder.
-        workers: Processes.
-        advance: Called after each shard with the number of its rows.
-
-    Raises:
-        DatasetError: A shard is missing, damaged, or not the manifest's.
-        OSError: There are no counts yet, and they cannot be written.
-    """
-    counts = counts_of(folder, manifest, workers, advance)
-    return DatasetStatistics(manifest, counts, read_closeness(folder, manifest))
 
 
 def read_closeness(folder: AnyPath, manifest: Manifest) -> tuple[Closeness, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -145,8 +146,7 @@ def pack_routes(routes: Iterable[Route], limit: int) -> PackedSplit:
     return packed
 
 
-def _pack_shard(job: tuple[AnyPath, Shard, int]) -> PackedSplit:
-    folder, shard, limit = job
+def _pack_shard(folder: AnyPath, limit: int, shard: Shard) -> PackedSplit:
     return pack_routes(routes_of(folder, shard), limit)
 
 
@@ -166,8 +166,7 @@ def pack(
         DatasetError: A shard is missing, damaged, or its rows do not make episodes.
     """
     packed = PackedSplit()
-    jobs = [(folder, shard, limit) for shard in manifest.of(split)]
-    for part in ordered_map(_pack_shard, jobs, workers):
+    for part in ordered_map(partial(_pack_shard, folder, limit), manifest.of(split), workers):
         packed.extend(part)
         if packed.size > limit:
             break
