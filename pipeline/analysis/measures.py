@@ -169,24 +169,16 @@ def _numbers(values: NDArray[np.int64], most: int) -> Sample:
     return _on_a_grid(below, np.ones(most), values[:, None].astype(float), np.ones_like(values))
 
 
-def _route_length(content: Content, most: int) -> Sample:
-    return _numbers(content.moves, most)
-
-
-def _branching(content: Content, most: int) -> Sample:
-    return _numbers(np.array([each.structure.junctions for each in content.labyrinths]), most)
-
-
-def _loops(content: Content, most: int) -> Sample:
-    return _numbers(np.array([each.structure.loops for each in content.labyrinths]), most)
-
-
 MEASURES: dict[str, Callable[[Content, int], Sample]] = {
     "actions": _actions,
     "trajectories": _trajectories,
     "states": _states,
-    "route length": _route_length,
-    "branching": _branching,
-    "loops": _loops,
+    "route length": lambda content, most: _numbers(content.moves, most),
+    "branching": lambda content, most: _numbers(
+        np.array([each.structure.junctions for each in content.labyrinths]), most
+    ),
+    "loops": lambda content, most: _numbers(
+        np.array([each.structure.loops for each in content.labyrinths]), most
+    ),
 }
 """How each measure is taken; the number is at least as large as every length and count."""

@@ -28,7 +28,6 @@ from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, tracked
 from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
-from pipeline.release.readme import PICTURES
 from pipeline.release.remote import (
     FAULTS,
     WAITS,
@@ -108,15 +107,10 @@ def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
-        for path in run.local_dir.iterdir():
-            if path.name == PICTURES:
-                shutil.copytree(path, folder / PICTURES)
-            elif path.is_dir():  # The counts may have to be made anew.
-                (folder / path.name).mkdir()
-                for file in path.iterdir():
-                    (folder / path.name / file.name).symlink_to(file.resolve())
-            elif path.suffix == ".md":  # What a person wrote there is kept.
-                shutil.copy(path, folder)
+        # What is written there takes the place of a link, and does not go through it.
+        shutil.copytree(
+            run.local_dir.resolve(), folder, copy_function=os.symlink, dirs_exist_ok=True
+        )
         try:
             write_card(folder, options.repo_id, options.version, workers=run.workers)
         except DatasetError as error:

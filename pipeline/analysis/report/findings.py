@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.intervals import interval
 
 EVALUATIONS = "*/*/evaluation.json"
@@ -29,8 +30,8 @@ MOST_FAILED = 2_000
 """Labyrinths named on which a run failed, in each split."""
 EVALUATED = [split for split in SPLITS if split != "random"]
 """Splits on which policies are evaluated."""
-SOLVED = "s"
-"""The letter of an episode that reached the goal."""
+_SOLVED = next(iter(OUTCOMES))[0]
+"""The letter of an episode that reached the goal, the first letter of its outcome."""
 
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
 """What two labyrinths may have in common."""
@@ -133,7 +134,7 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
     seed, told, solved, failed = int(run["seed"]), {}, {}, {}
     for split in EVALUATED:
         scores = content["splits"][split]
-        solved[split] = np.array([letter == SOLVED for letter in scores["outcomes"]], np.float64)
+        solved[split] = np.array([letter == _SOLVED for letter in scores["outcomes"]], np.float64)
         failed[split] = scores["failed"]
         held = sum(shard.labyrinths for shard in manifest.of(split))
         if len(solved[split]) != held:
