@@ -23,7 +23,7 @@ from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config.run import Run
-from pipeline.machinery.console import console, progress
+from pipeline.machinery.console import console, progress, say
 from pipeline.machinery.counts import Content, DatasetCounts, count_dataset
 
 FORMAT = 1
@@ -49,7 +49,7 @@ def run(run: Run) -> None:
         lines = [*_leaks(certificate, files), f"{path} has all of it."]
         console.print(_leakage_table(certificate))
     for line in lines:
-        console.print(line, highlight=False, soft_wrap=True)
+        say(line)
 
 
 def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -17,12 +18,11 @@ DEFAULT_CONFIG = "5x5"
 
 _FENCE = "---\n"
 _CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
-"""Other folders, such as a build's own, are no configs, whatever is in them."""
-
+"""The name of a config; other folders, such as that of a build, are ignored."""
 
 BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
 END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
-"""The marks around what is generated; what a person writes before and after them is kept."""
+"""The end of the generated text; what a person writes before and after the marks is kept."""
 
 
 def check_replaceable(data_dir: AnyPath) -> None:
@@ -57,9 +57,14 @@ def update(data_dir: AnyPath) -> None:
     wanted = values | described(manifests)
     if wanted == values and text:
         return  # Not a byte of a card changes when nothing is new.
-    front = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=100)
     text = text or with_generated("", _text(default_config(manifests)))
-    write_text(path, _FENCE + front + _FENCE + text)
+    write_text(path, with_values(wanted, text))
+
+
+def with_values(values: dict[str, Any], text: str) -> str:
+    """Return the content of a README.md with a front matter, as the Hub's client would write it."""
+    front = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=math.inf)
+    return f"{_FENCE}{front}{_FENCE}{text}"
 
 
 def described(manifests: list[Manifest]) -> dict[str, Any]:

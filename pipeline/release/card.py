@@ -1,7 +1,7 @@
 """The card of a folder of datasets: README.md, Croissant, pictures, citation, changelog, hashes.
 
-Everything in it is counted in the shards, by the stage `analyse` what takes longer, and the same
-data give the same bytes.
+Its numbers are the counts of the datasets and what the stage `analyse` has found out about them;
+the same data give the same bytes.
 """
 
 from __future__ import annotations
@@ -10,14 +10,12 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-import yaml
-
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, progress
+from pipeline.machinery.console import progress, say
 from pipeline.machinery.counts import COUNTS, counts_of
 from pipeline.machinery.locks import held
 from pipeline.release import readme
@@ -31,7 +29,7 @@ from pipeline.release.statistics import DatasetStatistics, read_closeness
 HASHES = "SHA256SUMS"
 
 TASK_CATEGORIES = ["reinforcement-learning"]
-"""Of the Hub's list, https://huggingface.co/tasks."""
+"""Tasks of the Hub's list, https://huggingface.co/tasks."""
 TAGS = [
     "imitation-learning",
     "generalization",
@@ -69,11 +67,9 @@ def run(run: Run) -> None:
     datasets = write_card(run.data_dir, workers=run.workers)
     rows = sum(dataset.rows for dataset in datasets)
     names = ", ".join(dataset.name for dataset in datasets)
-    console.print(
+    say(
         f"{run.data_dir / 'README.md'} describes {names}: {rows:,} rows, no structure in two "
-        f"splits; with croissant.json, {HASHES} and {readme.PICTURES}.",
-        highlight=False,
-        soft_wrap=True,
+        f"splits; with croissant.json, {HASHES} and {readme.PICTURES}."
     )
 
 
@@ -174,9 +170,7 @@ def _changelog(path: AnyPath) -> str:
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
-    """Return the whole README.md; keys that are not ours, and added tags, are kept."""
-    from huggingface_hub import DatasetCard
-
+    """Return the whole README.md; keys that a person added, and added tags, are kept."""
     rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
     own = {
         "license": "mit",
@@ -187,8 +181,7 @@ def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: 
         **front_matter.described(manifests),
     }
     kept = {key: value for key, value in values.items() if key not in own}
-    front = yaml.safe_dump(own | kept, sort_keys=False, allow_unicode=True)
-    return str(DatasetCard(f"---\n{front}---\n{text}"))
+    return front_matter.with_values(own | kept, text)
 
 
 def _joined(ours: list[str], theirs: Any) -> list[str]:

@@ -90,7 +90,7 @@ def visits(splits: Splits) -> Sheet:
     cell = size / max(height, width)
     pitch = heading + round(height * cell)
     sheet = Sheet(height=rows * pitch + 130)
-    most = max(_most_visited(s) for name, s in splits.items() if name != "random")
+    most = max(float((s.visits / s.rows).max()) for name, s in splits.items() if name != "random")
     for place, (name, split) in enumerate(splits.items()):
         left = MARGIN + place % columns * (size + gap)
         top = place // columns * pitch
@@ -98,10 +98,6 @@ def visits(splits: Splits) -> Sheet:
         _heat_map(sheet, (left, top + heading), cell, split, most)
     _scale(sheet, rows * pitch + 40, most)
     return sheet
-
-
-def _most_visited(split: SplitCounts) -> float:
-    return float(split.visits.max() / split.visits.sum())
 
 
 def _heat_map(
@@ -118,7 +114,7 @@ def _heat_map(
             if cell >= 78:
                 ink = PAPER if share > most / 2 else INK
                 middle = (left + (cell - gap) / 2, top + (cell - gap) / 2)
-                sheet.text(middle, _percent(share), SMALL, ink, "mm")
+                sheet.text(middle, f"{share:.0%}", SMALL, ink, "mm")
 
 
 def _scale(sheet: Sheet, top: float, most: float) -> None:
@@ -170,10 +166,10 @@ def _divided_bar(sheet: Sheet, top: float, height: float, split: SplitCounts) ->
     for place, (share, colour) in enumerate(zip(shares, ACTION_COLOURS.values(), strict=True)):
         left, right = ends[place], ends[place + 1]
         sheet.box(left, top, right - (place < len(shares) - 1) * 2, top + height, colour)
-        if right - left >= text_width(_percent(share), SMALL) + 12:
+        if right - left >= text_width(f"{share:.0%}", SMALL) + 12:
             ink = INK if sum(colour) > 420 else PAPER
             middle = ((left + right) / 2, top + height / 2)
-            sheet.text(middle, _percent(share), SMALL, ink, "mm")
+            sheet.text(middle, f"{share:.0%}", SMALL, ink, "mm")
 
 
 def lengths(splits: Splits) -> Sheet:
@@ -249,10 +245,6 @@ def _axis(sheet: Sheet, top: float, bars: _Bars) -> None:
 def _heading(sheet: Sheet, top: float, text: str, note: str) -> None:
     sheet.text((MARGIN, top + 56), text, TEXT)
     sheet.text((WIDTH - MARGIN, top + 56), note, SMALL, MUTED, "rs")
-
-
-def _percent(share: float) -> str:
-    return f"{share:.0%}"
 
 
 FIGURES = {

@@ -25,7 +25,7 @@ from labyrinth_core.data.errors import DatasetError
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, tracked
+from pipeline.machinery.console import say, tracked
 from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
 from pipeline.release.remote import (
@@ -71,9 +71,9 @@ def _publish(run: Run, remote: Remote, options: PublishOptions) -> None:
         return
     if options.collection:
         remote.join(options.collection, private=options.private)
-        _say(f"{options.repo_id} is in the collection {options.collection}.")
+        say(f"{options.repo_id} is in the collection {options.collection}.")
     config = front_matter.default_config(front_matter.finished(run.local_dir))
-    _say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
+    say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
 
 
 def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bool) -> bool:
@@ -90,11 +90,11 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
     if not plan.is_done:
         head = _commit(remote, options, plan, head)
         if options.create_pr:
-            _say(f"pull request: {head}; publish again, to tag, once it is merged.")
+            say(f"pull request: {head}; publish again, to tag, once it is merged.")
             return False
     _verify(options, data_dir, head)
     remote.tag(options.version, head)
-    _say(f"tagged {options.version} at {head[:12]}.")
+    say(f"tagged {options.version} at {head[:12]}.")
     return True
 
 
@@ -140,7 +140,7 @@ def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bo
             f"({plan.data[0]}): choose another publish.version"
         )
     card = "" if plan.is_done else ", with a card that was written otherwise"
-    _say(f"{options.version} is published already, at {tagged[:12]}{card}.")
+    say(f"{options.version} is published already, at {tagged[:12]}{card}.")
     return True
 
 
@@ -148,13 +148,13 @@ def _print_plan(plan: Plan, options: PublishOptions, exists: bool) -> None:
     if options.dry_run:
         for word, paths in (("add", plan.add), ("keep", plan.keep), ("delete", plan.delete)):
             for path in paths:
-                _say(f"  {word:6} {path}")
+                say(f"  {word:6} {path}")
     tag = (
         "a pull request is not tagged"
         if options.create_pr and not plan.is_done
         else f"the tag {options.version} is to be made"
     )
-    _say(
+    say(
         f"{options.repo_id}{'' if exists else ' (to be created)'}, branch {options.branch}: "
         f"{len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), {len(plan.keep)} to keep, "
         f"{len(plan.delete)} to delete; {tag}."
@@ -215,7 +215,7 @@ def _uploaded(remote: Remote, options: PublishOptions, plan: Plan) -> list[Commi
 
 def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
     """Load the release from the Hub in another process with an empty cache, by its commit."""
-    _say(f"verifying {commit[:12]} from an empty cache ...")
+    say(f"verifying {commit[:12]} from an empty cache ...")
     command = [sys.executable, "-m", "pipeline.release.verify", options.repo_id, commit]
     with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as home:
         done = subprocess.run(
@@ -231,7 +231,7 @@ def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
         raise PublishError(
             f"the verification of {commit[:12]} failed, so it is not tagged: {reason}"
         )
-    _say(done.stdout.strip())
+    say(done.stdout.strip())
 
 
 def _environment(home: str) -> dict[str, str]:
@@ -243,7 +243,3 @@ def _environment(home: str) -> dict[str, str]:
     }
     own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
     return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.
-
-
-def _say(text: str) -> None:
-    console.print(text, highlight=False, markup=False, soft_wrap=True)

@@ -27,7 +27,7 @@ from pipeline.analysis.report.findings import read_analysis, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, progress
+from pipeline.machinery.console import console, progress, say
 from pipeline.machinery.counts import DatasetCounts, counts_of
 
 FOLDER = "report"
@@ -63,9 +63,7 @@ def run(run: Run) -> None:
     """
     page = write_report(run.local_dir, run.run_dir, workers=run.workers)
     megabytes = page.stat().st_size / 1e6
-    console.print(
-        f"{page} ({megabytes:.1f} MB) opens in any browser.", highlight=False, soft_wrap=True
-    )
+    say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 
 
 def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
