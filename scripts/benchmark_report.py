@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pipeline.analysis.walks import walks
 from playwright.sync_api import Browser, sync_playwright
 
 from labyrinth_core.data.columns import SPLITS
@@ -37,9 +36,12 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.analysis.report.findings import EVALUATED, FIGURES, read_results
-from pipeline.analysis.report.packing import PackedSplit, pack_walks
+from pipeline.analysis.report.packing import PackedSplit, pack_routes
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.config.run import RunConfig, resolve
+from pipeline.machinery.certificate import Certificate
+from pipeline.machinery.counts import DatasetCounts, count_routes
+from pipeline.machinery.routes import Route, routes
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3
@@ -62,8 +64,10 @@ TIMES = """async () => {
 }"""
 
 
-def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[str, list[int]]]:
-    """Yield the text of a labyrinth, and actions, of so many episodes."""
+def episodes(
+    split: str, size: tuple[int, int], count: int
+) -> Iterator[tuple[str, list[int], float]]:
+    """Yield the text of a labyrinth, the actions and no return, of so many episodes."""
     rng = np.random.default_rng(list(SPLITS).index(split))
     structures = sample_structures(*size, rng)
     for structure in (next(structures) for _ in range(count)):
@@ -72,14 +76,13 @@ def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[st
             actions = random_episode(labyrinth, rng, RANDOM_STEPS).actions.tolist()
         else:
             actions = shortest_route(labyrinth, rng)
-        yield dump(labyrinth), actions
+        yield dump(labyrinth), actions, 0.0
 
 
-def packed(size: tuple[int, int], labyrinths: int) -> dict[str, PackedSplit]:
-    """Return six splits that hold so many labyrinths together."""
+def sampled(size: tuple[int, int], labyrinths: int) -> dict[str, list[Route]]:
+    """Return the routes of six splits that hold so many labyrinths together."""
     each = labyrinths // len(SPLITS)
-    cells = size[0] * size[1]
-    return {split: pack_walks(walks(episodes(split, size, each)), cells) for split in SPLITS}
+    return {split: list(routes(episodes(split, size, each))) for split in SPLITS}
 
 
 def shard_of(split: str, labyrinths: int) -> Shard:
@@ -99,7 +102,7 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
             told = {}
             for split in EVALUATED:
                 ids = bytes(splits[split].fixed["id"])
-                solved = rng.random(splits[split].labyrinths) < 0.5
+                solved = rng.random(len(ids) // 8) < 0.5
                 failed = [ids[8 * at : 8 * at + 8].hex() for at in np.flatnonzero(~solved)]
                 outcomes = "".join("ls"[won] for won in solved.tolist())
                 told[split] = figures | {"outcomes": outcomes, "failed": failed}
@@ -131,12 +134,17 @@ def main() -> None:
     options = parser.parse_args()
     labyrinths = 6_000 if options.quick else options.labyrinths
     began = time.perf_counter()
-    splits = packed(parse_size(options.size), labyrinths)
+    size = parse_size(options.size)
+    found = sampled(size, labyrinths)
+    counts = {split: count_routes(of_split, size).counts for split, of_split in found.items()}
     config = resolve(RunConfig(stages=["report"], size=options.size, data_dir="-")).dataset
     limit = PACKED_BYTES // len(SPLITS)
-    shards = tuple(shard_of(name, split.labyrinths) for name, split in splits.items())
+    # Those that the page does not show are evaluated, too.
+    splits = {split: pack_routes(of_split, 10**12) for split, of_split in found.items()}
+    shards = tuple(shard_of(name, split.labyrinths) for name, split in counts.items())
     manifest = Manifest(config, {}, shards)
-    told = describe(manifest, splits, limit)
+    dataset = DatasetCounts(counts, Certificate({}, {}, (), {}))
+    told = describe(manifest, dataset, splits, limit)
     text = page([told], evaluated(manifest, splits))
     seconds = time.perf_counter() - began
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
