@@ -35,7 +35,7 @@ from labyrinth_core.world.rollout import random_episode
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.analysis.report.findings import EVALUATED, FIGURES, read_results
+from pipeline.analysis.report.findings import EVALUATED, SCORES, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack_routes
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.config.run import RunConfig, resolve
@@ -95,7 +95,7 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
     """Return what the page is told of runs of which each failed on half of the labyrinths."""
     rng = np.random.default_rng(0)
     about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint}
-    figures = dict.fromkeys(FIGURES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
+    figures = dict.fromkeys(SCORES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
     rates = {"random": {"sr": 0.9, "aer": -0.5, "aer_std": 1.0}}
     with tempfile.TemporaryDirectory() as folder:
         for method, seed in product(range(METHODS), range(SEEDS)):

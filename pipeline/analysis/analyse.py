@@ -1,7 +1,7 @@
 """The stage `analyse`: a certificate of leakage, and the shift between splits.
 
-It is left in `analysis.json` in the folder of the dataset, where the card finds it; that of a
-dataset from elsewhere in `analysis/` in `data_dir`.
+They are left in `analysis.json` in the folder of the dataset, beside its counts, where the card
+finds them; the certificate of a dataset from elsewhere in `analysis/` in `data_dir`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pipeline.machinery.counts import Content, DatasetCounts, count_dataset
 
 FORMAT = 1
 LEAKS_SHOWN = 10
-"""Labyrinths that two splits have in common, and that are named in the terminal."""
+"""The largest number of labyrinths shared by two splits that are named in the terminal."""
 SIGNIFICANT = 0.05
 
 
@@ -53,7 +53,7 @@ def run(run: Run) -> None:
 
 
 def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
-    """Return the certificate of a dataset from elsewhere, the files it is in, and where it lies."""
+    """Return the certificate of a dataset from elsewhere, its files, and where the result lies."""
     splits, files = labyrinths_of(source, run.leakage.config)
     certificate = certify(splits)
     name = re.sub(r"[^\w.-]+", "-", source).strip("-")
@@ -134,7 +134,7 @@ def _leakage_table(certificate: Certificate) -> Table:
 
 
 def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
-    """Yield what ought not to be, a line for each, the first `LEAKS_SHOWN` of a kind."""
+    """Yield a line for each leak, for the first `LEAKS_SHOWN` of a kind."""
     found = list(_shared(certificate, files))
     for split, count in certificate.repeated.items():
         if count and split not in certificate.strangers:
@@ -167,7 +167,7 @@ def _named(split: str, number: str, files: Files) -> str:
 
 
 def _near(certificate: Certificate) -> Iterator[str]:
-    """Yield how near the splits come to one another, a line a pair."""
+    """Yield a line for each pair of splits that says how near they are."""
     for pair in certificate.pairs:
         least, most = NEAR[0], NEAR[-1]
         yield (
@@ -178,7 +178,7 @@ def _near(certificate: Certificate) -> Iterator[str]:
 
 
 def _shifted(shifts: Sequence[Shift]) -> Iterator[str]:
-    """Yield the measures in which splits differ by more than chance, a line a pair."""
+    """Yield a line for each pair of splits with the measures that differ by more than chance."""
     yield f"Shift that is not chance, by Holm's p of {SIGNIFICANT} or less:"
     for splits, of_pair in groupby(shifts, lambda shift: (shift.first, shift.second)):
         measures = [shift.measure for shift in of_pair if shift.corrected <= SIGNIFICANT]

@@ -35,25 +35,25 @@ class Pair(disjointness.Pair):
     """What the labyrinths of a split have in common with those of another."""
 
     symmetric: Found
-    """Or a rotation or reflection makes the same of the structures, wherever start and goal are."""
+    """These, and those whose structures a rotation or reflection makes the same."""
     same_route: Found
-    """An optimal route is also an optimal route there."""
+    """An optimal route of the one is an optimal route of the other."""
     nearest: Mapping[str, tuple[str, int]]
-    """Id -> that of the labyrinth with the nearest structure of its size, and the walls between.
+    """Id -> id of the labyrinth with the nearest structure of its size, and the walls between.
 
-    Missing are those that have none of their size, and those that have none near among too many
-    to compare (`near_twins.MOST_PAIRS`).
+    Labyrinths are missing if there is none of their size, or none near among too many to compare
+    (`near_twins.MOST_PAIRS`).
     """
 
     def within(self, walls: int) -> int:
-        """Return how many structures of the second split are so near to one of the first."""
+        """Return how many labyrinths of the second split are within so many walls of the first."""
         return sum(apart <= walls for _, apart in self.nearest.values())
 
     def spread(self, of: int) -> str:
-        """Return how many walls the nearest one is away, least and median.
+        """Return the distance to the nearest structure in walls, least and median.
 
         Args:
-            of: Labyrinths of the second split; those that are missing are far away.
+            of: The number of labyrinths of the second split; those that are missing are far away.
         """
         walls = [apart for _, apart in self.nearest.values()]
         values = (min(walls, default=inf), median([*walls, *[inf] * (of - len(walls))]))
@@ -105,7 +105,7 @@ def certify(
 
 
 class _Known:
-    """The labyrinths of a split with the keys by which they are found."""
+    """The labyrinths of a split with the keys by which counterparts are found."""
 
     def __init__(self, labyrinths: list[Labyrinth], most_routes: int) -> None:
         self.numbers = disjointness.ids_of(labyrinths)

@@ -120,9 +120,9 @@ class Pair:
     first: str
     second: str
     equal: Found
-    """The structures are the same."""
+    """Labyrinths with the same structure."""
     mirrored: Found
-    """Or a rotation or reflection makes the same of them and of their starts and goals."""
+    """These, and those that a rotation or reflection makes the same, with their start and goal."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 
 
 def check_replaceable(data_dir: AnyPath) -> None:
-    """Raise DatasetError if the folder has a README.md that is no dataset's."""
+    """Raise DatasetError if the folder has a README.md that is not of a dataset."""
     read(data_dir / "README.md")
 
 
@@ -49,7 +49,7 @@ def update(data_dir: AnyPath) -> None:
     """Write the front matter for all finished datasets of a folder; the text below it stays.
 
     Raises:
-        DatasetError: There is a README.md that is no dataset's.
+        DatasetError: There is a README.md that is not of a dataset.
     """
     path = data_dir / "README.md"
     values, text = read(path)
@@ -80,7 +80,7 @@ def with_generated(text: str, generated: str) -> str:
     """Return the text of a README.md with its generated part replaced.
 
     Args:
-        text: What is there, empty if nothing; without marks it is a person's, and comes last.
+        text: The text so far; without marks a person wrote it, and it comes last.
         generated: The new part, without marks.
 
     Raises:
@@ -96,10 +96,10 @@ def with_generated(text: str, generated: str) -> str:
 
 
 def read(path: AnyPath) -> tuple[dict[str, Any], str]:
-    """Return the front matter of a README.md and the text below it, both empty without a file.
+    """Return the front matter of a README.md and the text below it; defaults without a file.
 
     Raises:
-        DatasetError: There is a README.md that is no dataset's.
+        DatasetError: There is a README.md that is not of a dataset.
     """
     try:
         content = path.read_text(encoding="utf-8")
@@ -146,7 +146,7 @@ def _info(manifest: Manifest) -> dict[str, Any]:
 
 
 def _dtype(feature: dict[str, Any]) -> Any:
-    """Return a feature the way cards write it."""
+    """Return a feature in the form of the front matter."""
     if feature["_type"] == "ClassLabel":
         return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
     return feature.get("dtype", feature["_type"].lower())

@@ -39,7 +39,7 @@ TAGS = [
     "synthetic",
     f"arxiv:{ARXIV}",
 ]
-"""The last is what makes the Hub link the paper."""
+"""The last one makes the Hub link the paper."""
 
 SIZES = {
     10**3: "n<1K",
@@ -82,13 +82,13 @@ def write_card(
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
 
-    Who writes to the README.md at the same time, a build of another size say, waits or is waited
-    for, since one of the two would not know of the other's dataset.
+    A process that writes the README.md at the same time, such as a build of another size, waits or
+    is waited for, since one of the two would not know of the other's dataset.
 
     Args:
         data_dir: The folder.
-        repo_id: Of the dataset on the Hub, such as `user/labyrinth`, if it is known.
-        version: Of the release, if it is one.
+        repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
+        version: The version of the release, if it is one.
         workers: Processes that read shards.
 
     Raises:
@@ -199,7 +199,7 @@ def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[st
 
     Args:
         data_dir: The folder.
-        manifests: Of its finished datasets.
+        manifests: The manifests of its finished datasets.
     """
     names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
     pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")

@@ -26,7 +26,7 @@ from pipeline.release.provenance import (
 from pipeline.release.statistics import DatasetStatistics
 
 REPOSITORY = "repo"
-"""Id of the whole; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
+"""The id of the repository; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
 
 _CONTEXT: dict[str, Any] = {
     "@language": "en",

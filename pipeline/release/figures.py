@@ -1,4 +1,4 @@
-"""The pictures of a card, drawn from the statistics."""
+"""The pictures of a card, drawn from the counts."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ Splits = Mapping[str, SplitCounts]
 
 _DEEP: Colour = (0, 52, 40)
 _MOST_BARS = 45
-"""Bars of a histogram, above which neighbouring lengths are put together."""
+"""The largest number of bars of a histogram; of more lengths, neighbours share a bar."""
 
 
 class Figure(NamedTuple):
-    """One kind of picture, of which each config has one."""
+    """One kind of picture; each config has one of each kind."""
 
     draw: Callable[[Splits], Sheet]
     title: str
@@ -118,7 +118,7 @@ def _heat_map(
 
 
 def _scale(sheet: Sheet, top: float, most: float) -> None:
-    """Draw what the colours of a heat map mean."""
+    """Draw the colour scale of the heat maps."""
     steps, height = 100, 26
     left, right = MARGIN + 70, WIDTH - MARGIN - 190
     for step in range(steps):
@@ -143,7 +143,7 @@ def _heat(part: float) -> Colour:
 
 
 def actions(splits: Splits) -> Sheet:
-    """Return for each split a bar that is divided by how often each action is taken."""
+    """Return a bar for each split, divided by how often each action is taken."""
     legend, heading, bar = 84, 66, 64
     sheet = Sheet(height=legend + len(splits) * (heading + bar) + MARGIN)
     left = float(MARGIN)
@@ -173,7 +173,7 @@ def _divided_bar(sheet: Sheet, top: float, height: float, split: SplitCounts) ->
 
 
 def lengths(splits: Splits) -> Sheet:
-    """Return a histogram of the moves of a demonstration for each split that holds some."""
+    """Return a histogram of the lengths of demonstrations for each split that holds some."""
     shown = {name: split for name, split in splits.items() if name != "random"}
     heading, chart = 84, 150
     sheet = Sheet(height=len(shown) * (heading + chart) + 112)
@@ -196,14 +196,14 @@ def lengths(splits: Splits) -> Sheet:
 
 
 class _Bars(NamedTuple):
-    """How lengths are put on the horizontal axis of the histograms."""
+    """The horizontal axis of the histograms."""
 
     first: int
-    """Moves that the leftmost bar begins with."""
+    """The shortest length of the leftmost bar, in moves."""
     together: int
-    """Lengths that share a bar."""
+    """The number of lengths that share a bar."""
     number: int
-    """Of bars."""
+    """The number of bars."""
 
     @classmethod
     def over(cls, splits: Collection[SplitCounts]) -> _Bars:
@@ -226,12 +226,12 @@ class _Bars(NamedTuple):
         return bars
 
     def middle(self, moves: float) -> float:
-        """Return where a number of moves is, in pixels."""
+        """Return the horizontal place of a number of moves, in pixels."""
         return MARGIN + ((moves - self.first + 0.5) / self.together) * self.step
 
 
 def _axis(sheet: Sheet, top: float, bars: _Bars) -> None:
-    """Write the moves under the lowest histogram, as many as there is room for."""
+    """Label the axis under the lowest histogram, as densely as there is room for."""
     last = bars.first + (bars.number - 1) * bars.together
     room = text_width(f"  {last:,}", SMALL)
     every = next(n for n in (1, 2, 5, 10, bars.number) if n * bars.step >= room)

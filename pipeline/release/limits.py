@@ -1,4 +1,4 @@
-"""Limits and biases: what the data do not tell, or tell too kindly."""
+"""The limits and biases of datasets, as points for a card."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ from pipeline.release.remote import (
 )
 
 CACHES = ("_CACHE", "_PATH", "_OFFLINE")
-"""How the names of variables end by which the Hub's clients are told of another cache."""
+"""The ends of the names of environment variables that move the caches of the Hub's clients."""
 
 
 def run(run: Run) -> None:
@@ -62,7 +62,7 @@ def run(run: Run) -> None:
 
 def _publish(run: Run, remote: Remote, options: PublishOptions) -> None:
     exists = remote.check_access(create_pr=options.create_pr)
-    # Before the card: it would say of this version what it does not hold.
+    # Before the card is written, which would describe this version as something else.
     done = exists and _is_published(run.local_dir, remote, options)
     if not done:
         with _carded(run, options) as data_dir:
@@ -125,10 +125,10 @@ def _files(data_dir: Path) -> dict[str, Path]:
 
 
 def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bool:
-    """Return whether the tag is there already, on these data.
+    """Return whether these data are tagged already.
 
     Raises:
-        PublishError: It is there on others.
+        PublishError: The tag is on other data.
     """
     tagged = remote.tagged(options.version)
     if tagged is None:
@@ -194,9 +194,9 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
 
 
 def _uploaded(remote: Remote, options: PublishOptions, plan: Plan) -> list[CommitOperationAdd]:
-    """Return the additions, the content of each large one at the Hub already.
+    """Return the additions, after the content of each large file was sent to the Hub.
 
-    File by file, so that a run that was stopped has not to send again what it has sent.
+    They are sent one by one, so that a run that was stopped does not send a file again.
     """
 
     def upload(path: str) -> tuple[int, CommitOperationAdd]:
@@ -235,7 +235,7 @@ def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
 
 
 def _environment(home: str) -> dict[str, str]:
-    """Return the environment of a process that has no cache but an empty one."""
+    """Return the environment of a process whose caches are empty."""
     kept = {
         name: value
         for name, value in os.environ.items()

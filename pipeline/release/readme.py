@@ -1,4 +1,4 @@
-"""The text of a dataset's README.md: a pure function of the statistics and of the release."""
+"""The text of a dataset's README.md, a pure function of its numbers and of the release."""
 
 from __future__ import annotations
 

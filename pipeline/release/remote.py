@@ -1,4 +1,4 @@
-"""A dataset on the Hugging Face Hub: what is there, who may change it, what the Hub's errors mean.
+"""A dataset on the Hugging Face Hub: its files, who may change it, what the Hub's errors mean.
 
 The client repeats some of its calls after a fault of the Hub, others not; those are repeated here.
 """
@@ -36,7 +36,7 @@ class PublishError(DatasetError):
 
 
 def repeated(call: Callable[[], Result]) -> Result:
-    """Return what a call returns that may be made twice, after faults that may pass."""
+    """Return the result of a call that may be made twice, after faults that may pass."""
     for seconds in WAITS:
         try:
             return call()
@@ -48,7 +48,7 @@ def repeated(call: Callable[[], Result]) -> Result:
 
 
 def is_passing(error: Exception) -> bool:
-    """Return whether the same call may succeed later: the line, the server, too many calls."""
+    """Return whether the same call may succeed later: after a fault of the line or the server."""
     status = status_of(error)
     return status is None or status >= 500 or status in (408, 429)
 
@@ -162,10 +162,10 @@ class Remote:
 
 @contextmanager
 def explained(repo_id: str) -> Iterator[None]:
-    """Turn what the client raises into one line that says what to do.
+    """Turn an error of the client into one line that says what to do.
 
     Raises:
-        PublishError: In place of what the client raised.
+        PublishError: In place of the error of the client.
     """
     try:
         yield

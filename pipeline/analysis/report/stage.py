@@ -22,7 +22,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES, draw_figures
+from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES_FOLDER, draw_figures
 from pipeline.analysis.report.findings import read_analysis, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
@@ -31,11 +31,11 @@ from pipeline.machinery.console import console, progress, say
 from pipeline.machinery.counts import DatasetCounts, counts_of
 
 FOLDER = "report"
-"""In the data_dir; nothing of it is published."""
+"""The folder of the report in the data_dir; it is not published."""
 PAGE = "index.html"
 
 PACKED_BYTES = 36_000_000
-"""Of labyrinths and episodes, all datasets together: as base64 that is 48 MB of the page."""
+"""The most bytes of labyrinths and episodes of all datasets; 48 MB of the page, as base64."""
 
 SCRIPTS = (
     "world",
@@ -51,7 +51,7 @@ SCRIPTS = (
     "editor",
     "main",
 )
-"""The page's program, in an order in which each uses those before it."""
+"""The parts of the page's program, each after those that it uses."""
 
 
 def run(run: Run) -> None:
@@ -98,7 +98,7 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
     has_figures = draw_figures(datasets, results, folder)
     if not has_figures:
         console.print("No figures as files: pip install -e '.[analysis]' for them.")
-    write_text(folder / PAGE, page(datasets, results, FIGURES if has_figures else None))
+    write_text(folder / PAGE, page(datasets, results, FIGURES_FOLDER if has_figures else None))
     return folder / PAGE
 
 
@@ -109,7 +109,7 @@ def describe(
     limit: int,
     analysis: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return what the page is told of a dataset.
+    """Return the data of the page on a dataset.
 
     Args:
         manifest: Of the dataset.
@@ -143,7 +143,7 @@ def page(
     Args:
         datasets: As from `describe`.
         results: As from `findings.read_results`.
-        figures: Folder, from where the page is, in which its figures are as files.
+        figures: The folder with the figures as files, relative to the page.
     """
     data = {
         "version": __version__,
@@ -172,5 +172,5 @@ def _source(name: str) -> str:
 
 
 def _hash(text: str) -> str:
-    """Return a text's hash the way that a content security policy names it."""
+    """Return the hash of a text in the form of a content security policy."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
