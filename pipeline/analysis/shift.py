@@ -162,7 +162,7 @@ def holm(p_values: ArrayLike) -> Floats:
     Holm, "A simple sequentially rejective multiple test procedure", 1979.
 
     Args:
-        p_values: Of one family of tests, shape (tests,).
+        p_values: The p-values of one family of tests, shape (tests,).
 
     Returns:
         Shape (tests,), in the same order.

@@ -72,7 +72,7 @@ def canonical_hashes(labyrinths: Sequence[Labyrinth], *, with_ends: bool) -> Has
     """Return a hash of each labyrinth that its rotations and reflections share.
 
     Args:
-        labyrinths: Of any sizes.
+        labyrinths: Labyrinths of any sizes.
         with_ends: Whether start and goal have to be mapped on one another, too.
     """
     hashes = np.zeros(len(labyrinths), np.int64)

@@ -47,7 +47,7 @@ def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> 
     Args:
         items: Each with how much of the total it completes.
         description: The word before the bar.
-        total: Of the whole.
+        total: The total amount.
     """
     with progress() as bars:
         bar = bars.add_task(description, total=total)

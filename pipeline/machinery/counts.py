@@ -31,7 +31,7 @@ from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.routes import Route, routes_of
 
 COUNTS = "counts.json"
-"""The file's name."""
+"""The name of the file."""
 FORMAT = 1
 
 EXAMPLES = 5
@@ -178,7 +178,7 @@ class DatasetCounts:
     """The counts of a dataset."""
 
     splits: Mapping[str, SplitCounts]
-    """In the order of the table of splits."""
+    """Split -> its counts, in the order of the table of splits."""
     certificate: Certificate
 
     def write(self, folder: AnyPath, manifest: Manifest) -> None:
@@ -200,7 +200,9 @@ class DatasetCounts:
             certificate = content["certificate"]
             pairs = tuple(Pair(**pair) for pair in certificate["pairs"])
             return cls(splits, Certificate(**certificate | {"pairs": pairs}))
-        except (FileNotFoundError, ValueError, LookupError, TypeError, RecursionError):
+        except FileNotFoundError:
+            return None
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):  # Damaged.
             return None
 
 
@@ -230,7 +232,7 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
         size: Height and width of all labyrinths.
 
     Raises:
-        DatasetError: A labyrinth is of another size.
+        ValueError: A labyrinth is of another size.
     """
     labyrinths: list[Labyrinth] = []
     examples: list[Example] = []
@@ -242,7 +244,7 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
         if route.is_first:
             if size_of(route.labyrinth) != size:
                 held = route.labyrinth.size_name
-                raise DatasetError(f"a labyrinth is {held}, not {size[0]}x{size[1]}")
+                raise ValueError(f"a labyrinth is {held}, not {size[0]}x{size[1]}")
             labyrinths.append(route.labyrinth)
             moves.append(route.shortest)
             actions.append(np.zeros(len(Action), np.int64))
@@ -286,7 +288,10 @@ def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted
     Raises:
         DatasetError: The file is missing, damaged, or not the manifest's.
     """
-    counted = count_routes(routes_of(folder, shard), size)
+    try:
+        counted = count_routes(routes_of(folder, shard), size)
+    except ValueError as error:
+        raise DatasetError(f"{folder / shard.path} cannot be read: {error}") from error
     counts = counted.counts
     found = (counts.labyrinths, counts.episodes, counts.rows)
     if not counts.rows or found != (shard.labyrinths, shard.episodes, shard.rows):
@@ -307,9 +312,9 @@ def count_dataset(
     """Return the counts of a dataset, counted in its shards.
 
     Args:
-        folder: With its shards.
-        manifest: Of that folder.
-        workers: Processes.
+        folder: The folder with its shards.
+        manifest: Its manifest.
+        workers: The number of processes.
         advance: Called after each shard with the number of its rows.
         keep: Called after each shard with the name of its split and its content.
 
@@ -342,9 +347,9 @@ def counts_of(
     """Return the counts that lie in the folder of a dataset; where there are none, count.
 
     Args:
-        folder: With its shards, which have to be those of the manifest in either case.
-        manifest: Of that folder.
-        workers: Processes.
+        folder: The folder with its shards, which are compared with the manifest in either case.
+        manifest: Its manifest.
+        workers: The number of processes.
         advance: Called after each shard with the number of its rows.
 
     Raises:

@@ -125,21 +125,18 @@ def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
 
 
 def _info(manifest: Manifest) -> dict[str, Any]:
-    splits = []
-    for split in SPLITS:
-        shards = manifest.of(split)
-        splits.append(
-            {
-                "name": split,
-                "num_bytes": sum(shard.bytes for shard in shards),
-                "num_examples": sum(shard.rows for shard in shards),
-            }
-        )
     size = sum(shard.bytes for shard in manifest.shards)
     return {
         "config_name": manifest.config.name,
         "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in COLUMNS],
-        "splits": splits,
+        "splits": [
+            {
+                "name": split,
+                "num_bytes": sum(shard.bytes for shard in manifest.of(split)),
+                "num_examples": sum(shard.rows for shard in manifest.of(split)),
+            }
+            for split in SPLITS
+        ],
         "download_size": size,
         "dataset_size": size,
     }

@@ -89,7 +89,7 @@ def write_card(
         data_dir: The folder.
         repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
         version: The version of the release, if it is one.
-        workers: Processes that read shards.
+        workers: The number of processes that read shards.
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,

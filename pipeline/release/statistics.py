@@ -62,11 +62,11 @@ def read_closeness(folder: AnyPath, manifest: Manifest) -> tuple[Closeness, ...]
     """Return what the stage `analyse` has found out about a dataset, if it has.
 
     Args:
-        folder: Of the dataset.
-        manifest: Of that folder; what was found out about other rows is left alone.
+        folder: The folder of the dataset.
+        manifest: Its manifest; what was found out about other rows is left alone.
 
     Raises:
-        DatasetError: The file is none that it writes.
+        DatasetError: The file is damaged.
     """
     path = folder / ANALYSIS
     try:

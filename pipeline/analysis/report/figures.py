@@ -27,7 +27,7 @@ ACTION_COLOURS: dict[Action, Colour] = {
     Action.DOWN: DEFAULT_STYLE.start,
     Action.LEFT: DEFAULT_STYLE.key,
 }
-"""As in the pictures of a card."""
+"""The colours of actions, as in the pictures of a card."""
 
 _COLUMNS = 3
 _PIXELS_PER_INCH = 200

@@ -24,7 +24,7 @@ from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.routes import Route, routes_of
 
 _NUMBER_BYTES = 4
-"""What a number is counted as; in the page it takes as little as the largest of its column."""
+"""The bytes that a number counts for; in the page it takes as few as the largest of its column."""
 
 
 @dataclass
@@ -156,11 +156,11 @@ def pack(
     """Return the first labyrinths of a split, as many as there is room for.
 
     Args:
-        folder: With the dataset's shards.
-        manifest: Of that folder.
-        split: Its name.
+        folder: The folder with the dataset's shards.
+        manifest: Its manifest.
+        split: The name of the split.
         limit: About how many bytes to pack; one labyrinth at least.
-        workers: Processes.
+        workers: The number of processes.
 
     Raises:
         DatasetError: A shard is missing, damaged, or its rows do not make episodes.

@@ -71,8 +71,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
 
     Args:
         data_dir: The folder.
-        run_dir: Folder of the runs trained on them; there need not be one.
-        workers: Processes that read shards.
+        run_dir: The folder of the runs trained on them; it need not exist.
+        workers: The number of processes that read shards.
 
     Raises:
         DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
@@ -112,7 +112,7 @@ def describe(
     """Return the data of the page on a dataset.
 
     Args:
-        manifest: Of the dataset.
+        manifest: The manifest of the dataset.
         counts: All that is counted in it.
         splits: Its labyrinths and episodes.
         limit: About how many bytes of labyrinths and episodes of each split to tell.

@@ -192,6 +192,13 @@ def test_rows_that_make_no_episodes_are_refused_in_one_line(folder, change, mess
     assert "\n" not in str(caught.value)
 
 
+def test_a_labyrinth_of_another_size_is_refused_in_one_line(folder):
+    other = labyrinths(folder / OTHER, "train")[0]
+    plant(folder / DEFAULT, "train", labyrinths(folder / DEFAULT, "train")[0], other)
+    with pytest.raises(DatasetError, match=r"parquet cannot be read: .* is 3x4, not 3x3$"):
+        measured(folder / DEFAULT)
+
+
 def test_a_text_that_is_no_labyrinth_is_refused_in_one_line(folder):
     plant(folder / DEFAULT, "train", labyrinths(folder / DEFAULT, "train")[0], "no labyrinth")
     with pytest.raises(DatasetError, match="cannot be read") as caught:
