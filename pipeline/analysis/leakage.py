@@ -21,7 +21,15 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, nearest, passage_table
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.machinery import certificate as disjointness
-from pipeline.machinery.certificate import Found, Keys, canonical_hashes, counterparts, size_of
+from pipeline.machinery.certificate import (
+    Found,
+    Hashes,
+    Keys,
+    canonical_hashes,
+    counterparts,
+    ids_of,
+    size_of,
+)
 
 NEAR = range(1, JOINED_WALLS + 1)
 """The numbers of walls that near twins are counted by."""
@@ -93,9 +101,13 @@ def certify(
     """
     held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
     if certificate is None:
-        certificate = disjointness.certify({split: Keys.of(each) for split, each in held.items()})
+        keys = {split: Keys.of(labyrinths) for split, labyrinths in held.items()}
+        certificate = disjointness.certify(keys)
+        ids = {split: of_split.labyrinth for split, of_split in keys.items()}
+    else:
+        ids = {split: ids_of(labyrinths) for split, labyrinths in held.items()}
     known = {
-        split: _Known(labyrinths, most_routes)
+        split: _Known(labyrinths, ids[split], most_routes)
         for split, labyrinths in held.items()
         if split not in certificate.strangers
     }
@@ -107,8 +119,8 @@ def certify(
 class _Known:
     """The labyrinths of a split with the keys by which counterparts are found."""
 
-    def __init__(self, labyrinths: list[Labyrinth], most_routes: int) -> None:
-        self.numbers = disjointness.ids_of(labyrinths)
+    def __init__(self, labyrinths: list[Labyrinth], ids: Hashes, most_routes: int) -> None:
+        self.numbers = ids
         self.ids = [f"{number:016x}" for number in self.numbers]
         self.symmetric = canonical_hashes(labyrinths, with_ends=False)
         found = [shortest_routes(each, most_routes + 1) for each in labyrinths]
