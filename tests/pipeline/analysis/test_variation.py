@@ -43,7 +43,7 @@ def summed(of: World, seeds: int = 40) -> tuple[Frame, Summary]:
 
 
 @given(SEEDS, st.integers(1, 40), st.integers(1, 40))
-def test_count_dataset_whole_numbers_give_scipys_distance(seed, n, m):
+def test_counts_of_whole_numbers_give_scipys_distance(seed, n, m):
     rng = np.random.default_rng(seed)
     a, b = rng.integers(0, 9, (n, 2)).astype(float), rng.integers(3, 20, (m, 2)).astype(float)
     axes = Axes.through(np.concatenate([a, b]))
@@ -52,7 +52,7 @@ def test_count_dataset_whole_numbers_give_scipys_distance(seed, n, m):
 
 
 @given(SEEDS)
-def test_count_dataset_real_numbers_give_scipys_distance_within_two_hundredths(seed):
+def test_counts_of_real_numbers_give_scipys_distance_within_two_hundredths(seed):
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(2_000, 1)), rng.gamma(2, size=(2_000, 1))
     axes = Axes.through(np.concatenate([a, b]))
@@ -60,7 +60,7 @@ def test_count_dataset_real_numbers_give_scipys_distance_within_two_hundredths(s
     assert axes.distances(axes.counts(a), axes.counts(b))[0] == pytest.approx(expected, rel=0.02)
 
 
-def test_count_dataset_episodes_add_up_to_those_of_their_values_together():
+def test_counts_of_episodes_add_up_to_those_of_their_values_together():
     of = world()
     frame, summary = summed(of, 6)
     together = np.concatenate([of.play(seed).states for seed in range(6)])
