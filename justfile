@@ -7,9 +7,9 @@ default:
 setup:
     pip install -c constraints.txt -e '.[test]'
 
-# Run the tests
+# Run the fast tests, in under a minute; `pytest` runs all
 test *arguments:
-    pytest {{arguments}}
+    pytest -m 'not slow' {{arguments}}
 
 # Lint, check the format and the types
 check:
@@ -17,7 +17,7 @@ check:
     ruff format --check .
     mypy
 
-# Run the benchmarks, quickly; without --quick each takes minutes
+# Run every benchmark briefly; without --quick each takes minutes
 bench:
     python scripts/benchmark_build.py --quick
     python scripts/benchmark_parquet.py --quick
@@ -32,6 +32,6 @@ bench:
 docs:
     python scripts/draw_pictures.py
 
-# All that continuous integration does, in a fresh environment
+# Check everything that is asked of a change, in a fresh environment
 ci:
     .ci/run

@@ -8,37 +8,34 @@ from __future__ import annotations
 import os
 import sys
 from importlib import import_module
-from pathlib import Path
 
 import hydra
 from hydra.errors import HydraException
-from omegaconf import OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import STAGES, RunConfig, refusal, register, resolve
+from pipeline.config.run import STAGES, options_of, refusal, register, resolve
+from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
-
-_INSTALLED = Path(__file__).with_name("conf")
-CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[1] / "conf"
-"""The folder of the configuration: in the package once installed, else that of the clone."""
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
-def perform(config: RunConfig) -> None:
+def perform(config: DictConfig) -> None:
     """Perform the stages of one run."""
     try:
-        run = resolve(OmegaConf.to_object(config))  # type: ignore[arg-type]
-        with cluster(run.executor, run.workers, run.executor_address):
-            for stage in run.stages:
+        options = options_of(config)
+        run = resolve(options)
+        with cluster(options.executor, options.workers, options.executor_address):
+            for stage in options.stages:
                 import_module(STAGES[stage]).run(run)
     except OmegaConfBaseException as error:
         raise SystemExit(f"error: {refusal(error)}") from error
     except (ConfigError, DatasetError) as error:
         raise SystemExit(f"error: {error}") from error
     except OSError as error:
-        where = error.filename or run.data_dir
+        where = error.filename or options.data_dir
         raise SystemExit(f"error: {where}: {error.strerror or error}") from error
 
 

@@ -30,7 +30,6 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.policy import Policy
 from labyrinth_core.evaluation.trials import trials, write_trial
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
 from pipeline.generation import build
@@ -112,9 +111,9 @@ def main() -> None:
 
 def config_of(size: int, task: str, labyrinths: int | None = None) -> DatasetConfig:
     """Return the configuration of a dataset, else as `python run.py` has it."""
-    asked = RunConfig(stages=["build"], size=str(size), task=TaskConfig(task), data_dir="data")
+    asked = RunConfig(stages=["build"], size=str(size), task=task)
     if labyrinths is not None:  # The split random of so many is not needed, and would be long.
-        asked.labyrinths, asked.random_steps = labyrinths, 1
+        asked = replace(asked, labyrinths=labyrinths, random_steps=1)
     return resolve(asked).dataset
 
 

@@ -134,7 +134,7 @@ def main() -> None:
     print(
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
         f"Python {platform.python_version()}; {run.dataset.labyrinths:,} labyrinths "
-        f"in each of train, validation and test, {run.workers} workers"
+        f"in each of train, validation and test, {run.options.workers} workers"
     )
     finished = len(list(Path(run.data_dir).glob(f".{run.dataset.name}.building/*-of-*.json")))
     watch = Watch(finished, arguments.every)
@@ -154,7 +154,7 @@ def main() -> None:
                 f"the last {rate(watch.made[-tenth:]):,.0f} rows/s; "
             )
         )
-        if run.workers == 1 and tenth >= SHARDS_FOR_A_RATE:
+        if run.options.workers == 1 and tenth >= SHARDS_FOR_A_RATE:
             count = [rows for _, rows in watch.made]
             first = (watch.cpu[tenth - 1] - watch.cpu[0]) / sum(count[1:tenth])
             last = (watch.cpu[-1] - watch.cpu[-tenth]) / sum(count[-tenth + 1 :])
@@ -166,7 +166,7 @@ def main() -> None:
     rows, size = (sum(getattr(s, name) for s in manifest.shards) for name in ("rows", "bytes"))
     print(f"in the files: {rows:,} rows, {size:,} bytes, {size / rows:.0f} a row")
     watch = Watch(0, arguments.every)
-    counts = count_dataset(run.folder, manifest, run.workers, lambda _: watch.look())
+    counts = count_dataset(run.folder, manifest, run.options.workers, lambda _: watch.look())
     problems = "; ".join(counts.certificate.problems())
     for pair in counts.certificate.pairs:
         print(

@@ -18,7 +18,6 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place
 from pipeline.analysis.report import stage as report
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 
@@ -56,7 +55,7 @@ def draw_report() -> None:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         options = {"stages": ["report"], "labyrinths": 30, "data_dir": folder}
         for task in (Task.NAVIGATION, Task.KEY_AND_DOOR):
-            run = resolve(RunConfig(**options, task=TaskConfig(str(task))))
+            run = resolve(RunConfig(**options, task=str(task)))
             build.run(run)
         report.run(run)
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"))

@@ -24,7 +24,6 @@ from labyrinth_core.evaluation.journeys import Journey, travel
 from labyrinth_core.evaluation.trials import trials, write_trial
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods.method import find
@@ -83,14 +82,11 @@ def main() -> None:
 def policy_of(folder: Path, run: dict[str, object], *, once: bool) -> tuple[NetworkPolicy, int]:
     """Return the policy of a run, and the side of the labyrinths that it was trained on."""
     size, _, task = str(run["config"]).partition("-")
-    asked = RunConfig(
-        stages=["train"], size=size, task=TaskConfig(task or "navigation"), data_dir="data"
-    )
-    asked.method = {"name": run["method"]}
-    for name in ("encoder", "pool_stride", "observation", "protocol"):
-        if name != "encoder" or run["method"] != run["encoder"]:
-            setattr(asked, name, run[name])
-    resolved = resolve(asked)
+    names = ["pool_stride", "observation", "protocol"]
+    names += ["encoder"] * (run["method"] != run["encoder"])
+    options = {name: run[name] for name in names}
+    options |= {"task": task or "navigation", "method": {"name": run["method"]}}
+    resolved = resolve(RunConfig(stages=["train"], size=size, **options))
     method, settings = find(str(run["method"]), run["settings"])  # type: ignore[arg-type]
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(resolved), make=make)

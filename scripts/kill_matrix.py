@@ -106,7 +106,7 @@ def perform(run: Run) -> None:
         os.dup2(log, 1)
         os.dup2(log, 2)
         build.CELLS_PER_SHARD = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
-        with cluster(run.executor, run.workers):
+        with cluster(run.options.executor, run.options.workers):
             build.run(run)
         status = 0
     except BaseException:

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.dataset import BucketsConfig, TaskConfig
+from pipeline.config.dataset import BucketsConfig
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 
@@ -47,8 +47,6 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 def run_of(data_dir: Path, **options: Any) -> Run:
     """Return the run with the options of `RunConfig`; a small one where they say nothing."""
-    if "task" in options:
-        options["task"] = TaskConfig(options["task"])
     if "buckets" in options:
         options["buckets"] = BucketsConfig(*options["buckets"])
     small = {"stages": ["build"], "size": "3", "labyrinths": 8, "data_dir": str(data_dir)}

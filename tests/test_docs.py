@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
+import labyrinth_core
 from labyrinth_core import __version__
 from labyrinth_core.data.columns import COLUMNS, SPLITS
 from labyrinth_core.language.text import dump, parse
@@ -16,7 +19,26 @@ from pipeline.config.run import OPTIONS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+OURS = ("labyrinth_core", "pipeline", "conf", "scripts", "tests", "docs", "results", ".ci")
+EXAMPLES = ("pipeline/training/methods/smoothed.py", "conf/method/smoothed.yaml")
+"""Files that docs/new-method.md tells the reader to write."""
+
+
+def blocks(document: Path) -> list[str]:
+    """Return the Python programs of a document."""
+    return re.findall(r"```python\n(.*?)```", document.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def runs(block: str) -> bool:
+    """Return whether a program runs by itself: without a person, and without a bucket."""
+    return not any(word in block for word in ("play(", "s3://"))
+
+
+FOR_READERS = [document for document in DOCUMENTS if document.name != "new-method.md"]
+"""All that do not extend the program; tests/pipeline/training/test_new_method.py has that one."""
+
+RUNNABLE = [document for document in FOR_READERS if any(map(runs, blocks(document)))]
 
 
 def table(heading: str) -> dict[str, str]:
@@ -47,6 +69,11 @@ def test_the_readme_explains_every_task():
     assert list(table("task")) == [str(task) for task in Task]
 
 
+def test_the_readme_names_every_public_name_of_the_library():
+    library = README.split("## Library", 1)[1].split("\n## ", 1)[0]
+    assert set(labyrinth_core.__all__) <= set(re.findall(r"\w+", library))
+
+
 def test_the_example_of_the_language_is_canonical():
     example = "key_and_lock" + README.split("```\nkey_and_lock", 1)[1].split("```", 1)[0]
     assert dump(parse(example)) == example
@@ -59,16 +86,76 @@ def test_the_check_runs_the_test_command_of_the_readme():
     assert command[0].replace("pip install", "pip install -q") in script
 
 
+def paths(text: str) -> Iterator[str]:
+    """Yield the paths that a text names in back-ticks or runs, and that are of this repository."""
+    for quoted in [*re.findall(r"`([^`\s]+)`", text), *re.findall(r"python (\S+\.py)", text)]:
+        is_path = "/" in quoted and (quoted.endswith("/") or "." in Path(quoted).name)
+        if is_path and quoted.split("/")[0] in OURS and quoted not in EXAMPLES:
+            yield quoted
+
+
+def anchors(document: Path) -> set[str]:
+    """Return the anchors of a document's headings, as GitHub and the Hub make them."""
+    headings = re.findall(r"^#+ (.*)$", document.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_link_to_a_file_leads_to_one(document):
-    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", document.read_text(encoding="utf-8"))
-    assert all((document.parent / link).exists() for link in links), links
+    text = document.read_text(encoding="utf-8")
+    for link, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^)]*))?\)", text):
+        target = document.parent / link if link else document
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), f"{link}#{anchor}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_every_path_that_is_named_exists(document):
+    for path in paths(document.read_text(encoding="utf-8")):
+        assert any(ROOT.glob(path.rstrip("/"))), path
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_every_dotted_name_of_the_library_is_one(document):
+    text = document.read_text(encoding="utf-8")
+    for name in re.findall(r"`(labyrinth_core\.[\w.]+)`", text):
+        assert pkgutil.resolve_name(name) is not None
+
+
+def test_a_name_without_a_folder_lies_in_that_of_the_name_before_it():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    for row in text.split("| to change | open |\n", 1)[1].split("\n\n", 1)[0].splitlines():
+        folder = ROOT
+        for name in re.findall(r"`([\w./-]+(?:\.py|\.js|\.csv|\.md|\.yaml|/))`", row):
+            path = ROOT / name if (ROOT / name).exists() else folder / name
+            assert path.exists(), f"{name} in: {row}"
+            folder = path if path.is_dir() else path.parent
+
+
+@pytest.fixture(scope="module")
+def folder_with_data(build, tmp_path_factory) -> Path:
+    """A folder as the README's first command leaves it, but for the number of labyrinths."""
+    folder = tmp_path_factory.mktemp("reader")
+    build(folder / "data" / "labyrinth", size="5", labyrinths=5, random_steps=5)
+    return folder
+
+
+@pytest.mark.parametrize("document", RUNNABLE, ids=lambda path: path.name)
+def test_every_python_program_runs(document, folder_with_data, monkeypatch):
+    monkeypatch.chdir(folder_with_data)
+    names = {"__name__": "__main__"}
+    for block in filter(runs, blocks(document)):
+        exec(compile(block, document.name, "exec"), names)
+
+
+@pytest.mark.parametrize("document", FOR_READERS, ids=lambda path: path.name)
+def test_a_reader_imports_the_library_and_not_the_program(document):
+    assert not any(re.search(r"^\s*(from|import) pipeline", b, re.M) for b in blocks(document))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_every_python_block_is_python(document):
-    blocks = re.findall(r"```python\n(.*?)```", document.read_text(encoding="utf-8"), re.DOTALL)
-    for block in blocks:
+    for block in blocks(document):
         compile(block, document.name, "exec")
 
 

@@ -1,4 +1,4 @@
-"""What the command line understands: its commands, their options, and what these may be."""
+"""The grammar of the command line: its commands, their options, and the values of these."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 
 ROUTES = 1_000
-"""How many routes `solve --all` looks for unless told otherwise."""
+"""The default limit of `solve --all`."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -53,7 +53,7 @@ def _probability(text: str) -> float:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return what reads the command line; a mistake in it ends with exit status 1."""
+    """Return the parser of the command line; a mistake in it ends with exit status 1."""
     parser = _Parser(
         prog="labyrinth",
         description="Check, show, solve, make, convert and play labyrinths in the text language.",
@@ -72,48 +72,32 @@ def parser() -> argparse.ArgumentParser:
         "and the exit status is then 1."
     )
     check = command("check", text)
-    check.add_argument("files", nargs="+", metavar="FILE", help="a file; - for standard input")
-    _add_seed_of_tiles(check)
     text = (
         "Print a labyrinth, in colour on a terminal, or make a picture of it. Without --solution "
         "the plain text is the canonical form of the file."
     )
-    _add_show(command("show", text))
-    _add_solve(command("solve", "Print a shortest route as the actions to take."))
-    _add_new(command("new", "Draw a random labyrinth and print its text."))
+    show = command("show", text)
+    solve = command("solve", "Print a shortest route as the actions to take.")
+    new = command("new", "Draw a random labyrinth and print its text.")
     text = "Print the text of a labyrinth that is given as a list of edges."
-    _add_convert(command("convert", text))
+    convert = command("convert", text)
     play = command("play", "Walk through a labyrinth with the arrow keys; q quits.")
-    _add_file(play)
-    _add_seed_of_tiles(play)
-    return parser
 
-
-def _add_file(command: argparse.ArgumentParser) -> None:
-    command.add_argument("file", metavar="FILE", help="a file; - for standard input")
-
-
-def _add_seed_of_tiles(command: argparse.ArgumentParser) -> None:
+    help_of_file = "a file; - for standard input"
+    check.add_argument("files", nargs="+", metavar="FILE", help=help_of_file)
+    for each in (show, solve, convert, play):
+        each.add_argument("file", metavar="FILE", help=help_of_file)
     text = "settles where missing tiles of the task are placed (default: %(default)s)"
-    command.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
+    for each in (check, show, solve, play):
+        each.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
 
-
-def _add_show(show: argparse.ArgumentParser) -> None:
-    _add_file(show)
-    _add_seed_of_tiles(show)
     show.add_argument("--png", type=Path, metavar="OUT", help="write a picture to this file")
     show.add_argument("--solution", action="store_true", help="mark a shortest route")
 
-
-def _add_solve(solve: argparse.ArgumentParser) -> None:
-    _add_file(solve)
-    _add_seed_of_tiles(solve)
     solve.add_argument("--all", action="store_true", help="print every route without a loop")
     text = f"stop --all after so many routes (default: {ROUTES:,})"
     solve.add_argument("--limit", type=_whole(1), metavar="N", help=text)
 
-
-def _add_new(new: argparse.ArgumentParser) -> None:
     text = "height x width such as 4x6, or one number for a square (default: 5)"
     new.add_argument("--size", type=_size, default=(5, 5), metavar="SIZE", help=text)
     text = f"one of {', '.join(Task)} (default: %(default)s)"
@@ -121,14 +105,11 @@ def _add_new(new: argparse.ArgumentParser) -> None:
     text = "makes the same labyrinth again (default: another one each time)"
     new.add_argument("--seed", type=_whole(0), metavar="N", help=text)
     text = "how the spanning tree is drawn: wilson, depth_first, kruskal or prim"
-    new.add_argument(
-        "--sampler", default="wilson", metavar="NAME", help=f"{text} (default: %(default)s)"
-    )
+    text = f"{text} (default: %(default)s)"
+    new.add_argument("--sampler", default="wilson", metavar="NAME", help=text)
     text = "probability of opening each wall off the tree (default: about 0.1, by size)"
     new.add_argument("--open-walls", type=_probability, metavar="P", help=text)
 
-
-def _add_convert(convert: argparse.ArgumentParser) -> None:
-    _add_file(convert)
     text = "height x width (default: the smallest square that has all the cells)"
     convert.add_argument("--size", type=_size, metavar="SIZE", help=text)
+    return parser

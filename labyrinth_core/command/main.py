@@ -11,26 +11,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labyrinth_core.command.arguments import ROUTES, parser
+from labyrinth_core.language.source_text import MAX_TEXT, LabyrinthSyntaxError, decode, read_text
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 
 if TYPE_CHECKING:
     from labyrinth_core.world.rollout import Episode
 
-# Whatever needs numpy is imported where it is used, so that `labyrinth --help` answers at once.
+# Modules that need numpy are imported where they are used, so that `labyrinth --help` is fast.
 
 
 class RequestError(ValueError):
-    """What was asked for cannot be done; the message says why."""
+    """A command that cannot be carried out; the message says why."""
+
+
+MISTAKES = (OSError, LabyrinthSyntaxError, LabyrinthError, RequestError)
+"""The errors that a user can cause."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the exit status: 0, or 1 for a mistake, which standard error then explains.
+    """Return the exit status: 0, or 1 for a mistake, which is explained on standard error.
 
     Args:
-        arguments: What follows `labyrinth` on the command line; None for the process's own.
+        arguments: The command line after `labyrinth`; None for that of the process.
     """
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # A file's name need not be text.
+        if isinstance(stream, io.TextIOWrapper):  # A file's name may be any bytes.
             stream.reconfigure(errors="backslashreplace")
     try:
         options = parser().parse_args(arguments)
@@ -41,39 +46,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # Whoever read the output has gone; what is left in the buffer has nowhere to go either.
+        # The reader of the output has gone, so what is left in the buffer is discarded.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (OSError, ValueError) as error:
-        _complain(error)
+    except MISTAKES as error:
+        _explain(error)
         return 1
     return status
 
 
-def _complain(error: OSError | ValueError) -> None:
-    """Say on standard error what is wrong.
-
-    Raises:
-        ValueError: The error is none that a user can make.
-    """
-    from labyrinth_core.language.source_text import LabyrinthSyntaxError
-
-    if isinstance(error, OSError):
+def _explain(error: Exception) -> None:
+    """Print one of the `MISTAKES` on standard error."""
+    if isinstance(error, LabyrinthSyntaxError):
+        message = str(error)
+    elif isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename is not None else ""
         message = f"labyrinth: {where}{error.strerror or error}"
-    elif isinstance(error, LabyrinthSyntaxError):
-        message = str(error)
-    elif isinstance(error, (RequestError, LabyrinthError)):
-        message = f"labyrinth: {error}"
     else:
-        raise error
+        message = f"labyrinth: {error}"
     print(message, file=sys.stderr)
 
 
 def _read(file: str) -> tuple[str, str]:
     """Return the text of a file, or of standard input for `-`, and its name."""
-    from labyrinth_core.language.source_text import MAX_TEXT, decode, read_text
-
     if file == "-":
         if sys.stdin is None:
             raise RequestError("standard input is closed")
@@ -97,7 +92,7 @@ def _optimal(labyrinth: Labyrinth) -> Episode:
     return replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(0)))
 
 
-def _count(number: int, noun: str) -> str:
+def _counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}" + ("" if number == 1 else "s")
 
 
@@ -108,11 +103,11 @@ def _check(options: Namespace) -> int:
             labyrinth = _load(options, file)
         except BrokenPipeError:
             raise
-        except (OSError, ValueError) as error:
-            _complain(error)
+        except MISTAKES as error:
+            _explain(error)
             status = 1
             continue
-        moves = _count(len(_optimal(labyrinth)), "move")
+        moves = _counted(len(_optimal(labyrinth)), "move")
         print(f"{file}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
     return status
 
@@ -121,8 +116,7 @@ def _show(options: Namespace) -> int:
     labyrinth = _load(options)
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
-        picture = _picture(labyrinth, cells)
-        options.png.write_bytes(picture)
+        options.png.write_bytes(_picture(labyrinth, cells))
         return 0
     from labyrinth_core.command.terminal_play import draw
 
@@ -154,9 +148,9 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
         raise RequestError("drawing the solution needs Pillow: pip install pillow") from error
     image = Image.fromarray(render(labyrinth, initial(labyrinth)))
     pencil = ImageDraw.Draw(image)
-    # The grid is in the middle of the picture; its lines are a twelfth of a cell thick.
+    # The grid is centred in the picture, and its lines are a twelfth of a cell thick.
     side = image.width / (most + 1 / 12)
-    places = [
+    points = [
         (
             image.width / 2 + (column + 0.5 - width / 2) * side,
             image.height / 2 - (row + 0.5 - height / 2) * side,
@@ -164,8 +158,8 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
         for row, column in map(labyrinth.position, route)
     ]
     colour = (204, 121, 167)
-    pencil.line(places, fill=colour, width=max(1, round(side / 15)))
-    for x, y in places:
+    pencil.line(points, fill=colour, width=max(1, round(side / 15)))
+    for x, y in points:
         radius = side / 12
         pencil.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
     file = io.BytesIO()
@@ -186,10 +180,10 @@ def _solve(options: Namespace) -> int:
         limit = options.limit or ROUTES
         routes = simple_routes(labyrinth, limit)
         if len(routes) == limit:
-            print(f"labyrinth: stopped after {_count(limit, 'route')} (--limit)", file=sys.stderr)
+            print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
     for actions in routes:
         words = " ".join(Action(action).name.lower() for action in actions)
-        print(f"{_count(len(actions), 'move')}: {words}")
+        print(f"{_counted(len(actions), 'move')}: {words}")
     return 0
 
 

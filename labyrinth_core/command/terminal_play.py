@@ -23,7 +23,7 @@ COLOURS: Mapping[str, str] = {
     ROUTE: "32",
     HIDDEN: "2",
 }
-"""The colour of each character, as parameters of ECMA-48's SGR sequence."""
+"""The colour of each character, as parameters of the SGR sequence of ECMA-48."""
 
 RESTART, QUIT = "restart", "quit"
 KEYS: Mapping[bytes, Action | str] = {
@@ -34,7 +34,7 @@ KEYS: Mapping[bytes, Action | str] = {
     b"r": RESTART,
     b"q": QUIT,
 }
-"""What the keys of `play` do, by the bytes that a terminal sends for them."""
+"""The meaning of the keys of `play`, by the bytes that a terminal sends for them."""
 
 _HELP = "arrow keys move, r starts again, q quits"
 _SEQUENCE = re.compile(rb"\x1b[\[O][0-9;]*[@-~]|\x1b[\[O]?[0-9;]*\Z|.", re.DOTALL)
@@ -48,13 +48,13 @@ def draw(
     route: Iterable[int] = (),
     colour: bool = False,
 ) -> str:
-    """Return the text of a labyrinth as people look at it.
+    """Return the text of a labyrinth for people to look at.
 
     Args:
-        labyrinth: What to draw.
-        state: Where the agent is, which tiles are left, and what it sees; None for all there is.
-        route: Cells to mark, where they are empty.
-        colour: Whether the tiles are coloured.
+        labyrinth: The labyrinth.
+        state: A state to show, with the agent and only what it sees; None for the labyrinth alone.
+        route: Cells to mark if they are empty.
+        colour: Whether to colour the tiles.
     """
     drawing = draw_text(labyrinth, state, route=route)
     if colour:
@@ -65,7 +65,7 @@ def draw(
 
 
 def play(labyrinth: Labyrinth, *, colour: bool) -> None:
-    """Let somebody walk through a labyrinth; standard input has to be a terminal.
+    """Let a person play a labyrinth; standard input has to be a terminal.
 
     Raises:
         OSError: The terminal cannot be used.
@@ -77,12 +77,12 @@ def play(labyrinth: Labyrinth, *, colour: bool) -> None:
     before = termios.tcgetattr(keyboard)
     try:
         tty.setcbreak(keyboard)
-        _walk(labyrinth, pressed(keyboard), colour)
+        _play(labyrinth, pressed(keyboard), colour)
     finally:
         termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
 
 
-def _walk(labyrinth: Labyrinth, keys: Iterator[Action | str], colour: bool) -> None:
+def _play(labyrinth: Labyrinth, keys: Iterator[Action | str], colour: bool) -> None:
     state, moves, note = initial(labyrinth), 0, _HELP
     while True:
         drawing = draw(labyrinth, state, colour=colour)
@@ -109,11 +109,11 @@ def _walk(labyrinth: Labyrinth, keys: Iterator[Action | str], colour: bool) -> N
 
 
 def pressed(keyboard: int) -> Iterator[Action | str]:
-    """Yield what the keys pressed on a terminal (a file descriptor) mean, until its input ends."""
+    """Yield the meanings of the keys pressed on a terminal (a file descriptor) until its end."""
     pending = b""
     while received := os.read(keyboard, 64):
         pending += received
         sequences = _SEQUENCE.findall(pending)
-        # An escape sequence may arrive in two parts; whatever is no sequence is forgotten.
+        # An escape sequence may arrive in two parts; unknown bytes are ignored.
         pending = sequences.pop() if _UNFINISHED.fullmatch(sequences[-1]) else b""
         yield from (KEYS[sequence] for sequence in sequences if sequence in KEYS)

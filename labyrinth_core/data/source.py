@@ -204,6 +204,6 @@ def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
 
 def _not_from_the_hub(source: str, error: Exception) -> DatasetError:
     return DatasetError(
-        f"{source} is no folder (python run.py makes one), and not to be had from the Hub: "
+        f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub: "
         f"{one_line(error)}"
     )

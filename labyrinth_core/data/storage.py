@@ -36,7 +36,7 @@ def folder_at(place: str | Path) -> AnyPath:
     try:
         _filesystem(protocol)
     except ImportError as error:
-        install = "pip install -e '.[s3]'" if protocol == "s3" else one_line(error)
+        install = "pip install 'labyrinth-datasets[s3]'" if protocol == "s3" else one_line(error)
         raise ValueError(f"{text} needs a library that is missing: {install}") from error
     except Exception as error:  # Of any kind: each file system has its own way to start.
         raise ValueError(f"{text}: {one_line(error)}") from error

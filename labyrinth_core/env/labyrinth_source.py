@@ -1,99 +1,60 @@
-"""Which labyrinth the next episode of an environment is about."""
+"""The source of an environment's labyrinths: one for each episode."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from operator import index
-from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.language.text import load, parse
-from labyrinth_core.world.grid import cell_at, parse_size
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.env.arguments import LabyrinthLike, Size, as_labyrinth, as_size, chosen
+from labyrinth_core.world.grid import cell_at
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import check_apart, sample_labyrinth, wish_text
 from labyrinth_core.world.tasks import place
 
 OPTIONS = ("labyrinth", "task", "start", "goal")
-"""What can be changed for one episode."""
-
-Size = int | str | tuple[int, int]
-LabyrinthLike = Labyrinth | str | Path
+"""The options of a reset that change the labyrinth of one episode."""
 
 
-def as_size(size: Size) -> tuple[int, int]:
-    """Return `(height, width)` of a size given as `5`, `"4x6"` or `(4, 6)`.
-
-    Raises:
-        ValueError: It is none of these, or too small or too large.
-    """
-    return parse_size("x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size))
-
-
-def as_task(task: Task | str) -> Task:
-    """Return the task with a name.
-
-    Raises:
-        ValueError: There is none.
-    """
-    try:
-        return Task(task)
-    except ValueError as error:
-        raise ValueError(f"task={task}: choose one of {', '.join(Task)}") from error
-
-
-def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
-    """Return a labyrinth given as such, as its text, or as the path of a file.
-
-    A string without a line break is a path. Tiles that a text leaves out are always placed in
-    the same way.
-
-    Raises:
-        ValueError: It is none of these, the text is no labyrinth, or the file cannot be read.
-    """
-    if isinstance(labyrinth, Labyrinth):
-        return labyrinth
-    if isinstance(labyrinth, str) and "\n" in labyrinth:
-        return parse(labyrinth)
-    if isinstance(labyrinth, (str, Path)):
-        try:
-            return load(Path(labyrinth))
-        except OSError as error:
-            raise ValueError(f"labyrinth={labyrinth}: {error.strerror}") from error
-    raise ValueError(f"labyrinth={labyrinth!r}: give a Labyrinth, its text, or the path of a file")
-
-
-@dataclass(frozen=True)
-class LabyrinthSource:
-    """Where an environment's labyrinths come from."""
+class Shape(NamedTuple):
+    """The properties of a labyrinth on which its observation space depends."""
 
     height: int
     width: int
     task: Task
+
+    @classmethod
+    def of(cls, labyrinth: Labyrinth) -> Shape:
+        """Return the shape of a labyrinth."""
+        return cls(labyrinth.structure.height, labyrinth.structure.width, labyrinth.task)
+
+
+class LabyrinthSource(NamedTuple):
+    """Where an environment's labyrinths come from."""
+
+    shape: Shape
     kept: Labyrinth | None = None
-    """The labyrinth of every episode; None for a fresh one each time."""
+    """The labyrinth of every episode; None to sample one for each."""
 
     @classmethod
     def of(cls, size: Size, task: Task | str, kept: LabyrinthLike | None) -> LabyrinthSource:
         """Return the source of labyrinths of a size and task, or of one that is kept.
 
         Raises:
-            ValueError: One of them makes no sense.
+            ValueError: An argument has a value that is impossible.
         """
         if kept is None:
-            return cls(*as_size(size), as_task(task))
+            return cls(Shape(*as_size(size), chosen("task", task, Task)))
         labyrinth = as_labyrinth(kept)
-        structure = labyrinth.structure
-        return cls(structure.height, structure.width, labyrinth.task, labyrinth)
+        return cls(Shape.of(labyrinth), labyrinth)
 
-    def draw(
-        self, rng: np.random.Generator, options: Mapping[str, object] | None = None
-    ) -> Labyrinth:
+    def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None = None) -> Labyrinth:
         """Return the labyrinth of the next episode.
 
-        Another task, start or goal than the labyrinth has means that its task's tiles are placed
-        anew, by the rules of the sampler.
+        If task, start or goal differ from those of a given labyrinth, the tiles of the task are
+        placed anew by the rules of the sampler.
 
         Args:
             rng: Where all randomness comes from.
@@ -107,46 +68,32 @@ class LabyrinthSource:
         for name in options:
             if name not in OPTIONS:
                 raise ValueError(f"option {name!r}: choose among {', '.join(OPTIONS)}")
-        labyrinth = as_labyrinth(options["labyrinth"]) if "labyrinth" in options else self.kept  # type: ignore[arg-type]
-        structure = labyrinth.structure if labyrinth else None
-        height = structure.height if structure else self.height
-        width = structure.width if structure else self.width
-        task = as_task(options["task"]) if "task" in options else None  # type: ignore[arg-type]
+        labyrinth = as_labyrinth(options["labyrinth"]) if "labyrinth" in options else self.kept
+        height, width, task = self.shape if labyrinth is None else Shape.of(labyrinth)
+        if "task" in options:
+            task = chosen("task", options["task"], Task)
         start, goal = (
             _as_cell(name, options[name], height, width) if name in options else None
             for name in ("start", "goal")
         )
         if labyrinth is None:
-            return sample_labyrinth(height, width, task or self.task, rng, start=start, goal=goal)
-        return _change(labyrinth, task, start, goal, rng)
+            return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
+        start = labyrinth.start if start is None else start
+        goal = labyrinth.goal if goal is None else goal
+        if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):
+            return labyrinth
+        wish = wish_text(task, start, goal, width)
+        check_apart(start, goal, wish)
+        try:
+            return place(labyrinth.structure, start, goal, task, rng)
+        except LabyrinthError as error:
+            raise ValueError(f"{wish}: this labyrinth cannot hold it; {error}") from error
 
 
-def _change(
-    labyrinth: Labyrinth,
-    task: Task | None,
-    start: int | None,
-    goal: int | None,
-    rng: np.random.Generator,
-) -> Labyrinth:
-    """Return the labyrinth with another task, start or goal, as far as they are given."""
-    task = labyrinth.task if task is None else task
-    start = labyrinth.start if start is None else start
-    goal = labyrinth.goal if goal is None else goal
-    if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):
-        return labyrinth
-    structure: Structure = labyrinth.structure
-    wish = wish_text(task, start, goal, structure.width)
-    check_apart(start, goal, wish)
-    try:
-        return place(structure, start, goal, task, rng)
-    except LabyrinthError as error:
-        raise ValueError(f"{wish}: this labyrinth cannot hold it; {error}") from error
-
-
-def _as_cell(name: str, value: object, height: int, width: int) -> int:
+def _as_cell(name: str, value: Any, height: int, width: int) -> int:
     """Return the cell at a `(row, column)`."""
     try:
-        row, column = (index(number) for number in value)  # type: ignore[attr-defined]
+        row, column = map(index, value)
         if 0 <= row < height and 0 <= column < width:
             return cell_at(row, column, width)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""A labyrinth to play by hand, in a window."""
+"""Playing a labyrinth by hand, in a window."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ def play(env: LabyrinthEnv) -> None:
     """Let a person play until they quit, then close the environment.
 
     The arrow keys move the agent and R begins a new episode; Q, Escape or closing the window
-    quit. After the end of an episode only R goes on.
+    quit. After the end of an episode the arrow keys have no effect.
 
     Args:
-        env: What to play; of a wrapped environment, `env.unwrapped`.
+        env: The environment; `env.unwrapped` if it is wrapped.
 
     Raises:
         DependencyNotInstalled: A window needs pygame.
@@ -29,12 +29,12 @@ def play(env: LabyrinthEnv) -> None:
 
     env.reset()
     show()
-    for wish in window.wishes():
-        if wish is None:
+    for action in window.pressed():
+        if action is None:
             env.reset()
             total, outcome = 0.0, ""
         elif not outcome:
-            _, reward, terminated, truncated, _ = env.step(wish)
+            _, reward, terminated, truncated, _ = env.step(action)
             total += reward
             if terminated or truncated:
                 outcome = OUTCOMES[env.state.agent == env.labyrinth.goal]

@@ -1,7 +1,7 @@
-"""The tables of many labyrinths of one size and task, one after the other, and where each agent is.
+"""The tables of many labyrinths of one size and task in one array each, and every agent's state.
 
-A state has a number within its labyrinth, and one in the whole stack, which is what the tables
-hold: so a step of all agents is a look-up or two, and no loop.
+A state has a number within its labyrinth, and one in the whole stack. The tables hold the latter,
+so that a step of all agents is one look-up instead of a loop.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from labyrinth_core.pictures.vector import (
     grid_indices,
     hide,
     initial_vector,
+    tile_count,
 )
-from labyrinth_core.pictures.vector import tile_count as tiles_of
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.state_tables import LabyrinthTables
@@ -31,16 +31,17 @@ _DIAGONALS = [
 
 
 class Stack:
-    """Many labyrinths, and the state of each."""
+    """Many labyrinths and the state of the agent in each."""
 
     def __init__(self, count: int, height: int, width: int, task: Task) -> None:
-        """Make room for `count` labyrinths; each must be loaded before it is used."""
+        """Make room for `count` labyrinths; each place must be loaded before it is used."""
         self._height, self._width, self._task = height, width, task
         self._cells = height * width
         states = self._cells * (3 if task is Task.KEY_AND_DOOR else 1)
+        self.labyrinths: list[Labyrinth | None] = [None] * count
+        """The labyrinth in each place; None where none was loaded."""
         self._first = np.arange(count, dtype=np.int64) * states
-        """Number of the first state of each labyrinth."""
-        self._loaded: list[LabyrinthTables | None] = [None] * count
+        """The number of the first state of each labyrinth."""
         self._initial = self._first.copy()
         self._now = self._first.copy()
         self._transitions = np.zeros((count, states, 4), np.int64)
@@ -48,18 +49,18 @@ class Stack:
         self._terminal = np.zeros((count, states), np.bool_)
         self._distances = np.zeros((count, states), np.int64)
         self._optimal = np.zeros((count, states, 4), np.bool_)
-        self._ids = np.full(count, None, object)
-        self._texts = np.full(count, None, object)
-        self._shared: tuple[NDArray[np.object_], NDArray[np.object_]] | None = None
+        self._names = np.full((2, count), None, object)
+        """The id and the text of each labyrinth."""
+        self._shared_names: NDArray[np.object_] | None = None
+        """A read-only copy for the infos, made anew when a labyrinth has changed."""
         self._places = grid_indices(height, width)
         entries = (2 * height - 1) * (2 * width - 1)
-        self._vectors = np.zeros((count, tiles_of(task) + entries), np.int32)
+        self._vectors = np.zeros((count, tile_count(task) + entries), np.int32)
 
     def load(self, place: int, tables: LabyrinthTables) -> None:
         """Put a labyrinth into a place."""
         first = self._first[place]
-        self._loaded[place] = tables
-        self._shared = None
+        self.labyrinths[place] = tables.labyrinth
         self._initial[place] = first + tables.initial
         np.add(tables.transitions, first, out=self._transitions[place])
         self._rewards[place] = tables.rewards
@@ -67,27 +68,23 @@ class Stack:
         self._distances[place] = tables.distances
         self._optimal[place] = tables.optimal_actions
         text = dump(tables.labyrinth)
-        self._ids[place] = labyrinth_id(text)
-        self._texts[place] = text
+        self._names[0, place] = labyrinth_id(text)
+        self._names[1, place] = text
+        self._shared_names = None
         self._vectors[place] = initial_vector(tables.labyrinth)
-
-    def labyrinth(self, place: int) -> Labyrinth | None:
-        """Return the labyrinth in a place, if one was loaded."""
-        tables = self._loaded[place]
-        return None if tables is None else tables.labyrinth
 
     def at(self, place: int) -> tuple[Labyrinth, int]:
         """Return the labyrinth in a place, and the number of its state."""
-        tables = self._loaded[place]
-        assert tables is not None
-        return tables.labyrinth, int(self._now[place] - self._first[place])
+        labyrinth = self.labyrinths[place]
+        assert labyrinth is not None
+        return labyrinth, int(self._now[place] - self._first[place])
 
     def restart(self, mask: NDArray[np.bool_]) -> None:
-        """Put the agents of a mask where their episodes begin."""
+        """Put the agents of a mask into their initial states."""
         np.copyto(self._now, self._initial, where=mask)
 
     def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Take an action in each, shape (count,), and return rewards and which are at an end."""
+        """Take an action in each, shape (count,); return rewards and which episodes terminate."""
         self._now = self._after(self._now, actions)
         return self._rewards.ravel().take(self._now), self._terminal.ravel().take(self._now)
 
@@ -103,18 +100,17 @@ class Stack:
         return states
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return what an environment says of each, by name; arrays of count rows.
+        """Return the infos of all environments by name; arrays of count rows.
 
-        Those of strings are read-only, and the same ones until a labyrinth changes: copying them
-        would touch every string. The others are new.
+        The arrays of strings are read-only and remain the same until a labyrinth changes, since
+        copying them would touch every string. The others are new.
         """
-        if self._shared is None:
-            self._shared = self._ids.copy(), self._texts.copy()
-            for strings in self._shared:
-                strings.setflags(write=False)
+        if self._shared_names is None:
+            self._shared_names = self._names.copy()
+            self._shared_names.setflags(write=False)
         return {
-            "labyrinth_id": self._shared[0],
-            "labyrinth": self._shared[1],
+            "labyrinth_id": self._shared_names[0],
+            "labyrinth": self._shared_names[1],
             "optimal_actions": self._optimal.reshape(-1, 4).take(self._now, axis=0),
             "distance": self._distances.ravel().take(self._now),
         }
@@ -128,7 +124,7 @@ class Stack:
             vectors[:, 3][phase >= 1] = GONE
             vectors[:, 4][phase == 2] = GONE
         if self._task is Task.PARTIAL_OBSERVABILITY:
-            grids = vectors[:, tiles_of(self._task) :]
+            grids = vectors[:, tile_count(self._task) :]
             # A view: splitting an axis copies nothing.
             shape = (len(vectors), 2 * self._height - 1, 2 * self._width - 1)
             hide(grids.reshape(shape), self._visible())
@@ -143,7 +139,7 @@ class Stack:
         for action in Action:
             at = self._now
             for _ in range(max(self._height, self._width) - 1):
-                at = self._after(at, action)  # A wall leads back, to a cell that is seen anyway.
+                at = self._after(at, action)  # A wall leads back to a cell that is seen anyway.
                 visible[at] = True
         for side, updown in _DIAGONALS:
             at = self._now

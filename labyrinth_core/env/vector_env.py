@@ -1,8 +1,8 @@
-"""`LabyrinthVectorEnv`: thousands of labyrinths in lock-step, each step a few array look-ups.
+"""`LabyrinthVectorEnv`: thousands of labyrinths at once, each step a few look-ups in arrays.
 
     gymnasium.make_vec("labyrinth_core.env:Labyrinth-v0", num_envs=1000, observation="state")
 
-Each sub-environment does what a `LabyrinthEnv` does in Gymnasium's `SyncVectorEnv`, to the bit.
+Each sub-environment gives exactly what a `LabyrinthEnv` in Gymnasium's `SyncVectorEnv` gives.
 """
 
 from __future__ import annotations
@@ -18,13 +18,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from labyrinth_core.env.environment import (
-    checked_step_limit,
-    episode_steps,
-    is_normalised,
-    observation_space,
-)
-from labyrinth_core.env.labyrinth_source import LabyrinthLike, LabyrinthSource, Size
+from labyrinth_core.env.arguments import LabyrinthLike, Size, chosen, step_limit
+from labyrinth_core.env.environment import REWARDS
+from labyrinth_core.env.labyrinth_source import LabyrinthSource, Shape
 from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
@@ -45,8 +41,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     Observations, rewards, ends and infos are those of `LabyrinthEnv`, batched as Gymnasium's
     `SyncVectorEnv` batches them; sub-environment i of a vector seeded with s is a `LabyrinthEnv`
-    seeded with s + i. The arrays returned are new ones, the caller's to keep or change; only
-    those of strings in the infos are read-only, and shared until a labyrinth changes.
+    seeded with s + i. The caller may keep and change the arrays returned, except that those of
+    strings in the infos are read-only, and the same ones until a labyrinth changes.
     """
 
     def __init__(
@@ -67,50 +63,46 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         """Make the environments; `reset` them before the first step.
 
         Args:
-            num_envs: How many.
-            size: As in `LabyrinthEnv`, and so are the other arguments not listed here.
+            num_envs: The number of sub-environments.
+            size: As in `LabyrinthEnv`, like all arguments that are not explained here.
             task: The task of all.
-            observation: `state` is the fastest, `vector` some times slower; `image` draws.
+            observation: `state` is the fastest, `vector` takes some times as long; `image` draws.
             image_size: Pixels on each side of the image.
-            labyrinth: One labyrinth that all keep, for every episode.
-            labyrinths: Labyrinths to keep, one each, of one size and task; fewer are used in
-                turn.
+            labyrinth: A labyrinth that all keep for every episode.
+            labyrinths: Labyrinths to keep, one for each sub-environment, all of one size and
+                task. If they are fewer, they are dealt out in turn.
             reward: `default` or `normalised`.
-            max_episode_steps: Truncate sooner than after `40 * width * height` steps.
+            max_episode_steps: A limit below `40 * width * height` steps.
             autoreset_mode: When a sub-environment begins its next episode: at the step after the
                 last of an episode, in that same step, or never by itself.
-            render_mode: `rgb_array` or `ansi`, which `render` returns for each.
+            render_mode: What `render` returns for each: `rgb_array` or `ansi`.
 
         Raises:
             ValueError: An argument has a value that is impossible.
         """
         if num_envs < 1:
             raise ValueError(f"num_envs={num_envs}: give a whole number from 1 on")
-        if render_mode not in (None, *RENDER_MODES):
-            raise ValueError(f"render_mode={render_mode}: choose one of {', '.join(RENDER_MODES)}")
+        if render_mode is not None:
+            chosen("render_mode", render_mode, RENDER_MODES)
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
+        self.autoreset_mode = chosen("autoreset_mode", autoreset_mode, AutoresetMode)
         self.metadata = {
             "render_modes": list(RENDER_MODES),
             "render_fps": 10,
             "autoreset_mode": self.autoreset_mode,
         }
         self._sources = _sources(num_envs, size, task, labyrinth, labyrinths)
-        first = self._sources[0]
+        self._shape = self._sources[0].shape
         self._observer = Observer(observation, image_size, num_envs)
-        self._normalised = is_normalised(reward)
-        self._limit = episode_steps(
-            first.height * first.width, checked_step_limit(max_episode_steps)
-        )
+        self._normalised = chosen("reward", reward, REWARDS) == "normalised"
+        self._limit = step_limit(self._shape.height * self._shape.width, max_episode_steps)
         self.single_action_space = Discrete(4)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.single_observation_space = observation_space(
-            self._observer, first.height, first.width, first.task
-        )
+        self.single_observation_space = self._observer.space(*self._shape)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
-        self._stack = Stack(num_envs, first.height, first.width, first.task)
+        self._stack = Stack(num_envs, *self._shape)
         self._begun = np.zeros(num_envs, np.bool_)
         self._over = np.zeros(num_envs, np.bool_)
         self._steps = np.zeros(num_envs, np.int64)
@@ -124,54 +116,51 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         """Begin an episode in every sub-environment, and return the observations and infos.
 
         Args:
-            seed: One for each, or one to which each adds its place; None goes on as it was.
-            options: As in `LabyrinthEnv.reset`, for all; `reset_mask`, bool, shape (num_envs,),
-                selects those that begin an episode, the others staying as they are.
+            seed: One for each, or one to which each adds its place; None keeps the generators.
+            options: As in `LabyrinthEnv.reset`, for all. In addition `reset_mask`, bool, shape
+                (num_envs,), selects those that begin an episode; the others stay as they are.
 
         Raises:
-            ResetNeeded: The mask leaves out sub-environments that have not begun at all.
+            ResetNeeded: The mask leaves out sub-environments that have not begun any episode.
             ValueError: A seed, an option or the mask has a value that is impossible.
         """
         options = dict(options or {})
         mask = self._checked_mask(options.pop("reset_mask", None))
         if not (self._begun | mask).all():
             raise ResetNeeded("no episode is under way in some: call reset() without reset_mask")
-        for place, number in enumerate(self._checked_seeds(seed)):
+        if isinstance(seed, (int, np.integer)):
+            seed = range(int(seed), int(seed) + self.num_envs)
+        seeds = [None] * self.num_envs if seed is None else seed
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed: give one, or {self.num_envs} of them, not {len(seeds)}")
+        for place, number in enumerate(seeds):
             if mask[place] and number is not None:
                 self._generators[place], _ = seeding.np_random(number)
         self._restart(mask, options)
         return self._observe(), self._infos(mask)
 
     def _checked_mask(self, mask: object) -> Mask:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
         shape = (self.num_envs,)
-        if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == shape:
-            if not mask.any():
-                raise ValueError("option 'reset_mask': at least one entry must be True")
-            chosen: Mask = mask.copy()
-            return chosen
-        raise ValueError(f"option 'reset_mask': give a bool array of shape {shape}, not {mask!r}")
-
-    def _checked_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            return range(int(seed), int(seed) + self.num_envs)
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed: give one, or {self.num_envs} of them, not {len(seed)}")
-        return seed
+        if mask is None:
+            return np.ones(shape, np.bool_)
+        if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == shape):
+            raise ValueError(
+                f"option 'reset_mask': give a bool array of shape {shape}, not {mask!r}"
+            )
+        if not mask.any():
+            raise ValueError("option 'reset_mask': at least one entry must be True")
+        return np.array(mask)
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
-        made: dict[Labyrinth, LabyrinthTables] = {}
-        for place in np.flatnonzero(mask).tolist():
-            labyrinth = self._draw(place, options)
-            if labyrinth is not self._stack.labyrinth(place):
-                tables = made.get(labyrinth)
-                if tables is None:
-                    tables = made[labyrinth] = tabulate(labyrinth, normalised=self._normalised)
-                self._stack.load(place, tables)
+        places = np.flatnonzero(mask).tolist()
+        # All are drawn before any is loaded, so that an impossible option changes nothing.
+        drawn = [self._draw(place, options) for place in places]
+        tables: dict[Labyrinth, LabyrinthTables] = {}
+        for place, labyrinth in zip(places, drawn, strict=True):
+            if labyrinth is not self._stack.labyrinths[place]:
+                made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
+                self._stack.load(place, tables.setdefault(labyrinth, made))
         self._stack.restart(mask)
         self._steps[mask] = 0
         self._over[mask] = False
@@ -186,20 +175,20 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             generator, _ = seeding.np_random()
             self._generators[place] = generator
         labyrinth = source.draw(generator, options)
-        _check_alike(labyrinth, self._sources[0])
+        _check_shape(labyrinth, self._shape)
         return labyrinth
 
     def step(self, actions: Batch) -> tuple[Batch, Batch, Batch, Batch, Infos]:
         """Take an action in each, and return observations, rewards, ends and infos.
 
         Args:
-            actions: Whole numbers from 0 to 3, shape (num_envs,). In the step in which a
-                sub-environment begins its next episode its action is not looked at.
+            actions: Whole numbers from 0 to 3, shape (num_envs,). The action of a sub-environment
+                that begins its next episode in this step is ignored.
 
         Returns:
             Observations; rewards, float64; terminated and truncated, bool; infos. Each array has
-            num_envs rows. With `SAME_STEP` the infos of an episode's last state are under
-            `final_info`, and its observation under `final_obs`.
+            num_envs rows. With `SAME_STEP` the infos of an episode's last state are in
+            `final_info`, and its observation in `final_obs`.
 
         Raises:
             ResetNeeded: An episode has not begun, or is over and `autoreset_mode` is `DISABLED`.
@@ -285,18 +274,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
 
 def _only(values: Batch, mask: Mask) -> Batch:
-    """Return the values of a mask, the others being None for objects and zero for numbers."""
-    chosen = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
-    chosen[mask] = values[mask]
-    return chosen
-
-
-def _as_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
-    try:
-        return AutoresetMode(mode)
-    except ValueError as error:
-        allowed = ", ".join(mode.value for mode in AutoresetMode)
-        raise ValueError(f"autoreset_mode={mode}: choose one of {allowed}") from error
+    """Return the values of a mask; the others are None for objects and zero for numbers."""
+    only = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
+    only[mask] = values[mask]
+    return only
 
 
 def _sources(
@@ -306,7 +287,7 @@ def _sources(
     labyrinth: LabyrinthLike | None,
     labyrinths: Sequence[LabyrinthLike] | None,
 ) -> list[LabyrinthSource]:
-    """Return where each sub-environment's labyrinths come from."""
+    """Return the source of each sub-environment's labyrinths."""
     if labyrinths is None:
         return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
     if labyrinth is not None:
@@ -318,15 +299,14 @@ def _sources(
     sources = [LabyrinthSource.of(size, task, kept) for kept in labyrinths]
     for source in sources:
         assert source.kept is not None
-        _check_alike(source.kept, sources[0])
+        _check_shape(source.kept, sources[0].shape)
     return [sources[place % len(sources)] for place in range(num_envs)]
 
 
-def _check_alike(labyrinth: Labyrinth, like: LabyrinthSource) -> None:
-    structure = labyrinth.structure
-    if (structure.height, structure.width, labyrinth.task) != (like.height, like.width, like.task):
+def _check_shape(labyrinth: Labyrinth, shape: Shape) -> None:
+    if Shape.of(labyrinth) != shape:
         raise ValueError(
             f"all labyrinths of a vector environment have one size and task: here "
-            f"{like.height}x{like.width} and {like.task}, "
+            f"{shape.height}x{shape.width} and {shape.task}, "
             f"not {labyrinth.size_name} and {labyrinth.task}"
         )

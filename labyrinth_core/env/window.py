@@ -1,4 +1,4 @@
-"""A window that shows pictures and reads keys; needs pygame, so imported only where one opens."""
+"""A window that shows pictures and reads keys; it needs pygame, so it is imported late."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-# Before the import, or pygame greets on standard output.
+# Set before the import, or pygame prints a greeting.
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 import pygame
@@ -36,9 +36,9 @@ class Window:
         """Show a picture, shape (side, side, 3), rows from the top.
 
         Args:
-            picture: What to show.
-            caption: Title of the window.
-            fps: Wait so long that no more pictures than this are shown in a second.
+            picture: The picture.
+            caption: The title of the window.
+            fps: Wait so that at most this many pictures are shown in a second; None not to wait.
         """
         surface = pygame.surfarray.make_surface(picture.transpose(1, 0, 2))
         screen = pygame.display.get_surface()
@@ -51,11 +51,10 @@ class Window:
         if fps is not None:
             self._clock.tick(fps)
 
-    def wishes(self) -> Iterator[Action | None]:
-        """Yield what the person at the keys wants, until they quit.
+    def pressed(self) -> Iterator[Action | None]:
+        """Yield the meanings of the keys pressed, until Q, Escape or the closing of the window.
 
-        An arrow key is an action, R is None for a new episode; Q, Escape and closing the window
-        end it.
+        An arrow key means an action; R means a new episode, for which None is yielded.
         """
         while True:
             event = pygame.event.wait()

@@ -39,13 +39,13 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or it is damaged.
         OSError: The result cannot be written.
     """
-    if run.leakage.source is None:
+    if run.options.leakage.source is None:
         path = run.folder / ANALYSIS
-        certificate, shifts = _analyse(run.folder, run.workers)
+        certificate, shifts = _analyse(run.folder, run.options.workers)
         lines = [*_leaks(certificate, {}), *_near(certificate), *_shifted(shifts)]
         lines.append(f"{path} has all of it; stages=[report] shows it as tables.")
     else:
-        certificate, files, path = _certified(run.leakage.source, run)
+        certificate, files, path = _certified(run.options.leakage.source, run)
         lines = [*_leaks(certificate, files), f"{path} has all of it."]
         console.print(_leakage_table(certificate))
     for line in lines:
@@ -54,7 +54,7 @@ def run(run: Run) -> None:
 
 def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
     """Return the certificate of a dataset from elsewhere, its files, and where the result lies."""
-    splits, files = labyrinths_of(source, run.leakage.config)
+    splits, files = labyrinths_of(source, run.options.leakage.config)
     certificate = certify(splits)
     name = re.sub(r"[^\w.-]+", "-", source).strip("-")
     path = run.data_dir / "analysis" / f"{name}.json"

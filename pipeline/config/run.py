@@ -1,6 +1,6 @@
-"""The configuration: its schema, its checks, and the plain frozen objects made from it.
+"""One run of the program: its options, the schema of all options, and the text of `--help`.
 
-Hydra and OmegaConf stop here: `resolve` gives objects that the rest of the pipeline trusts.
+Hydra and OmegaConf stop here: `resolve` gives an object that the rest of the pipeline trusts.
 """
 
 from __future__ import annotations
@@ -8,59 +8,22 @@ from __future__ import annotations
 import difflib
 import re
 import textwrap
-from collections.abc import Iterable
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from hydra.errors import MissingConfigException
+from omegaconf import DictConfig, OmegaConf
 
-from labyrinth_core.data.dataset_config import SOLUTIONS, DatasetConfig
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
-from pipeline.config.analysis import (
-    ANALYSIS_OPTIONS,
-    AnalysisConfig,
-    AnalysisOptions,
-    LeakageConfig,
-    LeakageOptions,
-    resolve_analysis,
-)
-from pipeline.config.dataset import (
-    DATASET_OPTIONS,
-    BucketsConfig,
-    DatasetSchema,
-    SplitsConfig,
-    TaskConfig,
-    resolve_dataset,
-)
-from pipeline.config.errors import ConfigError, check, check_choice, check_choices, listed
-from pipeline.config.publish import PUBLISH_OPTIONS, PublishConfig, PublishOptions, resolve_publish
-from pipeline.config.training import (
-    TRAINING_OPTIONS,
-    TrainingConfig,
-    TrainingOptions,
-    resolve_training,
-)
-
-__all__ = [
-    "MAX_WORKERS",
-    "OPTIONS",
-    "SOLUTIONS",
-    "STAGES",
-    "AnalysisConfig",
-    "BucketsConfig",
-    "ConfigError",
-    "DatasetConfig",
-    "LeakageConfig",
-    "PublishConfig",
-    "Run",
-    "RunConfig",
-    "SplitsConfig",
-    "TaskConfig",
-    "refusal",
-    "register",
-    "resolve",
-]
+from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
+from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.option import FOLDER, check_options, frozen, meanings, option
+from pipeline.config.publish import PublishOptions
+from pipeline.config.training import TrainingOptions, check_training
 
 STAGES = {
     "build": "pipeline.generation.build",
@@ -76,91 +39,113 @@ STAGES = {
 }
 """Stage -> the module whose `run` performs it."""
 
-TRAINING_STAGES = {"train", "evaluate", "results"}
 
-EXECUTORS = ("local", "dask", "ray")
+@dataclass(frozen=True)
+class PlaceOptions:
+    """Where and how a dataset is made."""
 
-MAX_WORKERS = 1_000
-"""More processes than one machine has cores for, and fewer than it refuses to start."""
+    data_dir: str = option(
+        "data/labyrinth",
+        "folder of the dataset, or a URL such as s3://bucket/name; each size and task is a folder "
+        "in it",
+        like=FOLDER,
+    )
+    run_dir: str = option(
+        "runs", "folder of what is trained; each size and task is a folder in it", like=FOLDER
+    )
+    overwrite: bool = option(
+        False, "replace a finished dataset or run that was made with other options"
+    )
+    workers: int = option(1, "processes", at_least=1, at_most=1_000)
+    executor: str = option(
+        "local",
+        "where they run: local (this machine), dask or ray",
+        one_of=("local", "dask", "ray"),
+    )
+    executor_address: str | None = option(
+        None, "address of a running cluster of Dask or Ray; else one is started for the run"
+    )
+    stages: tuple[str, ...] = option(
+        (), "what to do, in order: " + ", ".join(STAGES), one_of=STAGES
+    )
 
 
-@dataclass
-class RunConfig(TrainingConfig, DatasetSchema):
-    """The schema of `conf/config.yaml`; `OPTIONS` explains each field."""
+@dataclass(frozen=True)
+class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
+    """All options, as they are given on a command line."""
 
-    stages: list[str] = field(default_factory=list)
-    data_dir: str = ""
-    overwrite: bool = False
-    workers: int = 1
-    executor: str = "local"
-    executor_address: str | None = None
-    leakage: LeakageConfig = field(default_factory=LeakageConfig)
-    publish: PublishConfig = field(default_factory=PublishConfig)
-    analysis: AnalysisConfig = field(default_factory=AnalysisConfig)
+    leakage: LeakageOptions = field(default_factory=LeakageOptions)
+    analysis: AnalysisOptions = field(default_factory=AnalysisOptions)
+    publish: PublishOptions = field(default_factory=PublishOptions)
 
 
 SECTIONS = {
-    "What the dataset is": DATASET_OPTIONS,
-    "Where and how it is made": {
-        "data_dir": "folder of the dataset, or a URL such as s3://bucket/name; each size and task "
-        "is a folder in it",
-        "overwrite": "replace a finished dataset or run that was made with other options",
-        "workers": "processes",
-        "executor": "who runs them: local (this machine), dask or ray",
-        "executor_address": "of a running cluster of Dask or Ray; else one is started for the run",
-        "stages": "what to do, in order: " + ", ".join(STAGES),
+    "What the dataset is": meanings(DatasetOptions),
+    "Where and how it is made": meanings(PlaceOptions),
+    "What is trained on it, by stages=[train,evaluate]": meanings(TrainingOptions),
+    "What is analysed, by stages=[analyse] and stages=[environments]": {
+        **meanings(LeakageOptions, "leakage."),
+        **meanings(AnalysisOptions, "analysis."),
     },
-    "What is trained on it, by stages=[train,evaluate]": TRAINING_OPTIONS,
-    "What is analysed, by stages=[analyse] and stages=[environments]": ANALYSIS_OPTIONS,
-    "Where it is published, by stages=[publish]": PUBLISH_OPTIONS,
+    "Where it is published, by stages=[publish]": meanings(PublishOptions, "publish."),
 }
-"""The options in the order of `--help`, under its headings."""
+"""What each option means, in the order of `--help`, under its headings."""
 
 OPTIONS = {name: meaning for section in SECTIONS.values() for name, meaning in section.items()}
-"""What each option means, as `python run.py --help` and the README say it."""
+"""What each option means, as `--help` and the README say it."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the pipeline, checked."""
+    """One run of the program: its options, and what was made of them."""
 
-    stages: tuple[str, ...]
+    options: RunConfig
+    """Those of the stages that are asked for are checked."""
     dataset: DatasetConfig
     data_dir: AnyPath
-    overwrite: bool
-    workers: int
-    leakage: LeakageOptions
-    run_dir: Path
-    """Folder of the training runs."""
-    executor: str = "local"
-    executor_address: str | None = None
-    publish: PublishOptions | None = None
-    """None unless the stage `publish` is asked for."""
-    training: TrainingOptions | None = None
-    """None unless a stage of training is asked for."""
-    analysis: AnalysisOptions | None = None
-    """None unless the stage `environments` is asked for."""
-
-    @property
-    def local_dir(self) -> Path:
-        """The data_dir, for stages that `resolve` lets have a local one only."""
-        assert isinstance(self.data_dir, Path)
-        return self.data_dir
 
     @property
     def folder(self) -> AnyPath:
         """Where the dataset of this run lies."""
         return self.data_dir / self.dataset.name
 
+    @property
+    def source(self) -> str:
+        """The dataset to learn from: a folder, or an id on the Hub."""
+        own = str(folder_at(self.options.data_dir))
+        return own if self.options.dataset is None else self.options.dataset
+
+    @property
+    def training_name(self) -> str:
+        """The name of what is trained, such as `bc-cnn-seed0` or `iupe-resnet18-seed2-paper`."""
+        options = self.options
+        parts = [options.method_name, f"seed{options.seed}"]
+        parts[1:1] = [options.network] * (options.network != options.method_name)
+        parts += [f"stride{options.pool_stride}"] * (options.pool_stride != 1)
+        parts += [options.protocol] * (options.protocol != "default")
+        return "-".join(parts)
+
+    @property
+    def training_folder(self) -> Path:
+        """Where the policy lies that is trained."""
+        return Path(self.options.run_dir).expanduser() / self.dataset.name / self.training_name
+
+    @property
+    def local_dir(self) -> Path:
+        """The data_dir, for stages that need it on this machine; ConfigError if it is elsewhere."""
+        if isinstance(self.data_dir, RemotePath):
+            raise ConfigError(f"data_dir={self.data_dir}: report and publish need a local folder")
+        return self.data_dir
+
 
 _HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in Parquet shards.
 Train a policy on it.
 
-    python run.py size=5
-    python run.py size=5 stages=[train,evaluate] method=bc encoder=cnn seed=0
-    python run.py stages=[results]
-    python run.py size=4x6 task=key_and_door labyrinths=1000 workers=2
-    python run.py -m size=3,4,5
+    labyrinth-datasets size=5
+    labyrinth-datasets size=5 stages=[train,evaluate] method=bc encoder=cnn seed=0
+    labyrinth-datasets stages=[results]
+    labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
+    labyrinth-datasets -m size=3,4,5
 
 Options, each as name=value:
 
@@ -172,9 +157,18 @@ Options, each as name=value:
 def register() -> None:
     """Tell Hydra the schema and the text of `--help`."""
     store = ConfigStore.instance()
-    store.store(name="schema", node=RunConfig)
+    store.store(name="schema", node=_writable(OmegaConf.structured(RunConfig)))
     help_text = _HELP.format(options="\n".join(map(_described, SECTIONS)))
     store.store(group="hydra/help", name="options", node={"template": help_text})
+
+
+def _writable(node: DictConfig) -> DictConfig:
+    """Return what OmegaConf made of a frozen dataclass, so that Hydra can merge values into it."""
+    OmegaConf.set_readonly(node, None)
+    for child in node.values():
+        if isinstance(child, DictConfig):
+            _writable(child)
+    return node
 
 
 def _described(heading: str) -> str:
@@ -200,75 +194,53 @@ def refusal(error: Exception) -> str:
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
     if unknown:
-        close = difflib.get_close_matches(unknown[1], OPTIONS, n=1)
+        group, _, _ = unknown[1].rpartition(".")
+        parent = getattr(error.__cause__, "parent_node", None) if group else None
+        known = list(OPTIONS) if parent is None else [f"{group}.{name}" for name in parent]
+        close = difflib.get_close_matches(unknown[1], known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
-        return f"{unknown[1]} is no option: {hint}choose from {listed(OPTIONS)}"
+        return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())
     return f"{field_name[1]}: {message}" if field_name else message
 
 
-def resolve(config: RunConfig) -> Run:
-    """Return the run that a configuration asks for.
+def options_of(config: DictConfig) -> RunConfig:
+    """Return the options that Hydra composed.
 
-    Args:
-        config: As composed by Hydra, or a `RunConfig`.
+    Raises:
+        ConfigError: There is an option that is none, added as `+name=value`.
+        OmegaConfBaseException: A value is of another kind, or refers to what is not there.
+    """
+    values: Any = OmegaConf.to_container(config, resolve=True)
+    return frozen(RunConfig, values)
+
+
+def resolve(options: RunConfig) -> Run:
+    """Return the run that options ask for.
 
     Raises:
         ConfigError: A value is impossible; the text says what was given and what is allowed.
     """
-    schema = vars(RunConfig())
-    _check_fields(config, "", schema)
-    for name, default in schema.items():
-        if is_dataclass(default):
-            _check_fields(getattr(config, name), f"{name}.", vars(default))
-    check_choices("stages", config.stages, STAGES)
+    check_options(options, PlaceOptions)
     check(
-        1 <= config.workers <= MAX_WORKERS,
-        f"workers={config.workers}: give a number from 1 to {MAX_WORKERS:,}",
+        options.executor_address is None or options.executor != "local",
+        f"executor_address={options.executor_address}: executor=local has none",
     )
-    for name in ("data_dir", "run_dir"):
-        check(getattr(config, name).strip() != "", f"{name} is empty: give a folder")
-    check_choice("executor", config.executor, EXECUTORS)
-    check(
-        config.executor_address is None or config.executor != "local",
-        f"executor_address={config.executor_address}: executor=local has none",
-    )
-    stages = set(config.stages)
-    return Run(
-        stages=tuple(config.stages),
-        dataset=resolve_dataset(config),
-        data_dir=_resolve_data_dir(config),
-        overwrite=config.overwrite,
-        workers=config.workers,
-        leakage=LeakageOptions(config.leakage.source, config.leakage.config),
-        run_dir=Path(config.run_dir).expanduser(),
-        executor=config.executor,
-        executor_address=config.executor_address,
-        publish=resolve_publish(config.publish) if "publish" in stages else None,
-        training=_resolve_training(config) if TRAINING_STAGES & stages else None,
-        analysis=resolve_analysis(config.analysis) if "environments" in stages else None,
-    )
-
-
-def _resolve_data_dir(config: RunConfig) -> AnyPath:
     try:
-        folder = folder_at(config.data_dir)
+        data_dir = folder_at(options.data_dir)
     except ValueError as error:
         raise ConfigError(f"data_dir={error}") from error
-    if isinstance(folder, RemotePath):
-        for stage in ("report", "publish"):
-            check(stage not in config.stages, f"data_dir={folder}: {stage} needs a local folder")
-        return folder
-    # Workers of a cluster need not be where this process is.
-    return folder if config.executor == "local" else folder.absolute()
-
-
-def _resolve_training(config: RunConfig) -> TrainingOptions:
-    return resolve_training(config, str(folder_at(config.data_dir)), config.seed)
-
-
-def _check_fields(values: object, prefix: str, allowed: Iterable[str]) -> None:
-    added = sorted(set(vars(values)) - set(allowed))
-    names = ", ".join(prefix + name for name in added)
-    check(not added, f"{names}: no options; choose from {listed(allowed)}")
+    if isinstance(data_dir, Path) and options.executor != "local":
+        data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
+    run = Run(options, dataset_config(options), data_dir)
+    stages = set(options.stages)
+    if stages & {"report", "publish"}:
+        _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
+    if stages & {"train", "evaluate", "results"}:
+        check_training(options)
+    if "environments" in stages:
+        check_analysis(options.analysis)
+    if "publish" in stages:
+        check_options(options.publish, PublishOptions, "publish.")
+    return run

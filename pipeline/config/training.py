@@ -1,18 +1,23 @@
-"""The options of training: their schema, their checks, and the frozen object made from them.
+"""The options of the stages `train`, `evaluate` and `results`.
 
-Torch is not imported here, so that `python run.py --help` stays quick.
+Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from pipeline.config.errors import check, check_choice, listed
+from omegaconf import OmegaConf
+
+from pipeline.config.errors import check, listed
+from pipeline.config.option import FOLDER, check_options, option
+
+_INSTALLED = Path(__file__).parents[1] / "conf"
+CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
+"""The folder of the configuration: in the package once installed, else that of the clone."""
 
 ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 """Encoder -> what it looks at."""
@@ -24,10 +29,6 @@ OWN_NETWORKS = ("planner",)
 """Methods with a network of their own, for pictures, whatever `encoder` says."""
 
 DEVICES = ("auto", "cpu", "cuda")
-
-POOL_STRIDES = (1, 2)
-
-MAX_THREADS = 1_000
 
 
 @dataclass(frozen=True)
@@ -57,129 +58,80 @@ other methods, the same rule is used.
 """
 
 
-@dataclass
-class TrainingConfig:
-    """The schema of the options; `TRAINING_OPTIONS` explains each field."""
-
-    method: dict[str, Any] = field(default_factory=lambda: {"name": "bc"})
-    encoder: str = "cnn"
-    pool_stride: int = 1
-    observation: str = "image"
-    protocol: str = "default"
-    dataset: str | None = None
-    revision: str | None = None
-    run_dir: str = "runs"
-    results_dir: str = "results"
-    device: str = "auto"
-    threads: int | None = None
-    tensorboard: bool = False
-
-
-TRAINING_OPTIONS = {
-    "method": "bc, dagger, gail, bco, sqil, iupe or planner; its own settings as method.epochs=...",
-    "encoder": "network that looks at an observation: "
-    + ", ".join(ENCODERS)
-    + "; planner has its own",
-    "pool_stride": "of the first pooling of resnet18: 1 as in the paper, or 2",
-    "observation": "what is learnt from: image, or vector (for the encoder mlp)",
-    "protocol": "default, or paper for the original's resize and stopping rule",
-    "dataset": "id on the Hub, such as user/labyrinth, or another folder than data_dir",
-    "revision": "branch, tag or commit of the dataset on the Hub",
-    "run_dir": "folder of the runs; each size and task is a folder in it",
-    "results_dir": "folder of the tables, and of the evaluations that they are made of",
-    "device": "where networks are computed: " + ", ".join(DEVICES),
-    "threads": "of the processor, for networks (all cores)",
-    "tensorboard": "write the learning curves for TensorBoard, too",
-}
-"""What each option means, as `python run.py --help` and the README say it."""
-
-
 @dataclass(frozen=True)
 class TrainingOptions:
-    """What to train, on what, and where, checked; the settings of the method are checked by it."""
+    """What is trained, on what, and where; the method itself checks its settings."""
 
-    method: str
-    settings: Mapping[str, Any]
-    """Of the method, as they were given."""
-    encoder: str
-    pool_stride: int
-    observation: str
-    protocol: str
-    source: str
-    """Folder or id on the Hub."""
-    revision: str | None
-    run_dir: Path
-    results_dir: Path
-    device: str
-    threads: int | None
-    tensorboard: bool
-    seed: int
+    method: dict[str, Any] = option(  # noqa: RUF009
+        {"name": "bc"},
+        "bc, dagger, gail, bco, sqil, iupe or planner; its own settings as method.epochs=...",
+    )
+    encoder: str = option(
+        "cnn",
+        f"network that looks at an observation: {', '.join(ENCODERS)}; planner has its own",
+        one_of=ENCODERS,
+    )
+    pool_stride: int = option(
+        1, "stride of the first pooling of resnet18: 1 as in the paper, or 2", one_of=(1, 2)
+    )
+    observation: str = option(
+        "image",
+        "what is learnt from: image, or vector (for the encoder mlp)",
+        one_of=dict.fromkeys(ENCODERS.values()),
+    )
+    protocol: str = option(
+        "default", "default, or paper for the original's resize and stopping rule", one_of=PROTOCOLS
+    )
+    dataset: str | None = option(
+        None, "id on the Hub, such as user/labyrinth, or another folder than data_dir"
+    )
+    revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
+    results_dir: str = option(
+        "results", "folder of the tables, and of the evaluations that they are made of", like=FOLDER
+    )
+    device: str = option(
+        "auto", "where networks are computed: " + ", ".join(DEVICES), one_of=DEVICES
+    )
+    threads: int | None = option(
+        None, "threads of the processor for networks (all cores)", at_least=1, at_most=1_000
+    )
+    tensorboard: bool = option(False, "write the learning curves for TensorBoard, too")
 
     @property
-    def name(self) -> str:
-        """The name of the run's folder, such as `bc-cnn-seed0` or `iupe-resnet18-seed2-paper`."""
-        parts = [self.method, f"seed{self.seed}"]
-        parts[1:1] = [self.encoder] * (self.encoder != self.method)
-        parts += [f"stride{self.pool_stride}"] * (self.pool_stride != 1)
-        parts += [self.protocol] * (self.protocol != "default")
-        return "-".join(parts)
-
-    def folder(self, config_name: str) -> Path:
-        """Return where the run lies, for a dataset's config such as `5x5`."""
-        return self.run_dir / config_name / self.name
+    def method_name(self) -> str:
+        """The name of the method, such as `bc`."""
+        return str(self.method.get("name", ""))
 
     @property
-    def what(self) -> dict[str, Any]:
-        """All that determines the weights, but for the dataset and the method's settings."""
-        names = ("method", "encoder", "pool_stride", "observation", "protocol", "seed")
-        return {name: getattr(self, name) for name in names}
+    def network(self) -> str:
+        """The encoder of the policy; the method's name if that has a network of its own."""
+        return self.method_name if self.method_name in OWN_NETWORKS else self.encoder
 
 
-def resolve_training(config: TrainingConfig, data_dir: str, seed: int) -> TrainingOptions:
-    """Return the options of a configuration.
-
-    Raises:
-        ConfigError: One is impossible.
-    """
-    settings = dict(config.method)
-    name = str(settings.pop("name", ""))
+def check_training(options: TrainingOptions) -> None:
+    """Raise a ConfigError if an option is impossible."""
+    name, seen = options.method_name, options.observation
     check(
         re.fullmatch(r"[a-z][a-z0-9_]*", name, re.ASCII) is not None,
         f"method.name={name}: give the name of a method, such as bc",
     )
-    check_choice("encoder", config.encoder, ENCODERS)
-    check_choice("pool_stride", config.pool_stride, POOL_STRIDES)
-    check_choice("observation", config.observation, sorted(set(ENCODERS.values())))
-    check_choice("protocol", config.protocol, PROTOCOLS)
-    check_choice("device", config.device, DEVICES)
-    fitting = [encoder for encoder, sees in ENCODERS.items() if sees == config.observation]
+    check_options(options, TrainingOptions)
+    fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(
-        config.encoder in fitting,
-        f"encoder={config.encoder} looks at observation={ENCODERS[config.encoder]}: for "
-        f"observation={config.observation} choose one of {listed(fitting)}",
+        options.encoder in fitting,
+        f"encoder={options.encoder} looks at observation={ENCODERS[options.encoder]}: for "
+        f"observation={seen} choose one of {listed(fitting)}",
     )
     check(
-        name not in OWN_NETWORKS or config.observation == "image",
+        name not in OWN_NETWORKS or seen == "image",
         f"method={name} learns from pictures: leave observation=image",
     )
-    check(
-        config.threads is None or 1 <= config.threads <= MAX_THREADS,
-        f"threads={config.threads}: give a number from 1 to {MAX_THREADS:,}",
-    )
-    check(config.results_dir.strip() != "", "results_dir is empty: give a folder")
-    return TrainingOptions(
-        method=name,
-        settings=MappingProxyType(settings),
-        encoder=name if name in OWN_NETWORKS else config.encoder,
-        pool_stride=config.pool_stride,
-        observation=config.observation,
-        protocol=config.protocol,
-        source=data_dir if config.dataset is None else config.dataset,
-        revision=config.revision,
-        run_dir=Path(config.run_dir).expanduser(),
-        results_dir=Path(config.results_dir).expanduser(),
-        device=config.device,
-        threads=config.threads,
-        tensorboard=config.tensorboard,
-        seed=seed,
-    )
+
+
+def usual_settings(method: str) -> dict[str, Any]:
+    """Return the values of `method` that conf/method/ has, none if there is no such file."""
+    path = CONF / "method" / f"{method}.yaml"
+    values: dict[str, Any] = {}
+    if path.is_file():
+        values |= dict(OmegaConf.load(path))
+    return values

@@ -66,7 +66,7 @@ def run(run: Run) -> None:
     workplace = Workplace(run.folder)
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
-        manifest = None if run.overwrite else _finished(run)
+        manifest = None if run.options.overwrite else _finished(run)
         if manifest is not None:
             console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
             if workplace.is_for(run.dataset) or not workplace.has_begun:
@@ -110,7 +110,7 @@ def _finished(run: Run) -> Manifest | None:
 def _build(run: Run, workplace: Workplace) -> Manifest:
     try:
         workplace.prepare(run.dataset)
-        shards = ordered_map(make_shard, _jobs(run.dataset, workplace), run.workers)
+        shards = ordered_map(make_shard, _jobs(run.dataset, workplace), run.options.workers)
         done = tracked(
             ((shard.labyrinths, shard) for shard in shards),
             "build",

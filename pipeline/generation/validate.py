@@ -41,7 +41,7 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset.
     """
     manifest = Manifest.read(run.folder)
-    problems = validate(run.folder, manifest, run.workers)
+    problems = validate(run.folder, manifest, run.options.workers)
     if problems:
         raise ValidationError(run.folder, problems)
     rows = sum(shard.rows for shard in manifest.shards)

@@ -51,7 +51,7 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         try:
             options = {"dask": _dask, "ray": _ray}[executor](stack, workers, address)
         except ImportError as error:
-            install = f"pip install -e '.[{executor}]'"
+            install = f"pip install 'labyrinth-datasets[{executor}]'"
             raise ConfigError(f"executor={executor} is not installed: {install}") from error
         except (OSError, ValueError, RuntimeError) as error:
             place = f" executor_address={address}" if address else ""

@@ -64,7 +64,7 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, one is damaged, or the README.md is somebody else's.
         OSError: The folder cannot be written.
     """
-    datasets = write_card(run.data_dir, workers=run.workers)
+    datasets = write_card(run.data_dir, workers=run.options.workers)
     rows = sum(dataset.rows for dataset in datasets)
     names = ", ".join(dataset.name for dataset in datasets)
     say(

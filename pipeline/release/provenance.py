@@ -68,7 +68,7 @@ def command(config: DatasetConfig) -> str:
         "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
-    return " ".join(["python run.py", *(f"{name}={value}" for name, value in options.items())])
+    return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
 
 
 def code() -> str:

@@ -49,10 +49,10 @@ def run(run: Run) -> None:
         PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
         DatasetError: The folder has no finished dataset, or a damaged one.
     """
-    options = run.publish
-    assert options is not None  # `resolve` has seen to it.
+    options = run.options.publish
     if not front_matter.finished(run.local_dir):
-        raise PublishError(f"{run.local_dir} holds no finished dataset: python run.py makes one")
+        reason = "holds no finished dataset: labyrinth-datasets makes one"
+        raise PublishError(f"{run.local_dir} {reason}")
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
@@ -102,17 +102,21 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
 def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, another that looks like it."""
     if not options.dry_run:
-        write_card(run.local_dir, options.repo_id, options.version, workers=run.workers)
+        write_card(run.local_dir, options.repo_id, options.version, workers=run.options.workers)
         yield run.local_dir
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
         # What is written there takes the place of a link, and does not go through it.
         shutil.copytree(
-            run.local_dir.resolve(), folder, copy_function=os.symlink, dirs_exist_ok=True
+            run.local_dir.resolve(),
+            folder,
+            copy_function=os.symlink,
+            dirs_exist_ok=True,
+            ignore=shutil.ignore_patterns(".*"),  # A build, or a lock.
         )
         try:
-            write_card(folder, options.repo_id, options.version, workers=run.workers)
+            write_card(folder, options.repo_id, options.version, workers=run.options.workers)
         except DatasetError as error:
             raise DatasetError(str(error).replace(temporary, str(run.local_dir))) from error
         yield folder

@@ -179,8 +179,8 @@ def _making(datasets: Sequence[DatasetStatistics]) -> str:
 Structures are sampled without repetition, solved by search, and drawn in every state that an
 episode visits. The same command gives the same rows, with any number of workers. `manifest.json`
 in each config's folder holds these options, the versions and a SHA-256 of each file;
-`python run.py stages=[validate]` with the same options replays every row and compares it with its
-picture; `sha256sum -c SHA256SUMS` checks the files.
+`labyrinth-datasets stages=[validate]` with the same options replays every row and compares it with
+its picture; `sha256sum -c SHA256SUMS` checks the files.
 
 {made}
 

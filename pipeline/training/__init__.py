@@ -6,5 +6,5 @@ from pipeline.config.errors import ConfigError
 
 _missing = [name for name in ("matplotlib", "safetensors", "torch") if find_spec(name) is None]
 if _missing:
-    install = "pip install -c constraints.txt -e '.[train]'"
+    install = "pip install 'labyrinth-datasets[train]'"
     raise ConfigError(f"training needs {', '.join(_missing)}: {install}")

@@ -39,20 +39,18 @@ def run(run: Run) -> None:
         DatasetError: There is no finished run, or it is of another dataset than the one that is
             there; or the dataset lacks a split.
     """
-    options = run.training
-    assert options is not None  # `resolve` made them, for this stage.
-    folder = options.folder(run.dataset.name)
+    folder = run.training_folder
     record = read_record(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
-    device = choose_device(options)
+    device = choose_device(run.options)
     method, settings = find(record["run"]["method"], record["run"]["settings"])
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(run), device, make)
     fingerprint = Manifest.read(locate_dataset(run)).fingerprint
     if fingerprint != record["run"]["fingerprint"]:
         raise DatasetError(
-            f"{folder} was trained on another dataset than {options.source}: their fingerprints "
+            f"{folder} was trained on another dataset than {run.source}: their fingerprints "
             f"are {record['run']['fingerprint']:.8} and {fingerprint:.8}"
         )
     scores: dict[str, Scores] = {}
@@ -66,7 +64,7 @@ def run(run: Run) -> None:
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
-    console.print(summary(options.name, content))
+    console.print(summary(run.training_name, content))
     console.print(baseline_summary(content))
 
 

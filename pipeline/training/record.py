@@ -85,7 +85,7 @@ class Board:
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
-            needed = "pip install -e '.[tensorboard]'"
+            needed = "pip install 'labyrinth-datasets[tensorboard]'"
             raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
         shutil.rmtree(folder / BOARD, ignore_errors=True)
         self._writer: Any = SummaryWriter(str(folder / BOARD))

@@ -51,29 +51,28 @@ def run(run: Run) -> None:
         DatasetError: The dataset is missing or has no split that the method needs, or the folder
             holds another run.
     """
-    options = run.training
-    assert options is not None  # `resolve` made them, for this stage.
-    folder = options.folder(run.dataset.name)
-    method, settings = find(options.method, options.settings)
+    options = run.options
+    folder = run.training_folder
+    method, settings = find(options.method_name, options.method)
     device = choose_device(options)
     identity = identify(run, settings)
-    if not run.overwrite and _is_finished(folder, identity):
+    if not options.overwrite and _is_finished(folder, identity):
         console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
         return
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
-        if run.overwrite:
+        if options.overwrite:
             shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True, exist_ok=True)
         done = _train(learner, judge, options, folder, identity)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    draw_curves(folder, options.name, done.history)
+    draw_curves(folder, run.training_name, done.history)
     computed = {"device": device.type, "threads": torch.get_num_threads()}
     write_record(folder, identity, done, computed)
     (folder / CHECKPOINT).unlink(missing_ok=True)
-    _tell(folder, options, done)
+    _tell(run, done)
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
@@ -97,15 +96,13 @@ def locate_dataset(run: Run) -> AnyPath:
         ConfigError: A folder is given with a revision.
         DatasetError: There is no dataset.
     """
-    options = run.training
-    assert options is not None
-    if options.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
+    options = run.options
+    if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
         size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
-        raise DatasetError(
-            f"{run.folder} holds no dataset: python run.py {size} data_dir={run.data_dir} makes it"
-        )
+        command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
+        raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
     try:
-        return locate(options.source, run.dataset.name, "train", options.revision)
+        return locate(run.source, run.dataset.name, "train", options.revision)
     except ValueError as error:
         raise ConfigError(str(error)) from error
 
@@ -117,13 +114,17 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         ConfigError: As for `locate_dataset`.
         DatasetError: There is no dataset.
     """
-    options = run.training
-    assert options is not None
+    options = run.options
     return {
-        **options.what,
+        "method": options.method_name,
+        "encoder": options.network,
+        "pool_stride": options.pool_stride,
+        "observation": options.observation,
+        "protocol": options.protocol,
+        "seed": options.seed,
         "settings": asdict(settings),
         "config": run.dataset.name,
-        "dataset": options.source,
+        "dataset": run.source,
         "revision": options.revision,
         "fingerprint": Manifest.read(locate_dataset(run)).fingerprint,
     }
@@ -131,11 +132,10 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
 
 def worlds_of(run: Run) -> Callable[[str], LabyrinthArrays]:
     """Return what loads a split as the policy of a run sees it."""
-    options = run.training
-    assert options is not None
+    options = run.options
     return partial(
         load_arrays,
-        options.source,
+        run.source,
         run.dataset.name,
         observation=options.observation,
         image_size=IMAGE_SIZE,
@@ -146,10 +146,9 @@ def worlds_of(run: Run) -> Callable[[str], LabyrinthArrays]:
 
 def spec_of(run: Run) -> NetworkSpec:
     """Return the shape of the network of a run's policy."""
-    options = run.training
-    assert options is not None
+    options = run.options
     return NetworkSpec(
-        encoder=options.encoder,
+        encoder=options.network,
         pool_stride=options.pool_stride,
         height=run.dataset.height,
         width=run.dataset.width,
@@ -161,18 +160,17 @@ def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Judge]:
     """Return a fresh learner, and what tries its policy on train and validation."""
-    options = run.training
-    assert options is not None
+    options = run.options
     load = worlds_of(run)
     train, validation = load("train"), load("validation")
-    source, config = options.source, run.dataset.name
+    source, config = run.source, run.dataset.name
     steps = partial(load_steps, source, config, worlds=train, revision=options.revision)
 
     def exploration() -> Steps:
         try:
             return steps("random")
         except DatasetError as error:
-            reason = f"method={options.method} learns from the split random of {source}"
+            reason = f"method={options.method_name} learns from the split random of {source}"
             raise DatasetError(f"{reason}: {error}") from error
 
     problem = Problem(
@@ -215,12 +213,12 @@ def _train(
 ) -> Progress:
     board = Board(folder) if options.tensorboard else None
     with progress() as bars:
-        bar = bars.add_task(options.method, total=learner.settings.epochs)
+        bar = bars.add_task(options.method_name, total=learner.settings.epochs)
 
         def report(done: Progress) -> None:
             figures = done.history[-1]
             best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
-            told = f"{options.method} loss {figures['loss']:.3f}{best}"
+            told = f"{options.method_name} loss {figures['loss']:.3f}{best}"
             bars.update(bar, completed=done.epoch, description=told)
             if board is not None:
                 board.write(done.history)
@@ -235,12 +233,13 @@ def _train(
         )
 
 
-def _tell(folder: Path, options: TrainingOptions, done: Progress) -> None:
+def _tell(run: Run, done: Progress) -> None:
     best = done.best
     assert best is not None  # The last epoch is always judged.
     console.print(
-        f"{options.name}: SR {best['validation_sr']:.1%} on validation, {best['train_sr']:.1%} on "
-        f"train, after epoch {best['epoch']} of {done.epoch}; {done.seconds:.0f} s. {folder}",
+        f"{run.training_name}: SR {best['validation_sr']:.1%} on validation, "
+        f"{best['train_sr']:.1%} on train, after epoch {best['epoch']} of "
+        f"{done.epoch}; {done.seconds:.0f} s. {run.training_folder}",
         highlight=False,
         soft_wrap=True,
     )

@@ -12,6 +12,8 @@ from hub.client import CARD, PRELUDE, RELEASE, REPO, control, killing, release, 
 from hub.faults import Rule
 from hub.local_hub import LocalHub
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_commit_on_a_head_that_moved_is_refused(local_hub: LocalHub) -> None:
     local_hub.create_repo(REPO)

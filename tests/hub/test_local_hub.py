@@ -17,6 +17,8 @@ from hub.local_hub import SETTINGS, LocalHub
 from hub.repositories import git_oid
 from hub.state import MODES
 
+pytestmark = pytest.mark.slow
+
 each_mode = pytest.mark.parametrize("local_hub", MODES, indirect=True)
 
 

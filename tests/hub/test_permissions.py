@@ -7,6 +7,8 @@ import pytest
 from hub.client import REPO, run
 from hub.local_hub import LocalHub
 
+pytestmark = pytest.mark.slow
+
 ATTEMPTS = """
 name = sys.argv[1]
 attempt("whoami", api.whoami)

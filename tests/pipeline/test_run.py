@@ -23,6 +23,8 @@ from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.run import OPTIONS, Run
 from pipeline.generation.sample import split_of
 
+pytestmark = pytest.mark.slow
+
 RUN = Path(__file__).parents[2] / "run.py"
 STAGES = "stages=[build,validate]"
 
@@ -73,9 +75,12 @@ def spaced(text: str) -> str:
         (["labyrinths=0"], ["labyrinths=0", "1 or more"]),
         (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
         (["seed=-1"], ["seed=-1", "0 or more"]),
-        (["task=foo"], ["task=foo", "icy_floor, key_and_door, navigation, partial_observability"]),
+        (["task=foo"], ["task=foo", "navigation, partial_observability, key_and_door, icy_floor"]),
+        (["method=foo"], ["method=foo", "bc, bco, dagger, gail, iupe, planner, sqil"]),
         (["+foo=1"], ["foo", "no option"]),
         (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
+        (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
+        (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
         (["size=${foo}"], ["size", "foo"]),
         (["workers=1000000"], ["workers=1000000", "1 to 1,000"]),
         (["size=9", "labyrinths=99999999999999999999999999999999999999999999999"], ["2**144"]),

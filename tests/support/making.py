@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 from pipeline.release import card
@@ -12,9 +11,7 @@ from pipeline.release import card
 
 def make(data_dir: Path, size: str, task: str = "navigation", **options: object) -> Path:
     """Build a dataset and return its folder."""
-    config = RunConfig(
-        stages=["build"], size=size, task=TaskConfig(task), data_dir=str(data_dir), **options
-    )
+    config = RunConfig(stages=["build"], size=size, task=task, data_dir=str(data_dir), **options)
     run = resolve(config)
     build.run(run)
     return run.folder

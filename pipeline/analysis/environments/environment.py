@@ -1,4 +1,4 @@
-"""The environments that are compared, and how their experts play them."""
+"""The environments that are compared, with their experts."""
 
 from __future__ import annotations
 
@@ -30,36 +30,33 @@ class Trajectory:
     """One episode of an expert."""
 
     states: Floats
-    """The T + 1 observations, first to last, shape (T + 1, dimensions)."""
+    """The T + 1 observations, shape (T + 1, dimensions)."""
     actions: NDArray[np.int64] | Floats
-    """Shape (T,) if they are discrete, otherwise (T, dimensions)."""
+    """The T actions, shape (T,) if they are discrete, otherwise (T, dimensions)."""
     total: float
-    """The sum of its rewards."""
-
-
-Play = Callable[[int], Trajectory]
-"""From a seed to the episode that begins where this seed leads."""
+    """The sum of the rewards."""
 
 
 @dataclass(frozen=True)
-class World:
+class Environment:
     """An environment with its expert, ready to play."""
 
-    play: Play
+    play: Callable[[int], Trajectory]
+    """Seed -> the expert's episode from the initial state that this seed gives."""
     actions: int | tuple[Floats, Floats]
     """The number of discrete actions, or the bounds of continuous ones."""
-    place: Callable[[Floats], Floats]
-    """States (n, dimensions) -> where a map of visits has them, across and up, shape (n, 2)."""
+    on_map: Callable[[Floats], Floats]
+    """States (n, dimensions) -> their places on a map of visits, across and up, shape (n, 2)."""
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of an environment before it is played."""
+    """The map of visits of an environment, and the original's figures for it."""
 
     labels: tuple[str, str]
-    """Of a map of visits, across and up."""
+    """The labels of a map of visits, across and up."""
     shown: tuple[int, int]
-    """The dimensions of the state that it shows; not of labyrinths, which have cells."""
+    """The dimensions of the state on that map; unused for labyrinths, where it shows cells."""
     reported: tuple[float, float, float, float]
     """The original's average reward, action and trajectory difference, and p-value (table 6)."""
 
@@ -72,16 +69,16 @@ FACTS = {
     "Walker2d-v5": Facts(("angle", "height"), (1, 0), (4713.9521, 0.0005, 0.0016, 1.000)),
     "HalfCheetah-v5": Facts(("angle", "height"), (1, 0), (9526.0863, 0.0014, 0.0103, 0.254)),
 }
-"""By their names in `pipeline.config.run.ENVIRONMENTS`."""
+"""By the names in `pipeline.config.analysis.ENVIRONMENTS`."""
 
 
-def world_of(name: str, dataset: DatasetConfig, archive: str | None = None) -> World:
+def environment_of(name: str, dataset: DatasetConfig, archive: str | None = None) -> Environment:
     """Return an environment with its expert.
 
     Args:
         name: One of `FACTS`.
         dataset: Size, task and sampler of the labyrinths.
-        archive: A Stable-Baselines3 archive to take as the expert.
+        archive: A Stable-Baselines3 archive to use as the expert.
 
     Raises:
         ConfigError: A library is missing, or no labyrinth can hold the task.
@@ -90,8 +87,8 @@ def world_of(name: str, dataset: DatasetConfig, archive: str | None = None) -> W
     return _labyrinths(dataset) if name == LABYRINTH else _gymnasium(name, archive)
 
 
-def _labyrinths(config: DatasetConfig) -> World:
-    """Return fresh labyrinths, with the solver; a seed gives the one that `LabyrinthEnv` gives."""
+def _labyrinths(config: DatasetConfig) -> Environment:
+    """Return labyrinths with the solver; a seed gives the one that it gives in `LabyrinthEnv`."""
 
     def play(seed: int) -> Trajectory:
         rng = np.random.default_rng(seed)
@@ -108,21 +105,32 @@ def _labyrinths(config: DatasetConfig) -> World:
         total = float(episode.rewards.sum(dtype=np.float64))
         return Trajectory(np.array(states, np.float64), episode.actions.astype(np.int64), total)
 
-    def place(states: Floats) -> Floats:
+    def on_map(states: Floats) -> Floats:
         rows, columns = np.divmod(states[:, 0], 2 * config.width - 1)
         return np.stack([columns, rows], axis=1) / 2
 
     try:
         play(0)
-    except LabyrinthError as error:  # Of a task that labyrinths of this size cannot hold.
+    except LabyrinthError as error:  # Labyrinths of this size cannot hold the task.
         raise ConfigError(str(error)) from error
-    return World(play, len(Action), place)
+    return Environment(play, len(Action), on_map)
 
 
-def _gymnasium(name: str, archive: str | None) -> World:
-    env = _made(name)
+def _gymnasium(name: str, archive: str | None) -> Environment:
+    import gymnasium
+    from gymnasium.error import DependencyNotInstalled
+
+    try:
+        if name not in ("MountainCar-v0", "CartPole-v1"):
+            quiet_mujoco()
+        env: Any = gymnasium.make(name)
+    except (DependencyNotInstalled, ModuleNotFoundError) as error:
+        raise ConfigError(
+            f"analysis.environments: {name} needs MuJoCo: "
+            "pip install 'labyrinth-datasets[analysis]'"
+        ) from error
     expert = expert_of(name, archive)
-    space = env.action_space
+    space: Any = env.action_space
     discrete = hasattr(space, "n")
 
     def act(observation: Floats) -> Any:
@@ -142,37 +150,23 @@ def _gymnasium(name: str, archive: str | None) -> World:
 
     try:
         fits = space.contains(np.asarray(act(np.zeros(env.observation_space.shape)), space.dtype))
-    except ValueError:  # From multiplying matrices of other shapes.
+    except ValueError:  # From multiplying matrices whose shapes do not fit.
         fits = False
     if not fits:
         raise DatasetError(f"{archive} is no expert for {name}: it observes or acts otherwise")
-    return World(
+    return Environment(
         play,
         int(space.n) if discrete else (space.low, space.high),
         lambda states: states[:, FACTS[name].shown],
     )
 
 
-def _made(name: str) -> Any:
-    import gymnasium
-    from gymnasium.error import DependencyNotInstalled
-
-    try:
-        if name not in ("MountainCar-v0", "CartPole-v1"):
-            quiet_mujoco()
-        return gymnasium.make(name)
-    except (DependencyNotInstalled, ModuleNotFoundError) as error:
-        raise ConfigError(
-            f"analysis.environments: {name} needs MuJoCo: pip install -e '.[analysis]'"
-        ) from error
-
-
 def quiet_mujoco() -> None:
-    """Keep MuJoCo from writing a file of warnings into the folder that one works in."""
+    """Keep MuJoCo from writing a file of warnings into the working directory."""
     import mujoco
 
     def warn(message: str) -> None:
-        if "deprecated" not in message:  # Gymnasium's models say so of themselves, each time.
+        if "deprecated" not in message:  # Gymnasium's models cause this warning each time.
             warnings.warn(f"MuJoCo: {message}", RuntimeWarning, stacklevel=2)
 
     mujoco.set_mju_user_warning(warn)

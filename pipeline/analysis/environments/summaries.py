@@ -1,7 +1,8 @@
-"""Episodes summed up by counts, so that a hundred thousand of them fit in memory."""
+"""Episodes reduced to counts, so that a hundred thousand of them fit in memory."""
 
 from __future__ import annotations
 
+import io
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -12,34 +13,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.analysis.environments.environment import World
-from pipeline.analysis.environments.frames import Frame
+from labyrinth_core.data.storage import write_bytes
+from pipeline.analysis.environments.discretisation import Discretisation
+from pipeline.analysis.environments.environment import Environment
 from pipeline.analysis.shift import Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Some episodes, by their counts and the little else that is asked of them."""
+    """Some episodes: their counts, and what else is measured of them."""
 
     counts: NDArray[Any]
-    """Of each episode, as `Frame.counts` has them, shape (episodes, counts)."""
+    """The counts of each episode, as in `Discretisation.counts`, shape (episodes, counts)."""
     means: Floats
-    """Of its actions (of discrete ones, the share of each) and states, (episodes, dimensions)."""
+    """The mean of each episode's actions (the share of each discrete one) and states, shape
+    (episodes, dimensions)."""
     totals: Floats
-    """Its return, shape (episodes,)."""
+    """The return of each episode, shape (episodes,)."""
     steps: NDArray[np.int64]
+    """The number of steps of each episode, shape (episodes,)."""
     first: Floats
-    """Its first state, shape (episodes, dimensions of the state)."""
+    """The first state of each episode, shape (episodes, dimensions of the state)."""
     lowest: Floats
-    """Of all states, shape (dimensions,)."""
+    """The minimum over all states, shape (dimensions,)."""
     highest: Floats
+    """The maximum over all states, shape (dimensions,)."""
     visits: NDArray[np.int64]
-    """Maps of the episodes of even and of odd seeds, shape (2, up, across)."""
+    """The maps of visits of even and of odd seeds, shape (2, up, across)."""
 
     @classmethod
-    def of(cls, world: World, frame: Frame, seeds: range) -> Summary:
-        """Play the episodes of some seeds, and sum them up."""
-        return cls.joined([_summary(world, frame, seed) for seed in seeds])
+    def of(cls, environment: Environment, discretisation: Discretisation, seeds: range) -> Summary:
+        """Play the episodes of some seeds, and summarise them."""
+        return cls.joined([_summary(environment, discretisation, seed) for seed in seeds])
 
     @classmethod
     def joined(cls, parts: Sequence[Summary]) -> Summary:
@@ -55,15 +60,14 @@ class Summary:
         )
 
     def save(self, path: Path) -> None:
-        """Write it; the file is whole or not there."""
-        temporary = path.with_name(f".{path.name}.tmp")
-        with temporary.open("wb") as file:
-            np.savez_compressed(file, **vars(self))
-        temporary.replace(path)
+        """Write it to a file, which is whole or absent."""
+        content = io.BytesIO()
+        np.savez_compressed(content, **vars(self))
+        write_bytes(path, content.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> Summary | None:
-        """Return the summary in a file, None if there is none that is whole."""
+        """Return the summary in a file; None if the file is absent or damaged."""
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 return cls(**arrays)
@@ -71,17 +75,18 @@ class Summary:
             return None
 
 
-def _summary(world: World, frame: Frame, seed: int) -> Summary:
-    trajectory = world.play(seed)
+def _summary(environment: Environment, discretisation: Discretisation, seed: int) -> Summary:
+    trajectory = environment.play(seed)
     states, actions = trajectory.states, trajectory.actions
-    counts = frame.counts(trajectory)
-    if isinstance(frame.actions, int):
-        actions = np.eye(frame.actions)[actions]
-    visits = np.zeros((2, len(frame.up) - 1, len(frame.across) - 1), np.int64)
-    across, up = world.place(states).T
-    visits[seed % 2] = np.histogram2d(up, across, (frame.up, frame.across))[0]
+    counts = discretisation.counts(trajectory)
+    if isinstance(discretisation.actions, int):
+        actions = np.eye(discretisation.actions)[actions]
+    edges = discretisation.up, discretisation.across
+    visits = np.zeros((2, len(edges[0]) - 1, len(edges[1]) - 1), np.int64)
+    across, up = environment.on_map(states).T
+    visits[seed % 2] = np.histogram2d(up, across, edges)[0]
     return Summary(
-        # An episode has a thousand steps or so; where one has more, nothing is lost either.
+        # Most episodes have about a thousand steps, but longer ones must not overflow.
         counts=counts[None].astype(np.uint16 if counts.max() < 1 << 16 else np.uint32),
         means=np.concatenate([actions.mean(axis=0), states.mean(axis=0)])[None],
         totals=np.array([trajectory.total]),

@@ -1,4 +1,4 @@
-"""What tells the episodes of one half of the seeds from those of the other half."""
+"""The differences between the episodes of even and of odd seeds."""
 
 from __future__ import annotations
 
@@ -7,73 +7,73 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.analysis.environments.frames import Frame
+from pipeline.analysis.environments.discretisation import Discretisation
 from pipeline.analysis.environments.summaries import Summary
 from pipeline.analysis.shift import Floats, cohens_d, holm, permutation_test
 
 PAIRS = 1_000
-"""Pairs of episodes, one of each half, that say how much two episodes differ."""
+"""The number of pairs of episodes, one of each half, that are compared one by one."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How much the two halves differ, in their actions or in their states."""
+    """The difference between the two halves, in their actions or in their states."""
 
     distance: float
     """Jensen-Shannon distance of discrete actions; else Wasserstein, mean of the dimensions."""
     p_value: float
-    """By exchanging whole episodes."""
+    """From a permutation test that exchanges whole episodes."""
     effect: float
-    """Cohen's d between the means of episodes, in absolute terms, mean of the dimensions."""
+    """The absolute value of Cohen's d between the means of episodes, mean of the dimensions."""
     two_episodes: float
     """The same distance between two episodes, mean of up to `PAIRS` pairs."""
     holm: float = 1.0
-    """The p-value, corrected for all that are in a report; `corrected` sets it."""
+    """The p-value with Holm's correction over a whole report; `corrected` sets it."""
 
 
 @dataclass(frozen=True)
 class Variation:
-    """An environment, as its expert's episodes show it."""
+    """How much the episodes of an environment's expert vary."""
 
     name: str
     seeds: int
     steps: int
     average_reward: float
     reward_deviation: float
-    """Standard deviation of the returns (ddof 0)."""
+    """The standard deviation of the returns (ddof 0)."""
     least_reward: float
     actions: Difference
     states: Difference
-    """Scaled to [0, 1] in each dimension; those that never change are left out."""
+    """The states are scaled to [0, 1]; dimensions that never change are left out."""
     state_distances: tuple[float, ...]
-    """The distance in each dimension of the state, scaled; 0 in those that never change."""
+    """The distance in each scaled dimension of the state; 0 in those that never change."""
     first_states: float
-    """Manhattan distance of two first states, mean of all pairs."""
+    """The Manhattan distance between two first states, mean of all pairs."""
     first_states_scaled: float
-    """The same with each dimension scaled, mean of the dimensions that change."""
+    """The same distance in scaled dimensions, mean of those that change."""
     beyond: float
-    """How far states went beyond where they are counted, at most, as a share of their range."""
+    """How far states went beyond the points of the discretisation, as a share of their range."""
 
 
-def measure(name: str, frame: Frame, summary: Summary, seed: int) -> Variation:
+def measure(name: str, discretisation: Discretisation, summary: Summary, seed: int) -> Variation:
     """Return how the episodes of even seeds (0, 2, ...) differ from those of odd seeds.
 
     Args:
-        name: Of the environment.
-        frame: What its episodes were counted on.
-        summary: Of all episodes, in the order of the seeds 0, 1, ...
-        seed: Settles the permutations.
+        name: The name of the environment.
+        discretisation: The points at which its episodes were counted.
+        summary: The summary of all episodes, in the order of the seeds 0, 1, ...
+        seed: The seed of the permutations.
     """
     scale = summary.highest - summary.lowest
     changing = scale > 0
     unit = np.where(changing, scale, 1)
 
     def in_each(a: Floats, b: Floats) -> Floats:
-        return frame.state_distances(a, b) / unit
+        return discretisation.state_distances(a, b) / unit
 
     def distances(a: Floats, b: Floats) -> Floats:
         states = in_each(a, b)[..., changing].mean(axis=-1)
-        return np.stack([frame.action_distance(a, b), states], axis=-1)
+        return np.stack([discretisation.action_distance(a, b), states], axis=-1)
 
     even, odd = summary.counts[::2], summary.counts[1::2]
     tested = permutation_test(even, odd, distances, np.random.default_rng([seed, *name.encode()]))
@@ -85,7 +85,8 @@ def measure(name: str, frame: Frame, summary: Summary, seed: int) -> Variation:
     actions, states = (
         Difference(*map(float, numbers)) for numbers in zip(*tested, effects, two, strict=True)
     )
-    outside = np.maximum(frame.lowest - summary.lowest, summary.highest - frame.highest) / unit
+    ends = np.array([(each[0], each[-1]) for each in discretisation.states.points])
+    outside = np.maximum(ends[:, 0] - summary.lowest, summary.highest - ends[:, 1]) / unit
     apart = manhattan_distances(summary.first)
     return Variation(
         name=name,
@@ -104,7 +105,7 @@ def measure(name: str, frame: Frame, summary: Summary, seed: int) -> Variation:
 
 
 def manhattan_distances(points: Floats) -> Floats:
-    """Return how far two points are apart in each dimension, the mean of all pairs.
+    """Return the distance between two points in each dimension, the mean of all pairs.
 
     Args:
         points: Shape (n, dimensions), n at least 2.
@@ -116,7 +117,7 @@ def manhattan_distances(points: Floats) -> Floats:
 
 
 def corrected(results: Sequence[Variation]) -> list[Variation]:
-    """Return the results with Holm's correction over all p-values there are."""
+    """Return the results with Holm's correction over all their p-values."""
     p_values = [[each.actions.p_value, each.states.p_value] for each in results]
     adjusted = holm(np.ravel(p_values)).reshape(-1, 2)
     return [

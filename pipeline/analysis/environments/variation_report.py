@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.storage import write_text
+from pipeline.analysis.environments.discretisation import Discretisation
 from pipeline.analysis.environments.environment import FACTS
-from pipeline.analysis.environments.frames import Frame
 from pipeline.analysis.environments.variation import Variation
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.markdown import table
@@ -31,31 +31,31 @@ _MORE = (
     *("actions' p-value", "Holm", "effect size", "two episodes: actions", "trajectories"),
 )
 _FIRST = ("environment", "Manhattan distance", "share of the range")
-"""Headings of the three tables."""
+"""The headings of the three tables."""
 
 MAPS = "visits"
-"""Name of the pictures, before `.png` and `.svg`."""
+"""The name of the pictures, before `.png` and `.svg`."""
 
 
 def check_can_draw() -> None:
-    """Raise ConfigError, before hours of playing, if the pictures could not be drawn."""
+    """Raise ConfigError if matplotlib is missing; called before hours of playing."""
     try:
         import matplotlib  # noqa: F401
     except ModuleNotFoundError as error:
         raise ConfigError(
-            "stages=[environments] needs matplotlib: pip install -e '.[analysis]'"
+            "stages=[environments] needs matplotlib: pip install 'labyrinth-datasets[analysis]'"
         ) from error
 
 
 def write_report(
-    folder: Path, results: Sequence[Variation], maps: Mapping[str, tuple[Frame, Visits]]
+    folder: Path, results: Sequence[Variation], maps: Mapping[str, tuple[Discretisation, Visits]]
 ) -> None:
     """Write `environments.json`, `.csv` and `.md`, and the maps of visits as PNG and SVG.
 
     Args:
-        folder: Where to.
-        results: Of each environment.
-        maps: The visits of each environment, (2, up, across), and what they are counted on.
+        folder: The folder to write to.
+        results: The results of all environments.
+        maps: The discretisation and the visits, (2, up, across), of each environment.
     """
     folder.mkdir(parents=True, exist_ok=True)
     values = [asdict(each) | {"original": _original(each.name)} for each in results]
@@ -71,7 +71,7 @@ def _original(name: str) -> dict[str, float]:
 
 
 def _csv(values: Sequence[dict[str, Any]]) -> str:
-    """Return a row of numbers for each environment; columns of parts are `part.name`."""
+    """Return a row of numbers for each environment; nested values are in columns `part.name`."""
     rows = []
     for each in values:
         row: dict[str, Any] = {}
@@ -130,23 +130,24 @@ def _markdown(results: Sequence[Variation]) -> str:
     )
 
 
-def draw_visits(folder: Path, maps: Mapping[str, tuple[Frame, Visits]]) -> None:
-    """Draw the maps of visits: a column an environment, even seeds above odd ones."""
+def draw_visits(folder: Path, maps: Mapping[str, tuple[Discretisation, Visits]]) -> None:
+    """Draw the maps of visits: a column for each environment, even seeds above odd ones."""
     import matplotlib
     from matplotlib.colors import PowerNorm
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(2.5 * len(maps), 5.2), layout="constrained")
     axes = figure.subplots(2, len(maps), squeeze=False, sharex="col", sharey="col")
-    for column, (name, (frame, visits)) in enumerate(maps.items()):
+    for column, (name, (discretisation, visits)) in enumerate(maps.items()):
         across, up = FACTS[name].labels
         shares = visits / visits.sum(axis=(1, 2), keepdims=True)
-        # Some places are visited a hundred times as often as others: dark ones show with a root.
+        # Some places are visited a hundred times as often as others: a root shows the rare ones.
         norm = PowerNorm(0.5, 0, shares.max())
         for row, seeds in enumerate(("even seeds", "odd seeds")):
             panel = axes[row, column]
             visited = np.ma.masked_equal(shares[row], 0)
-            panel.pcolormesh(frame.across, frame.up, visited, norm=norm, rasterized=True)
+            edges = discretisation.across, discretisation.up
+            panel.pcolormesh(*edges, visited, norm=norm, rasterized=True)
             panel.tick_params(labelsize=7)
             panel.set_ylabel(up if column else f"{seeds}\n{up}")
         axes[0, column].set_title(name, fontsize=10)

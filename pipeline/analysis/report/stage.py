@@ -39,7 +39,6 @@ PACKED_BYTES = 36_000_000
 
 SCRIPTS = (
     "world",
-    "placing",
     "language",
     "dom",
     "drawing",
@@ -61,7 +60,8 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or one is damaged.
         OSError: The folder cannot be written.
     """
-    page = write_report(run.local_dir, run.run_dir, workers=run.workers)
+    run_dir = Path(run.options.run_dir).expanduser()
+    page = write_report(run.local_dir, run_dir, workers=run.options.workers)
     megabytes = page.stat().st_size / 1e6
     say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 
@@ -97,7 +97,7 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
     results = read_results(run_dir, manifests)
     has_figures = draw_figures(datasets, results, folder)
     if not has_figures:
-        console.print("No figures as files: pip install -e '.[analysis]' for them.")
+        console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
     write_text(folder / PAGE, page(datasets, results, FIGURES_FOLDER if has_figures else None))
     return folder / PAGE
 

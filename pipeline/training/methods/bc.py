@@ -25,14 +25,12 @@ from pipeline.training.networks.turning import Averaged, turn_examples
 class Settings(BaseSettings):
     """An epoch is one pass over the demonstrations, or over `pictures` drawn from them."""
 
-    augment: bool = setting(False)
-    """Turn pictures and actions together, by the eight symmetries of the square."""
-    relabel: bool = setting(False)
-    """Take any two states of a route as start and goal: `relabelling`."""
-    average: bool = setting(False)
-    """Look at a picture in all eight ways when acting."""
-    pictures: int = setting(1024, 1)
-    """An epoch's, if it draws them, to augment or to relabel."""
+    augment: bool = setting(
+        "whether pictures and actions are turned together, by the eight symmetries of the square"
+    )
+    relabel: bool = setting("whether any two states of a route are taken as start and goal")
+    average: bool = setting("whether the policy looks at a picture in all eight ways when it acts")
+    pictures: int = setting("number of pictures in an epoch that augments or relabels", at_least=1)
 
 
 class Method(Learner):

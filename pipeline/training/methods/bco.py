@@ -32,12 +32,13 @@ from pipeline.training.policy import outputs_of
 class Settings(BaseSettings):
     """An epoch is one pass of the policy over the demonstrations."""
 
-    alpha: float = setting(0.1, 0)
-    """Steps of the policy a round, by the number of steps of the random policy."""
-    epochs_a_round: int = setting(10, 1)
-    """Passes of the policy before it acts again."""
-    model_epochs: int = setting(2, 1)
-    """Passes of the inverse dynamics model over I in each round."""
+    alpha: float = setting(
+        "number of steps of the policy in a round, as a multiple of those of the random policy"
+    )
+    epochs_a_round: int = setting("number of passes before the policy acts again", at_least=1)
+    model_epochs: int = setting(
+        "number of passes of the inverse dynamics model over I in a round", at_least=1
+    )
 
 
 class Method(Learner):

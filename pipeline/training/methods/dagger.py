@@ -26,8 +26,9 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, set
 class Settings(BaseSettings):
     """An epoch is one pass over D."""
 
-    epochs_a_round: int = setting(5, 1)
-    """Passes over D before the policy acts again."""
+    epochs_a_round: int = setting(
+        "number of passes over D before the policy acts again", at_least=1
+    )
 
 
 class Method(Learner):

@@ -45,20 +45,17 @@ VALUE_WEIGHT = 0.5
 class Settings(BaseSettings):
     """An epoch is some steps in every labyrinth, a pass of D, and a few of the policy."""
 
-    epochs: int = setting(150, 1)
-    batch_size: int = setting(256, 2)
-    """States in a gradient step of the policy, and pairs in one of the discriminator."""
-    steps: int = setting(64, 1)
-    """Of the agent in each labyrinth, in an epoch."""
-    policy_passes: int = setting(4, 1)
-    """Over the states that were visited."""
-    gamma: float = setting(0.95, 0, 0.999)
-    """Discount."""
-    trace: float = setting(0.95, 0, 1)
-    """lambda of the advantages."""
-    clip: float = setting(0.2, 0, 1)
-    entropy: float = setting(0.01, 0)
-    """Weight of the entropy bonus."""
+    batch_size: int = setting(
+        "number of states in a gradient step of the policy, and of pairs in one of the "
+        "discriminator",
+        at_least=2,
+    )
+    steps: int = setting("number of steps in each labyrinth in an epoch", at_least=1)
+    policy_passes: int = setting("number of passes over the states visited", at_least=1)
+    gamma: float = setting("discount factor", at_most=0.999)
+    trace: float = setting("lambda of the advantages", at_most=1)
+    clip: float = setting("clipping range of the ratio of probabilities in PPO", at_most=1)
+    entropy: float = setting("weight of the entropy bonus")
 
 
 class ActorCritic(nn.Module):

@@ -36,8 +36,9 @@ from pipeline.training.methods.method import Problem, setting
 class Settings(bco.Settings):
     """Those of BCO, alpha having no meaning here."""
 
-    episode_steps: int = setting(100, 1)
-    """After how many steps an episode of the policy is cut, when it acts for experience."""
+    episode_steps: int = setting(
+        "number of steps after which an episode of the policy for experience is cut", at_least=1
+    )
 
 
 class Method(bco.Method):

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
 from importlib import import_module
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -21,35 +22,36 @@ from torch.nn import functional
 from torch.optim import Adam
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from pipeline.config.errors import ConfigError
+from pipeline.config.errors import ConfigError, check
+from pipeline.config.option import check_options, frozen, option
+from pipeline.config.training import usual_settings
 from pipeline.training.methods.relabelling import Routes
 from pipeline.training.networks.network import ACTIONS, Network, NetworkSpec
 from pipeline.training.policy import outputs_of
 from pipeline.training.steps import Steps
 
-LEARNING_RATE = 5e-4
-"""Of Adam, for all methods (supplement, section 3)."""
 
+def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
+    """Return the field that declares a setting; the files in conf/method/ have the values.
 
-def setting(default: float, low: float = 0, high: float = float("inf")) -> Any:
-    """Return the field of a setting: its default, and the least and greatest value allowed.
-
-    One whose default is True or False is either, and has no least and greatest value.
+    Args:
+        meaning: A phrase in which a noun says what the value is.
+        at_least: The least value of a number.
+        at_most: The greatest value of a number.
     """
-    return field(default=default, metadata={"low": low, "high": high})
+    return option(MISSING, meaning, at_least=at_least, at_most=at_most)
 
 
 @dataclass(frozen=True)
 class BaseSettings:
-    """What every method lets one choose; its own settings are made by `setting`, too."""
+    """What every method lets one choose; its own settings are declared by `setting`, too."""
 
-    epochs: int = setting(100, 1)
-    """How often `Learner.epoch` is called."""
-    evaluate_every: int = setting(2, 1)
-    """Epochs after which the policy is tried on train and validation."""
-    batch_size: int = setting(64, 2)
-    """Of a gradient step."""
-    learning_rate: float = setting(LEARNING_RATE, 0)
+    epochs: int = setting("number of calls of `Learner.epoch`", at_least=1)
+    evaluate_every: int = setting(
+        "number of epochs after which the policy is tried on train and validation", at_least=1
+    )
+    batch_size: int = setting("number of transitions in a gradient step", at_least=2)
+    learning_rate: float = setting("learning rate of Adam (5e-4 in the supplement, section 3)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +159,7 @@ def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSetti
 
     Args:
         name: An identifier, such as `bc`.
-        values: Of some settings; the others are the defaults.
+        values: The values of some settings; conf/method/ has the others.
 
     Raises:
         ConfigError: There is no such method or setting, or a value that is not allowed.
@@ -172,31 +174,10 @@ def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSetti
     method, settings = getattr(module, "Method", None), getattr(module, "Settings", None)
     if method is None or settings is None:
         raise ConfigError(f"method={name}: pipeline/training/methods has no method of that name")
-    return method, settings_of(settings, values)
-
-
-def settings_of(cls: type[BaseSettings], values: Mapping[str, Any]) -> BaseSettings:
-    """Return settings with the given values, the others being the defaults.
-
-    Raises:
-        ConfigError: There is no such setting, or the value is not allowed.
-    """
-    known = {each.name: each for each in fields(cls)}
-    for name, value in values.items():
-        if name not in known:
-            raise ConfigError(f"method.{name} is no option: choose from [{', '.join(known)}]")
-        _check(known[name], value)
-    return cls(**values)
-
-
-def _check(known: Field[Any], value: object) -> None:
-    if isinstance(known.default, bool):
-        if not isinstance(value, bool):
-            raise ConfigError(f"method.{known.name}={value}: give true or false")
-        return
-    low, high = known.metadata["low"], known.metadata["high"]
-    kinds = (int, float) if isinstance(known.default, float) else (int,)
-    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
-        kind = "a whole number" if kinds == (int,) else "a number"
-        limit = "or more" if high == float("inf") else f"to {high}"
-        raise ConfigError(f"method.{known.name}={value}: give {kind}, {low} {limit}")
+    values = {**usual_settings(name), **values}
+    values.pop("name", None)
+    for each in fields(settings):
+        check(each.name in values, f"method.{each.name} is missing: give it a value")
+    chosen = frozen(settings, values, "method.")
+    check_options(chosen, settings, "method.")
+    return method, chosen

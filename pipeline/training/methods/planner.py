@@ -48,22 +48,20 @@ MAX_GRADIENT = 1.0
 class Settings(bc.Settings):
     """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
 
-    epochs: int = setting(30, 1)
-    evaluate_every: int = setting(10, 1)
-    batch_size: int = setting(32, 2)
-    learning_rate: float = setting(4e-3, 0)
-    augment: bool = setting(True)
-    relabel: bool = setting(True)
-    average: bool = setting(True)
-    path_prior: bool = setting(True)
-    grid_prior: bool = setting(True)
-    colour_prior: bool = setting(True)
-    channels: int = setting(32, 1, 1024)
-    iterations: int = setting(20, 1, 1000)
-    """Of planning, in cells; with `path_prior` only while learning, else as many as it takes."""
-    sharpness: float = setting(3.0, 0)
-    """Power to which costs are raised when acting: ways grow with a labyrinth, walls have to.
-    With `grid_prior` only."""
+    path_prior: bool = setting("whether costs of steps add up, and the cheapest way is taken")
+    grid_prior: bool = setting("whether the number of pixels of a cell is known")
+    colour_prior: bool = setting("whether the agent is found by its colour")
+    channels: int = setting("number of channels of the network", at_least=1, at_most=1024)
+    iterations: int = setting(
+        "number of iterations of planning, in cells; with path_prior only in training, and as many "
+        "as it takes when acting",
+        at_least=1,
+        at_most=1000,
+    )
+    sharpness: float = setting(
+        "power to which costs are raised when acting, with grid_prior only: the longer the ways of "
+        "a labyrinth, the more a wall has to cost"
+    )
 
 
 class Method(bc.Method):

@@ -40,19 +40,16 @@ from pipeline.training.policy import settle
 class Settings(BaseSettings):
     """An epoch is some steps in every labyrinth and some gradient steps."""
 
-    epochs: int = setting(150, 1)
-    batch_size: int = setting(128, 2)
-    """Half of it demonstrations, half of it the learner's own steps."""
-    updates: int = setting(30, 1)
-    """Gradient steps in an epoch."""
-    steps: int = setting(10, 1)
-    """Of the agent in each labyrinth, in an epoch."""
-    buffer: int = setting(50_000, 1)
-    """Most steps of its own that are remembered, the last ones."""
-    gamma: float = setting(0.9, 0, 0.999)
-    """Discount; with 1 the goal would be worth more than any number."""
-    temperature: float = setting(0.1, 0.001)
-    """tau."""
+    batch_size: int = setting(
+        "number of transitions in a gradient step, half of them demonstrations", at_least=2
+    )
+    updates: int = setting("number of gradient steps in an epoch", at_least=1)
+    steps: int = setting("number of steps in each labyrinth in an epoch", at_least=1)
+    buffer: int = setting("number of the learner's last steps that are remembered", at_least=1)
+    gamma: float = setting(
+        "discount factor; with 1 the value of the goal would be infinite", at_most=0.999
+    )
+    temperature: float = setting("tau", at_least=0.001)
 
 
 class Method(Learner):

@@ -28,7 +28,7 @@ labyrinths. `paper`: Tables 3 to 5 of the supplement, which do not say with whic
 marks cells that cannot be, since even the shortest routes would return less than AER and SR imply.
 
 The runs themselves are in `runs/`, all of this as numbers is in `results.csv`, and as LaTeX in
-`results.tex`. `python run.py stages=[results]` makes these files.
+`results.tex`. `labyrinth-datasets stages=[results]` makes these files.
 """
 
 COLUMNS = (

@@ -27,15 +27,14 @@ def run(run: Run) -> None:
     Raises:
         DatasetError: There are none, or one cannot be read, or two are of other datasets.
     """
-    options = run.training
-    assert options is not None  # `resolve` made them, for this stage.
-    gather(options.run_dir, options.results_dir)
-    evaluations = read_all(options.results_dir)
+    results_dir = Path(run.options.results_dir).expanduser()
+    gather(Path(run.options.run_dir).expanduser(), results_dir)
+    evaluations = read_all(results_dir)
     figures = summarise(evaluations)
-    write_tables(options.results_dir, evaluations, figures)
+    write_tables(results_dir, evaluations, figures)
     console.print(overview(figures))
     console.print(
-        f"{count(len(evaluations), 'run')}: {options.results_dir}",
+        f"{count(len(evaluations), 'run')}: {results_dir}",
         highlight=False,
         soft_wrap=True,
     )

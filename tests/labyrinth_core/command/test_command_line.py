@@ -307,6 +307,7 @@ def test_play_counts_bumps_starts_again_and_quits():
     assert "The episode ends" not in shown
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_game_with_status_130():
     assert play(NAVIGATION, b"w", interrupt=True)[0] == 130
 

@@ -34,7 +34,6 @@ from labyrinth_core.pictures.png import encode
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
-from pipeline.config.dataset import TaskConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 
@@ -58,7 +57,7 @@ def data_dir(tmp_path_factory):
             config = RunConfig(
                 stages=["build"],
                 size=name.partition("-")[0],
-                task=TaskConfig(task),
+                task=task,
                 labyrinths=3,
                 random_steps=70,
                 data_dir=str(folder),
@@ -380,7 +379,7 @@ def test_a_hub_that_cannot_be_reached_gives_one_line(tmp_path, function):
         "except DatasetError as error: print(error)\n"
     )
     said = python(program, HF_HUB_OFFLINE="1", HF_HOME=str(tmp_path))
-    assert said.startswith("nobody/labyrinth is no folder (python run.py makes one), and not")
+    assert said.startswith("nobody/labyrinth is no folder (labyrinth-datasets makes one), and not")
     assert said.count("\n") == 1
 
 

@@ -27,10 +27,13 @@ from labyrinth_core.data.storage import (
     write_bytes,
 )
 from pipeline.config.errors import ConfigError
+from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.release import card
+
+pytestmark = pytest.mark.slow
 
 Build = Callable[..., Run]
 
@@ -153,9 +156,9 @@ def test_a_file_url_is_a_local_folder(tmp_path: Path) -> None:
             {
                 "data_dir": "memory://a",
                 "stages": ["publish"],
-                "publish": {"repo_id": "a/b", "version": "1.0.0"},
+                "publish": PublishOptions(repo_id="a/b", version="1.0.0"),
             },
-            ["memory://a", "publish needs a local folder"],
+            ["memory://a", "publish need a local folder"],
         ),
     ],
     ids=["unknown", "missing", "publish"],
@@ -164,8 +167,6 @@ def test_a_place_that_cannot_be_used_is_answered_with_one_line(
     options: dict[str, Any], parts: list[str]
 ) -> None:
     config = RunConfig(**{"stages": ["build"]} | options)
-    if "publish" in options:
-        config.publish = type(RunConfig().publish)(**options["publish"])
     with pytest.raises(ConfigError) as caught:
         resolve(config)
     assert all(part in str(caught.value) for part in parts), caught.value

@@ -431,7 +431,7 @@ def test_a_window_shows_each_step_and_closes():
 def test_a_window_without_pygame_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     monkeypatch.delitem(sys.modules, "labyrinth_core.env.window", raising=False)
-    with pytest.raises(DependencyNotInstalled, match=r"pip install -e '.\[play\]'"):
+    with pytest.raises(DependencyNotInstalled, match=r"pip install 'labyrinth-datasets\[play\]'"):
         LabyrinthEnv(render_mode="human").reset()
 
 

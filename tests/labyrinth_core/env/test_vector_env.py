@@ -288,3 +288,13 @@ def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, messa
 def test_an_impossible_reset_is_refused_with_what_is_allowed(arguments, message):
     with pytest.raises(ValueError, match=message):
         LabyrinthVectorEnv(2).reset(**arguments)
+
+
+def test_an_option_that_one_labyrinth_cannot_hold_changes_none_of_them():
+    closed = OPEN.replace("| S     |", "| S |   |").replace("|   +   |", "|   + - |")
+    env = LabyrinthVectorEnv(2, labyrinths=[OPEN, closed], observation="vector")
+    before, _ = env.reset()
+    with pytest.raises(ValueError, match="this labyrinth cannot hold it"):
+        env.reset(options={"start": (0, 1)})
+    after, *_ = env.step(np.array([2, 2]))  # Into the outer wall.
+    assert (after == before).all()

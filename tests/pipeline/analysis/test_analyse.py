@@ -16,7 +16,7 @@ from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis import analyse
 from pipeline.analysis.measures import Shift
-from pipeline.config.analysis import LeakageConfig
+from pipeline.config.analysis import LeakageOptions
 from pipeline.machinery.counts import COUNTS, DatasetCounts
 
 
@@ -129,7 +129,7 @@ def files(small_dataset, tmp_path):
 
 def certified(make_run, source, tmp_path, config=None):
     data_dir = tmp_path / "data"
-    run_on(make_run, data_dir, leakage=LeakageConfig(str(source), config))
+    run_on(make_run, data_dir, leakage=LeakageOptions(str(source), config))
     (path,) = (data_dir / "analysis").iterdir()
     content = json.loads(path.read_bytes())
     assert content["source"] == str(source)

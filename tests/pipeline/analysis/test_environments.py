@@ -15,15 +15,17 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.world.labyrinth import Task
 from pipeline.analysis.environments import stage as environments
 from pipeline.analysis.environments.summaries import Summary
-from pipeline.config.analysis import AnalysisConfig
+from pipeline.config.analysis import AnalysisOptions
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
+
+pytestmark = pytest.mark.slow
 
 REPORT = {"environments.json", "environments.csv", "environments.md", "visits.png", "visits.svg"}
 
 
 def run_of(folder: Path, *names: str, seeds: int = 8, **options: Any) -> Run:
-    analysis = AnalysisConfig(
+    analysis = AnalysisOptions(
         seeds=seeds,
         environments=list(names) or ["Labyrinth", "MountainCar-v0"],
         experts=options.pop("experts", []),
@@ -39,10 +41,9 @@ def report_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-@pytest.fixture(autouse=True)
-def small_chunks(monkeypatch):
-    monkeypatch.setattr(environments, "CHUNK", 4)
-    monkeypatch.setattr(environments, "PILOTS", 4)
+def compare(run: Run) -> None:
+    """Run the stage with few episodes at a time."""
+    environments.run(run, chunk=4, pilots=4)
 
 
 @pytest.fixture
@@ -51,16 +52,16 @@ def played(monkeypatch):
     ranges: list[range] = []
     play = Summary.of
 
-    def recorded(world, frame, seeds):
+    def recorded(environment, discretisation, seeds):
         ranges.append(seeds)
-        return play(world, frame, seeds)
+        return play(environment, discretisation, seeds)
 
     monkeypatch.setattr(Summary, "of", recorded)
     return ranges
 
 
 def test_a_run_leaves_tables_in_three_formats_and_pictures_in_two(tmp_path, capsys):
-    environments.run(run_of(tmp_path, "Labyrinth", "MountainCar-v0", "CartPole-v1", seeds=9))
+    compare(run_of(tmp_path, "Labyrinth", "MountainCar-v0", "CartPole-v1", seeds=9))
     assert set(report_of(tmp_path)) == REPORT
     values = json.loads((tmp_path / "environments.json").read_text())
     assert [each["name"] for each in values] == ["Labyrinth", "MountainCar-v0", "CartPole-v1"]
@@ -78,35 +79,35 @@ def test_a_run_leaves_tables_in_three_formats_and_pictures_in_two(tmp_path, caps
 
 
 def test_a_second_run_plays_nothing_and_leaves_the_same_bytes(tmp_path, played):
-    environments.run(run_of(tmp_path))
+    compare(run_of(tmp_path))
     first = report_of(tmp_path)
     assert played == [range(4), range(4, 8)] * 2
     played.clear()
-    environments.run(run_of(tmp_path))
+    compare(run_of(tmp_path))
     assert played == []
     assert report_of(tmp_path) == first
 
 
 def test_more_seeds_only_play_what_is_new_and_what_was_damaged(tmp_path, played):
-    environments.run(run_of(tmp_path, "MountainCar-v0"))
+    compare(run_of(tmp_path, "MountainCar-v0"))
     (tmp_path / "episodes" / "MountainCar-v0" / "0-4.npz").write_bytes(b"PK")
     played.clear()
-    environments.run(run_of(tmp_path, "MountainCar-v0", seeds=10))
+    compare(run_of(tmp_path, "MountainCar-v0", seeds=10))
     assert played == [range(4), range(8, 10)]
-    environments.run(run_of(tmp_path / "afresh", "MountainCar-v0", seeds=10))
+    compare(run_of(tmp_path / "afresh", "MountainCar-v0", seeds=10))
     assert report_of(tmp_path / "afresh") == report_of(tmp_path)
 
 
 def test_episodes_of_other_options_are_played_anew(tmp_path, played):
-    environments.run(run_of(tmp_path, "Labyrinth"))
+    compare(run_of(tmp_path, "Labyrinth"))
     played.clear()
-    environments.run(run_of(tmp_path, "Labyrinth", open_walls=0.5))
+    compare(run_of(tmp_path, "Labyrinth", open_walls=0.5))
     assert played == [range(4), range(4, 8)]
 
 
 def test_two_workers_leave_the_bytes_of_one(tmp_path):
     for workers in (1, 2):
-        environments.run(run_of(tmp_path / str(workers), "Labyrinth", seeds=12, workers=workers))
+        compare(run_of(tmp_path / str(workers), "Labyrinth", seeds=12, workers=workers))
     assert report_of(tmp_path / "1") == report_of(tmp_path / "2")
 
 
@@ -118,8 +119,8 @@ def test_a_missing_library_is_named_with_its_extra_in_one_line(
 ):
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigError) as caught:
-        environments.run(run_of(tmp_path, name))
-    assert "pip install -e '.[analysis]'" in str(caught.value)
+        compare(run_of(tmp_path, name))
+    assert "pip install 'labyrinth-datasets[analysis]'" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not any(tmp_path.iterdir())
 
@@ -127,7 +128,7 @@ def test_a_missing_library_is_named_with_its_extra_in_one_line(
 def test_an_archive_that_is_not_there_is_refused_before_anything_is_played(tmp_path):
     run = run_of(tmp_path, "CartPole-v1", experts=[f"CartPole-v1:{tmp_path / 'no.zip'}"])
     with pytest.raises(DatasetError, match=r"no\.zip"):
-        environments.run(run)
+        compare(run)
     assert not any(tmp_path.iterdir())
 
 
@@ -135,7 +136,7 @@ def test_a_task_that_no_labyrinth_can_hold_is_refused_in_one_line(tmp_path):
     run = run_of(tmp_path, "Labyrinth")
     run = replace(run, dataset=replace(run.dataset, height=2, width=2, task=Task.ICY_FLOOR))
     with pytest.raises(ConfigError, match=r"size=2x2.*can hold it"):
-        environments.run(run)
+        compare(run)
     assert not any(tmp_path.iterdir())
 
 
@@ -148,14 +149,14 @@ def test_a_task_that_no_labyrinth_can_hold_is_refused_in_one_line(tmp_path):
         ({"experts": ["Ant-v5:a.zip"]}, ["analysis.experts=[Ant-v5:a.zip]", "HalfCheetah-v5"]),
         ({"experts": ["Labyrinth:a.zip"]}, ["analysis.experts=[Labyrinth:a.zip]"]),
         ({"experts": ["Hopper-v5"]}, ["analysis.experts=[Hopper-v5]", "environment:archive"]),
-        ({"folder": " "}, ["analysis.folder is empty"]),
+        ({"folder": " "}, ["analysis.folder=", "give a folder"]),
     ],
 )
 def test_an_impossible_option_is_refused_in_one_line(options, parts):
     with pytest.raises(ConfigError) as caught:
         resolve(
             RunConfig(
-                stages=["environments"], data_dir="unused", analysis=AnalysisConfig(**options)
+                stages=["environments"], data_dir="unused", analysis=AnalysisOptions(**options)
             )
         )
     assert all(part in str(caught.value) for part in parts)

@@ -15,18 +15,20 @@ import torch
 from torch import nn
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.analysis.environments.environment import world_of
-from pipeline.analysis.environments.experts import expert_of, source_of, stable_baselines
+from pipeline.analysis.environments.environment import environment_of
+from pipeline.analysis.environments.experts import expert_of, source_of
 from pipeline.analysis.environments.experts.stable_baselines import read_archive
 from pipeline.config.analysis import LABYRINTH
 from pipeline.config.run import RunConfig, resolve
+
+pytestmark = pytest.mark.slow
 
 DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
 
 
 def returns(name: str, seeds: range) -> np.ndarray:
-    world = world_of(name, DATASET)
-    return np.array([world.play(seed).total for seed in seeds])
+    environment = environment_of(name, DATASET)
+    return np.array([environment.play(seed).total for seed in seeds])
 
 
 def test_the_pole_stays_up_from_every_start():
@@ -44,7 +46,7 @@ def test_the_car_is_up_the_mountain_in_110_steps_on_average():
 )
 def test_kept_policies_are_worth_keeping_and_play_the_same_episode_again(name, least):
     assert returns(name, range(8)).mean() >= least
-    first, again = world_of(name, DATASET).play(1), world_of(name, DATASET).play(1)
+    first, again = environment_of(name, DATASET).play(1), environment_of(name, DATASET).play(1)
     assert first.total == again.total
     assert np.array_equal(first.states, again.states)
     assert np.abs(first.actions).max() <= 1
@@ -57,7 +59,7 @@ def test_a_seed_gives_the_labyrinth_and_an_optimal_route_of_the_environment():
     import gymnasium
 
     env = gymnasium.make("labyrinth_core.env:Labyrinth-v0", observation="vector")
-    played = world_of(LABYRINTH, DATASET).play(3)
+    played = environment_of(LABYRINTH, DATASET).play(3)
     observation, info = env.reset(seed=3)
     assert info["distance"] == len(played.actions)
     assert np.array_equal(played.states[0], observation)
@@ -132,10 +134,10 @@ def test_of_discrete_actions_the_best_is_taken(tmp_path, names):
 def test_an_archive_plays_in_place_of_our_expert_and_only_where_it_fits(tmp_path):
     weights, _ = network(ON_POLICY, [4, 6, 5, 2], nn.Tanh())
     path = archive_of(tmp_path / "a.zip", weights)
-    assert 8 <= world_of("CartPole-v1", DATASET, path).play(0).total < 500
+    assert 8 <= environment_of("CartPole-v1", DATASET, path).play(0).total < 500
     for name in ("MountainCar-v0", "Hopper-v5"):
         with pytest.raises(DatasetError, match=f"a.zip is no expert for {name}"):
-            world_of(name, DATASET, path)
+            environment_of(name, DATASET, path)
 
 
 class Trap:
@@ -179,12 +181,11 @@ def test_a_bad_archive_is_refused_in_one_line_and_nothing_in_it_runs(tmp_path, k
     assert not (tmp_path / "sprung").exists()
 
 
-def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path):
     weights, _ = network(ON_POLICY, [4, 6, 5, 2], nn.Tanh())
     path = archive_of(tmp_path / "large.zip", weights)
-    monkeypatch.setattr(stable_baselines, "MAX_BYTES", 100)
     with pytest.raises(DatasetError, match="takes more than 100 bytes"):
-        read_archive(path)
+        read_archive(path, max_bytes=100)
 
 
 @pytest.mark.parametrize("source", ["nowhere", "some/where/else", "user/missing.zip"])

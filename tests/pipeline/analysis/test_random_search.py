@@ -5,19 +5,20 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.analysis.environments.experts.random_search import (
-    FIRST_SEED,
-    Search,
-    Settings,
-    improve,
-)
+SCRIPT = Path(__file__).parents[3] / "scripts" / "train_experts.py"
+SPEC = importlib.util.spec_from_file_location("train_experts", SCRIPT)
+script = sys.modules["train_experts"] = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(script)
 
-SETTINGS = Settings(step_size=0.1, directions=8, noise=0.1, top=4)
+pytestmark = pytest.mark.slow
+
+SETTINGS = script.Settings(step_size=0.1, directions=8, noise=0.1, top=4)
 TARGET = np.array([[1.0, -2.0, 0.5]])
 
 
@@ -29,17 +30,17 @@ def play(gain, bias, seed):
     return -float(((acted - wanted) ** 2).sum()), observations
 
 
-def after(iterations: int, search: Search | None = None) -> Search:
-    search = search or Search.start(0, actions=1, observations=3)
+def after(iterations: int, search: script.Search | None = None) -> script.Search:
+    search = search or script.Search.start(0, actions=1, observations=3)
     for _ in range(iterations):
-        search = improve(search, SETTINGS, play)
+        search = script.improve(search, SETTINGS, play)
     return search
 
 
 def test_it_finds_a_linear_policy_that_is_known():
     search = after(150)
     assert search.weights == pytest.approx(TARGET, abs=0.3)
-    start = play(*Search.start(0, 1, 3).policy(), 7)[0]
+    start = play(*script.Search.start(0, 1, 3).policy(), 7)[0]
     assert play(*search.policy(), 7)[0] > start / 20
 
 
@@ -47,14 +48,14 @@ def test_it_normalises_by_the_statistics_of_all_that_was_observed():
     seen = []
 
     def recorded(gain, bias, seed):
-        assert seed >= FIRST_SEED
+        assert seed >= script.FIRST_SEED
         result = play(gain, bias, seed)
         seen.append(result[1])
         return result
 
-    search = Search.start(1, actions=1, observations=3)
+    search = script.Search.start(1, actions=1, observations=3)
     for _ in range(3):
-        search = improve(search, SETTINGS, recorded)
+        search = script.improve(search, SETTINGS, recorded)
     everything = np.concatenate(seen)
     assert search.count == len(everything)
     assert search.mean == pytest.approx(everything.mean(axis=0))
@@ -65,7 +66,9 @@ def test_it_normalises_by_the_statistics_of_all_that_was_observed():
 
 
 def test_returns_that_are_all_the_same_move_nothing():
-    search = improve(Search.start(0, 1, 3), SETTINGS, lambda *_: (1.0, np.ones((2, 3))))
+    search = script.improve(
+        script.Search.start(0, 1, 3), SETTINGS, lambda *_: (1.0, np.ones((2, 3)))
+    )
     assert not search.weights.any()
     assert (search.iteration, search.count) == (1, 32)
     assert not np.isnan(search.policy()[0]).any()
@@ -79,12 +82,7 @@ def test_the_same_search_goes_on_in_the_same_way():
 
 
 def test_training_that_was_stopped_ends_as_if_it_had_not_been(tmp_path):
-    path = Path(__file__).parents[3] / "scripts" / "train_experts.py"
-    spec = importlib.util.spec_from_file_location("train_experts", path)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-
-    def train(folder: str, iterations: int, **given: float) -> Search:
+    def train(folder: str, iterations: int, **given: float) -> script.Search:
         options = ("step_size", "directions", "noise", "top", "bonus")
         script.train(
             argparse.Namespace(

@@ -26,6 +26,8 @@ from pipeline.analysis.report.stage import write_report
 from pipeline.config.run import Run
 from pipeline.machinery.front_matter import finished
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data"
 WAIT = 60_000
 """Milliseconds until it is said that something does not happen; nothing takes so long."""
@@ -91,10 +93,14 @@ def open_report(browser: Browser, reported: Path) -> Iterator[Callable[..., Page
 
 
 READ = """(cases) => cases.map(([name, data]) => {
-  const { decode, parse, dump, distances, optimalActions, shortestRoute } = window.labyrinths;
+  const {
+    decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute,
+  } = window.labyrinths;
   try {
     const bytes = Uint8Array.from(atob(data), (char) => char.charCodeAt(0));
     const labyrinth = parse(decode(bytes));
+    const missing = missingTiles(labyrinth);
+    if (missing) return { missing };
     const distance = distances(labyrinth);
     const states = [...distance.keys()];
     return {
@@ -109,10 +115,25 @@ READ = """(cases) => cases.map(([name, data]) => {
 })"""
 
 
+class MissingTilesError(Exception):
+    """A drawing lacks tiles of its task; the message is what the page says of it."""
+
+
+def refuse(structure, start, goal, task, *_, key=None, door=None):
+    """Ask for the tiles that `place` would place, as the page does."""
+    Labyrinth(structure, start, goal)
+    if task is Task.ICY_FLOOR:
+        raise MissingTilesError("icy floor needs ice, at least one I: the drawing has none")
+    lacks = "no D" if key is not None else "no K" if door is not None else "neither"
+    raise MissingTilesError(f"key and door needs a key K and a door D: the drawing has {lacks}")
+
+
 def answer_of_python(name, read):
     """Return what the page should answer for a text, read by `read`."""
     try:
         labyrinth = read()
+    except MissingTilesError as error:
+        return {"missing": str(error)}
     except LabyrinthSyntaxError as error:
         return {"error": str(error).replace(error.file or "<text>", name, 1)}
     distance = distances(labyrinth)
@@ -153,7 +174,9 @@ def texts() -> dict[str, str]:
     return made
 
 
-def test_the_page_reads_and_solves_as_python_does(open_report):
+def test_the_page_reads_and_solves_as_python_does(open_report, monkeypatch):
+    # Python places the tiles that a text leaves out; the page asks for them.
+    monkeypatch.setattr("labyrinth_core.language.text.place", refuse)
     files = {path.name: path for path in sorted(DATA.glob("*/*.labyrinth"))}
     cases = [
         (name, path.read_bytes(), lambda path=path: load(path)) for name, path in files.items()
@@ -166,6 +189,7 @@ def test_the_page_reads_and_solves_as_python_does(open_report):
     expected = [answer_of_python(name, read) for name, _, read in cases]
     assert len(files) > 60
     assert sum("error" in each for each in expected) > 150
+    assert len({each.get("missing") for each in expected}) == 5, "none, and four kinds of missing"
     for (name, *_), answer, wanted in zip(cases, answers, expected, strict=True):
         assert answer == wanted, name
 
@@ -276,23 +300,33 @@ def test_the_editor_says_what_is_wrong_and_where(open_report):
         place, message, shown = split_error(path.with_suffix(".error").read_text())
         told = page.locator("#mistake").text_content()
         assert told == f"Line {place[0]}, column {place[1]}: {message}\n{shown}"
+        assert page.locator("#solution").text_content().startswith("The text has a mistake")
+        assert page.locator("#solve").is_disabled()
     page.set_input_files("#open", DATA / "invalid" / "no_utf_8.labyrinth")
     expect(page.locator("#mistake")).to_contain_text("found the byte 0xe9")
     page.set_input_files("#open", DATA / "valid" / "figure_1c_key_and_door.labyrinth")
     expect(page.locator("#mistake")).to_be_hidden()
     assert page.locator("#edit-task").input_value() == "key_and_door"
-    page.select_option("#edit-task", "icy_floor")
-    assert page.locator("#solution").text_content() == "Ice is not placed yet."
-    assert page.locator("#solve").is_disabled()
 
 
-def test_the_editor_completes_a_task_as_python_does(open_report):
+def test_the_editor_asks_for_missing_tiles_and_solves_once_they_are_there(open_report):
     page = open_report("editor")
-    path = DATA / "valid" / "missing_ice_is_placed.labyrinth"
-    page.locator("#text").fill(path.read_text().replace("icy_floor: True", ""))
+    said = page.locator("#solution")
+    text = (DATA / "valid" / "figure_1c_key_and_door.labyrinth").read_text()
+    needs = "Key and door needs a key K and a door D: the drawing has"
+    for missing, lacks in (("KD", "neither"), ("K", "no K"), ("D", "no D")):
+        page.locator("#text").fill(text.translate(dict.fromkeys(map(ord, missing), " ")))
+        assert said.text_content() == f"{needs} {lacks}."
+        assert page.locator("#solve").is_disabled()
+        assert page.locator("#mistake").is_hidden()
+    page.locator("#text").fill(text)
+    assert said.text_content() == "Solvable; the shortest route has 8 moves."
+    page.locator("#solve").click()
     page.select_option("#edit-task", "icy_floor")
-    page.locator("#complete").click()
-    assert page.locator("#text").input_value() == path.with_suffix(".canonical").read_text()
+    assert said.text_content() == "Icy floor needs ice, at least one I: the drawing has none."
+    assert page.locator("#solve").is_disabled()
+    page.select_option("#edit-task", "navigation")
+    assert said.text_content().startswith("4 moves: ")
 
 
 def test_what_was_found_out_leads_to_the_labyrinths(open_report, reported):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
 
 import numpy as np
@@ -11,16 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import wasserstein_distance
 
-from pipeline.analysis.environments.environment import Trajectory, World
-from pipeline.analysis.environments.frames import Axes, Frame
+from pipeline.analysis.environments.discretisation import Axes, Discretisation
+from pipeline.analysis.environments.environment import Environment, Trajectory
 from pipeline.analysis.environments.summaries import Summary
 from pipeline.analysis.environments.variation import corrected, manhattan_distances, measure
 
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def world(shift: float = 0, *, discrete: bool = True) -> World:
-    """Return a world of noise; that of odd seeds is elsewhere, by `shift`."""
+def noise(shift: float = 0, *, discrete: bool = True) -> Environment:
+    """Return an environment of noise; that of odd seeds is elsewhere, by `shift`."""
 
     def play(seed: int) -> Trajectory:
         rng = np.random.default_rng(seed)
@@ -32,14 +31,14 @@ def world(shift: float = 0, *, discrete: bool = True) -> World:
         actions = choices if discrete else rng.uniform(-1, 1, (30, 2)) * (1 - moved / 2)
         return Trajectory(states, actions, float(seed))
 
-    return World(
+    return Environment(
         play, 3 if discrete else (np.full(2, -1.0), np.ones(2)), lambda states: states[:, :2]
     )
 
 
-def summed(of: World, seeds: int = 40) -> tuple[Frame, Summary]:
-    frame = Frame.around(of, map(of.play, range(10)))
-    return frame, Summary.of(of, frame, range(seeds))
+def summed(of: Environment, seeds: int = 40) -> tuple[Discretisation, Summary]:
+    discretisation = Discretisation.around(of, map(of.play, range(10)))
+    return discretisation, Summary.of(of, discretisation, range(seeds))
 
 
 @given(SEEDS, st.integers(1, 40), st.integers(1, 40))
@@ -61,25 +60,22 @@ def test_counts_of_real_numbers_give_scipys_distance_within_two_hundredths(seed)
 
 
 def test_counts_of_episodes_add_up_to_those_of_their_values_together():
-    of = world()
-    frame, summary = summed(of, 6)
+    of = noise()
+    discretisation, summary = summed(of, 6)
     together = np.concatenate([of.play(seed).states for seed in range(6)])
     counts = summary.counts.sum(axis=0)
     assert counts[:3].sum() == 6 * 30
-    assert np.array_equal(counts[3:], frame.states.counts(together))
+    assert np.array_equal(counts[3:], discretisation.states.counts(together))
 
 
 @pytest.mark.parametrize("discrete", [True, False])
-def test_a_frame_survives_the_way_to_json_and_back(discrete):
-    frame, summary = summed(world(discrete=discrete), 4)
-    again = Frame.from_json(json.loads(json.dumps(frame.to_json())))
-    of_again = Summary.of(world(discrete=discrete), again, range(4))
-    for field in fields(Summary):
-        assert np.array_equal(getattr(summary, field.name), getattr(of_again, field.name))
+def test_other_points_have_another_fingerprint(discrete):
+    first, again, other = (summed(noise(s, discrete=discrete), 4)[0] for s in (0, 0, 0.1))
+    assert first.fingerprint == again.fingerprint != other.fingerprint
 
 
 def test_a_summary_survives_its_file_and_a_damaged_file_is_none(tmp_path):
-    _, summary = summed(world(), 4)
+    _, summary = summed(noise(), 4)
     path = tmp_path / "4.npz"
     assert Summary.load(path) is None
     summary.save(path)
@@ -92,18 +88,20 @@ def test_a_summary_survives_its_file_and_a_damaged_file_is_none(tmp_path):
 
 
 def test_summaries_of_parts_join_to_that_of_the_whole():
-    frame, summary = summed(world(), 9)
-    joined = Summary.joined([Summary.of(world(), frame, part) for part in (range(4), range(4, 9))])
+    discretisation, summary = summed(noise(), 9)
+    joined = Summary.joined(
+        [Summary.of(noise(), discretisation, part) for part in (range(4), range(4, 9))]
+    )
     for field in fields(Summary):
         assert np.array_equal(getattr(summary, field.name), getattr(joined, field.name))
 
 
 def test_visits_are_told_apart_by_the_half_of_the_seed():
-    of = world()
-    frame, summary = summed(of)
+    of = noise()
+    discretisation, summary = summed(of)
     for half in (0, 1):
         places = np.concatenate([of.play(seed).states[:, 1::-1] for seed in range(half, 40, 2)])
-        expected = np.histogramdd(places, (frame.up, frame.across))[0]
+        expected = np.histogramdd(places, (discretisation.up, discretisation.across))[0]
         assert np.array_equal(summary.visits[half], expected)
 
 
@@ -116,8 +114,8 @@ def test_the_mean_distance_of_all_pairs_is_that_of_brute_force(seed, n):
 
 @pytest.mark.parametrize("discrete", [True, False])
 def test_a_planted_shift_is_found_and_chance_is_not(discrete):
-    moved = measure("moved", *summed(world(1.0, discrete=discrete)), seed=0)
-    same = measure("same", *summed(world(0.0, discrete=discrete)), seed=0)
+    moved = measure("moved", *summed(noise(1.0, discrete=discrete)), seed=0)
+    same = measure("same", *summed(noise(0.0, discrete=discrete)), seed=0)
     assert moved.states.p_value == moved.actions.p_value == 0.001
     assert min(same.states.p_value, same.actions.p_value) > 0.01
     assert moved.states.effect > 1 > same.states.effect
@@ -126,7 +124,7 @@ def test_a_planted_shift_is_found_and_chance_is_not(discrete):
 
 
 def test_distances_are_those_of_the_scaled_states_and_means_those_of_the_episodes():
-    of = world(0.5)
+    of = noise(0.5)
     result = measure("world", *summed(of), seed=0)
     episodes = [of.play(seed) for seed in range(40)]
     states = np.array([each.states for each in episodes])
@@ -144,7 +142,7 @@ def test_distances_are_those_of_the_scaled_states_and_means_those_of_the_episode
 
 
 def test_holms_correction_is_over_all_environments_actions_and_states():
-    results = [measure(name, *summed(world(s)), seed=0) for name, s in (("a", 1.0), ("b", 0.0))]
+    results = [measure(name, *summed(noise(s)), seed=0) for name, s in (("a", 1.0), ("b", 0.0))]
     moved, same = corrected(results)
     assert moved.states.holm == pytest.approx(0.004)
     assert moved.actions.holm == pytest.approx(0.004)

@@ -28,6 +28,8 @@ from pipeline.generation.validate import validate
 from pipeline.machinery import executor as executors
 from pipeline.machinery.executor import cluster, ordered_map
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 
 
@@ -245,7 +247,7 @@ def test_an_executor_that_is_not_installed_is_answered_with_one_line(
     monkeypatch.setitem(sys.modules, {"dask": "distributed"}.get(executor, executor), None)
     with pytest.raises(ConfigError) as caught, cluster(executor, 2):
         pass
-    install = f"pip install -e '.[{executor}]'"
+    install = f"pip install 'labyrinth-datasets[{executor}]'"
     assert str(caught.value) == f"executor={executor} is not installed: {install}"
 
 

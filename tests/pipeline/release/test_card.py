@@ -20,7 +20,6 @@ import yaml
 from huggingface_hub import DatasetCard, DatasetCardData
 from hydra import compose, initialize_config_dir
 from making import make_both
-from omegaconf import OmegaConf
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
 
@@ -31,12 +30,14 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis import analyse
-from pipeline.config.run import RunConfig, register, resolve
+from pipeline.config.run import RunConfig, options_of, register, resolve
 from pipeline.machinery import front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.changelog import updated
 from pipeline.release.figures import FIGURES
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
 TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")
@@ -204,13 +205,13 @@ def test_a_release_is_loaded_by_its_id_and_version(folder):
 
 
 def test_the_commands_in_it_make_the_same_datasets(carded):
-    commands = re.findall(r"^python run\.py (.*)$", text(carded), re.MULTILINE)
+    commands = re.findall(r"^labyrinth-datasets (.*)$", text(carded), re.MULTILINE)
     register()
     made = []
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         for command in commands:
-            config = OmegaConf.to_object(compose("config", command.split()))
-            made.append(resolve(config).dataset)
+            config = compose("config", command.split())
+            made.append(resolve(options_of(config)).dataset)
     assert made == [Manifest.read(carded / name).config for name in (DEFAULT, OTHER)]
 
 

@@ -18,6 +18,7 @@ from labyrinth_core.data.storage import file_sha256
 from pipeline.release import card
 
 pytestmark = [
+    pytest.mark.slow,
     # Of rdflib and of pandas, about how mlcroissant 1.1 calls them.
     pytest.mark.filterwarnings("ignore:ConjunctiveGraph is deprecated:DeprecationWarning"),
     pytest.mark.filterwarnings("ignore:The inplace keyword"),

@@ -30,9 +30,11 @@ from publishing import (
 
 from labyrinth_core.data.columns import SPLITS
 from pipeline.config.errors import ConfigError
-from pipeline.config.publish import PublishConfig
+from pipeline.config.publish import PublishOptions
 from pipeline.config.run import RunConfig, resolve
 from pipeline.release.remote import reasons
+
+pytestmark = pytest.mark.slow
 
 LOADED = """
 import json, os, sys
@@ -337,7 +339,7 @@ def test_a_release_on_a_branch_leaves_main_alone(local_hub: LocalHub, releasable
 )
 def test_where_and_what_is_published_has_to_be_given(values: dict[str, str], message: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        resolve(RunConfig(stages=["publish"], data_dir=".", publish=PublishConfig(**values)))
+        resolve(RunConfig(stages=["publish"], data_dir=".", publish=PublishOptions(**values)))
     assert str(caught.value).startswith(message)
 
 
@@ -350,7 +352,7 @@ def test_what_cannot_be_published_is_told_in_one_line(
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "empty", tmp_path / "nowhere"):
         error = error_of(publish(local_hub, folder))
-        assert error == f"{folder} holds no finished dataset: python run.py makes one"
+        assert error == f"{folder} holds no finished dataset: labyrinth-datasets makes one"
     assert changes(local_hub) == []
 
 

@@ -25,6 +25,8 @@ from publishing import (
     wait_for,
 )
 
+pytestmark = pytest.mark.slow
+
 R = "/api/datasets/user/labyrinth"
 SENDING = {
     "xet": [("GET", "/xet-write-token/")],

@@ -11,6 +11,8 @@ from hub.local_hub import LocalHub
 from hub.state import MODES
 from publishing import REPO, built, changes, held, is_there, kill_in, large, published
 
+pytestmark = pytest.mark.slow
+
 CONTENT = {
     "xet": ("GET", "/xet-write-token/"),
     "lfs-basic": ("PUT", "^/lfs/"),

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import torch
+from method_settings import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError
@@ -17,11 +18,13 @@ from pipeline.training.checkpoint import Progress, state_of
 from pipeline.training.methods import bc
 from pipeline.training.methods.method import Learner, Problem
 
+pytestmark = pytest.mark.slow
+
 Problems = Callable[..., Problem]
 
 
 def learner(problem: Problem) -> bc.Method:
-    return bc.Method(problem, bc.Settings())
+    return bc.Method(problem, settings_of("bc"))
 
 
 def same(left: Learner, right: Learner) -> bool:

@@ -33,7 +33,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     stage.run(trained)
     printed = capsys.readouterr().out
     assert all(split in printed for split in EVALUATED_SPLITS)
-    folder = trained.training.folder("3x3")
+    folder = trained.training_folder
     text = (folder / "evaluation.json").read_text(encoding="utf-8")
     content = json.loads(text)
     assert list(content["splits"]) == list(content["baselines"]) == list(EVALUATED_SPLITS)
@@ -50,7 +50,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
 def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     trained, build, make_run, tmp_path
 ):
-    options = {"stages": ["evaluate"], "run_dir": str(trained.training.run_dir), "device": "cpu"}
+    options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
     with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=\[train\]"):
         stage.run(make_run(trained.data_dir, seed=7, **options))
     other = build(tmp_path, labyrinths=2)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from method_settings import settings_of
 
 from pipeline.training.methods import bco, dagger, gail, iupe, sqil
 from pipeline.training.methods.acting import Walk, draw, softmax, walk
@@ -59,7 +60,7 @@ def test_the_expert_labels_exactly_the_states_that_the_policy_visits_with_optima
     problem_of: Problems,
 ) -> None:
     problem = problem_of()
-    worlds, learner = problem.worlds, dagger.Method(problem, dagger.Settings())
+    worlds, learner = problem.worlds, dagger.Method(problem, settings_of("dagger"))
     actions = learner.outputs(learner.policy).argmax(1).numpy()
     expected = set()
     for state in worlds.initial.tolist():
@@ -83,7 +84,7 @@ def test_the_expert_labels_exactly_the_states_that_the_policy_visits_with_optima
 def test_the_goal_is_worth_its_reward_for_ever_and_other_states_the_soft_maximum(
     problem_of: Problems,
 ) -> None:
-    problem, settings = problem_of(), sqil.Settings(gamma=0.5, temperature=2.0)
+    problem, settings = problem_of(), settings_of("sqil", gamma=0.5, temperature=2.0)
     worlds, learner = problem.worlds, sqil.Method(problem, settings)
     q = torch.tensor([0.0, 1.0, 2.0, 3.0]).expand(len(worlds.observations), 4)
     values = learner.soft_values(q)
@@ -95,7 +96,7 @@ def test_the_goal_is_worth_its_reward_for_ever_and_other_states_the_soft_maximum
 def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
     problem_of: Problems, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings = sqil.Settings(batch_size=10, gamma=0.5)
+    settings = settings_of("sqil", batch_size=10, gamma=0.5)
     learner = sqil.Method(problem_of(), settings)
     learner.act(learner.outputs(learner.policy))
     learner.values = np.full(len(learner.values), 4.0)
@@ -113,7 +114,7 @@ def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
 
 def test_with_the_exact_q_the_demonstrated_actions_are_best(problem_of: Problems) -> None:
     problem = problem_of()
-    worlds, settings = problem.worlds, sqil.Settings()
+    worlds, settings = problem.worlds, settings_of("sqil")
     learner = sqil.Method(problem, settings)
     rewards = np.zeros((len(worlds.observations), 4))
     rewards[problem.demonstrations.states, problem.demonstrations.actions] = 1
@@ -135,7 +136,7 @@ def test_no_step_is_rewarded_above_zero_and_likelier_ones_more() -> None:
 
 def test_the_discriminator_learns_to_prefer_the_demonstrations(problem_of: Problems) -> None:
     problem = problem_of()
-    worlds, learner = problem.worlds, gail.Method(problem, gail.Settings(batch_size=32))
+    worlds, learner = problem.worlds, gail.Method(problem, settings_of("gail", batch_size=32))
     uniform = np.full((len(worlds.observations), 4), 0.25)
     where, taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
     walked = walk(worlds, uniform, where, taken, 32, problem.rng)
@@ -153,7 +154,7 @@ def test_advantages_are_the_discounted_sums_that_their_definition_says() -> None
     over = rng.random((6, 3)) < 0.3
     done = over & (rng.random((6, 3)) < 0.5)
     outputs, rewards = rng.normal(size=(5, 5)), rng.normal(size=(5, 4))
-    settings = gail.Settings(gamma=0.9, trace=0.8)
+    settings = settings_of("gail", gamma=0.9, trace=0.8)
     walked = Walk(states, actions, after, over, done)
     fatal = done & (rng.random((6, 3)) < 0.5)
     got = gail.sample(walked, outputs, rewards, fatal, settings).returns.reshape(6, 3)
@@ -173,7 +174,7 @@ def test_advantages_are_the_discounted_sums_that_their_definition_says() -> None
 
 
 def test_a_gain_is_clipped_and_a_loss_is_not() -> None:
-    settings = gail.Settings(clip=0.2, entropy=0)
+    settings = settings_of("gail", clip=0.2, entropy=0)
     outputs = torch.tensor([[2.0, 0, 0, 0, 0]] * 2)
     actions, advantages = torch.zeros(2, dtype=torch.long), torch.tensor([1.0, -1.0])
     before = torch.log(torch.tensor([0.25, 0.25]))
@@ -187,7 +188,7 @@ def test_a_gain_is_clipped_and_a_loss_is_not() -> None:
 
 
 def test_with_alpha_0_the_model_learns_from_the_random_policy_alone(problem_of: Problems) -> None:
-    settings = bco.Settings(alpha=0, epochs_a_round=1, model_epochs=1, batch_size=64)
+    settings = settings_of("bco", alpha=0, epochs_a_round=1, model_epochs=1, batch_size=64)
     learner = bco.Method(problem_of(), settings)
     for _ in range(2):
         learner.epoch()
@@ -222,7 +223,7 @@ def test_a_policy_that_never_succeeds_teaches_the_model_nothing() -> None:
 
 def test_only_whole_episodes_that_reach_the_goal_count_as_successes(problem_of: Problems) -> None:
     problem = problem_of()
-    learner = iupe.Method(problem, iupe.Settings(episode_steps=30))
+    learner = iupe.Method(problem, settings_of("iupe", episode_steps=30))
     steps, episodes = learner.successes()
     worlds = problem.worlds
     assert len(steps)
@@ -234,7 +235,7 @@ def test_only_whole_episodes_that_reach_the_goal_count_as_successes(problem_of: 
 
 
 def test_labels_are_drawn_from_the_models_probabilities(problem_of: Problems) -> None:
-    learner = iupe.Method(problem_of(), iupe.Settings())
+    learner = iupe.Method(problem_of(), settings_of("iupe"))
     learner.scores = np.tile(np.log([0.5, 0.5, 1e-9, 1e-9]), (4_000, 1))
     labels = learner.labels()
     assert set(labels.tolist()) == {0, 1}

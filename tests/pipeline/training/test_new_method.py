@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 import pipeline.training.methods
+from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.training import loop, train
 from pipeline.training.methods.method import find
@@ -33,7 +34,10 @@ def test_the_example_is_trained_as_any_other_method(
     path = [*pipeline.training.methods.__path__, str(tmp_path)]
     monkeypatch.setattr(pipeline.training.methods, "__path__", path)
     settings = yaml.safe_load(block("yaml"))
-    assert settings == {"name": "smoothed"} | asdict(find("smoothed", {})[1])
+    _, chosen = find("smoothed", {name: settings[name] for name in settings if name != "name"})
+    assert settings == {"name": "smoothed"} | asdict(chosen)
+    with pytest.raises(ConfigError, match=r"^method\.epochs is missing"):
+        find("smoothed", {})
     run = resolve(
         RunConfig(
             stages=["train"],

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from method_settings import settings_of
 from torch import nn
 
 from labyrinth_core.evaluation.following import success_rate
@@ -29,13 +30,15 @@ from pipeline.training.networks.planning import FAR, Bellman, Planner
 from pipeline.training.policy import NetworkPolicy, load_policy
 from pipeline.training.record import POLICY, read_record
 
+pytestmark = pytest.mark.slow
+
 Problems = Callable[..., Problem]
 
 TOY: dict[str, Any] = {"epochs": 8, "pictures": 384, "iterations": 10, "channels": 16}
 
 
 def toy(problem: Problem, **settings: Any) -> planner.Method:
-    return planner.Method(problem, planner.Settings(**TOY | settings))
+    return planner.Method(problem, settings_of("planner", **TOY | settings))
 
 
 def costs_of(**where: float) -> torch.Tensor:
@@ -103,7 +106,7 @@ def test_without_the_grid_prior_the_network_is_not_told_how_large_a_cell_is() ->
         for side in (3, 5):
             torch.manual_seed(0)
             spec = NetworkSpec("planner", 1, side, side, "navigation")
-            settings = planner.Settings(grid_prior=grid_prior, colour_prior=False)
+            settings = settings_of("planner", grid_prior=grid_prior, colour_prior=False)
             scores.append(planner.Method.plain(spec, settings)(pictures))
         assert torch.equal(*scores) == (not grid_prior)
 
@@ -147,14 +150,15 @@ def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
 def test_a_grid_of_cells_needs_as_many_rows_as_columns() -> None:
     spec = NetworkSpec("planner", 1, 3, 4, "navigation")
     with pytest.raises(ConfigError, match=r"size=3x4: .*method.grid_prior=false"):
-        planner.Method.make(spec, planner.Settings())
+        planner.Method.make(spec, settings_of("planner"))
     pictures = torch.zeros(2, 64, 64, 3, dtype=torch.uint8)
-    scores = planner.Method.make(spec, planner.Settings(grid_prior=False, colour_prior=False))
+    settings = settings_of("planner", grid_prior=False, colour_prior=False)
+    scores = planner.Method.make(spec, settings)
     assert scores(pictures).shape == (2, 4)
 
 
 def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Problems) -> None:
-    settings = bc.Settings(augment=True, relabel=True, average=True, pictures=64)
+    settings = settings_of("bc", augment=True, relabel=True, average=True, pictures=64)
     learner = bc.Method(problem_of(encoder="cnn"), settings)
     losses = [learner.epoch()["loss"] for _ in range(8)]
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
@@ -167,7 +171,7 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
     rates = []
     for learner in (
         toy(problem_of(encoder="cnn")),
-        bc.Method(problem_of(encoder="cnn"), bc.Settings(epochs=8)),
+        bc.Method(problem_of(encoder="cnn"), settings_of("bc", epochs=8)),
     ):
         for _ in range(learner.settings.epochs):
             learner.epoch()
@@ -181,7 +185,7 @@ def test_the_released_policy_solves_fresh_labyrinths() -> None:
     folder = Path(__file__).parents[3] / "results" / "released" / "5x5" / "planner-seed0"
     record = read_record(folder)
     assert record is not None
-    settings = planner.Settings(**record["run"]["settings"])
+    settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 1, 5, 5, "navigation")
     policy = load_policy(
         folder / POLICY, spec, make=partial(planner.Method.make, settings=settings)

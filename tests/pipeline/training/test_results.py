@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -161,7 +162,7 @@ def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, 
     run = run_of(evaluated)
     results.run(run)
     assert "mine" in capsys.readouterr().out
-    folder = run.training.results_dir
+    folder = Path(run.options.results_dir)
     kept = sorted(path.name for path in (folder / "runs" / "3x3").iterdir())
     assert kept == ["bc-cnn-seed0.json", "bc-cnn-seed1.json", "mine-cnn-seed0.json"]
     text = (folder / "README.md").read_text(encoding="utf-8")
@@ -191,7 +192,7 @@ def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, 
 def test_the_tables_are_made_of_the_kept_runs_alone_and_stay_the_same(evaluated, run_of, tmp_path):
     run = run_of(evaluated)
     results.run(run)
-    folder = run.training.results_dir
+    folder = Path(run.options.results_dir)
     names = ("README.md", "results.csv", "results.tex")
     before = [(folder / name).read_bytes() for name in names]
     results.run(run_of(tmp_path / "nothing there"))

@@ -23,6 +23,8 @@ from pipeline.training import loop, train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def run_of(small_dataset: Run, tmp_path: Path) -> Callable[..., Run]:
@@ -43,8 +45,7 @@ def run_of(small_dataset: Run, tmp_path: Path) -> Callable[..., Run]:
 
 
 def folder_of(run: Run) -> Path:
-    assert run.training is not None
-    return run.training.folder(run.dataset.name)
+    return run.training_folder
 
 
 def weights_of(run: Run) -> bytes:
@@ -125,12 +126,12 @@ def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
     before = {path: path.stat().st_mtime_ns for path in folder_of(run).iterdir()}
     train.run(run)
     assert "complete already" in capsys.readouterr().out
-    changed = run_of(method={"epochs": 4})
+    changed = {"method": {"epochs": 4}}
     with pytest.raises(DatasetError, match="overwrite=true") as caught:
-        train.run(changed)
+        train.run(run_of(**changed))
     assert "a run with method.epochs=3, not 4: choose" in str(caught.value)
     assert {path: path.stat().st_mtime_ns for path in folder_of(run).iterdir()} == before
-    train.run(replace(changed, overwrite=True))
+    train.run(run_of(**changed, overwrite=True))
     assert json.loads((folder_of(run) / RECORD).read_text())["epochs"] == 4
 
 
@@ -190,17 +191,18 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
-    with pytest.raises(ConfigError, match=r"pip install -e '.\[tensorboard\]'"):
+    with pytest.raises(ConfigError, match=r"pip install 'labyrinth-datasets\[tensorboard\]'"):
         train.run(run_of(tensorboard=True))
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(ConfigError, match=r"torch: pip install -c constraints.txt -e '.\[train\]'"):
+    with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
         importlib.reload(pipeline.training)
 
 
 def test_no_dataset_is_answered_with_the_command_that_makes_it(
     run_of: Callable[..., Run], tmp_path: Path
 ) -> None:
-    with pytest.raises(DatasetError, match=r"python run.py size=3x3 task=navigation data_dir=\S+"):
+    command = r"labyrinth-datasets size=3x3 task=navigation data_dir=\S+"
+    with pytest.raises(DatasetError, match=command):
         train.run(run_of(data_dir=str(tmp_path / "nothing")))
     assert not (tmp_path / "runs").exists()
 
@@ -228,7 +230,7 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
         ({"method": {"epochs": 1.5}}, "method.epochs=1.5: give a whole number"),
         ({"method": {"learning_rate": "x"}}, "method.learning_rate=x: give a number"),
         ({"method": {"speed": 1}}, "method.speed is no option: choose from [epochs"),
-        ({"method": {"name": "sqil", "gamma": 1}}, "method.gamma=1: give a number, 0 to 0.999"),
+        ({"method": {"name": "sqil", "gamma": 1}}, "method.gamma=1: give a number from 0 to 0.999"),
         ({"method": {"name": "sqil", "temperature": 0}}, "give a number, 0.001 or more"),
         ({"revision": "v1"}, "is a folder, which has no revisions"),
     ],

@@ -1,7 +1,8 @@
-"""Experts for Gymnasium's environments: controllers in closed form, kept policies, archives."""
+"""Experts for Gymnasium's environments: closed-form controllers, linear policies, archives."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.environments.experts import classic
-from pipeline.analysis.environments.experts.linear import kept_file, kept_policy
 from pipeline.analysis.environments.experts.stable_baselines import located, read_archive
 
 Expert = Callable[[NDArray[np.float64]], "int | NDArray[np.float64]"]
-"""Observation -> action: a number, or numbers that are still to be cut to the action space."""
+"""Observation -> action: a number, or numbers that are still to be clipped to the action space."""
 
 _CONTROLLERS: dict[str, Expert] = {
     "CartPole-v1": classic.balance_the_pole,
@@ -26,23 +26,31 @@ def expert_of(environment: str, archive: str | None = None) -> Expert:
 
     Args:
         environment: Its name in Gymnasium.
-        archive: A Stable-Baselines3 archive to take instead of ours, as a path or an id on the
-            Hub.
+        archive: A Stable-Baselines3 archive to use instead of our expert, as a path or an id on
+            the Hub.
 
     Raises:
         DatasetError: The archive cannot be read.
     """
     if archive is not None:
         return read_archive(archive)
-    return _CONTROLLERS.get(environment) or kept_policy(environment)
+    return _CONTROLLERS.get(environment) or _linear_policy(source_of(environment))
+
+
+def _linear_policy(path: Path) -> Expert:
+    """Return the policy that `scripts/train_experts.py` wrote to a file."""
+    values = json.loads(path.read_text(encoding="utf-8"))
+    gain, bias = np.array(values["gain"]), np.array(values["bias"])
+    return lambda observation: gain @ observation + bias
 
 
 def source_of(environment: str, archive: str | None = None) -> Path:
-    """Return the file that settles what the expert of an environment does.
+    """Return the file that determines what the expert of an environment does.
 
     Raises:
-        DatasetError: The archive is not to be had.
+        DatasetError: There is no such archive.
     """
     if archive is not None:
         return located(archive)
-    return Path(classic.__file__) if environment in _CONTROLLERS else kept_file(environment)
+    controlled = environment in _CONTROLLERS
+    return Path(classic.__file__ if controlled else Path(__file__).with_name(f"{environment}.json"))

@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 PUSH_LEFT, PUSH_RIGHT = 0, 2
 
 _GRAVITY, _FORCE = 0.0025, 0.001
-"""Of MountainCar-v0: a step adds `push * force - gravity * cos(3 position)` to the velocity."""
+"""A step of MountainCar-v0 adds `push * force - gravity * cos(3 position)` to the velocity."""
 _SUMMIT = math.acos(_FORCE / _GRAVITY) / 3
-"""Where a car that is pushed right all the time has the hardest way behind it."""
+"""The position of the greatest potential under a constant push to the right."""
 _MARGIN = 6e-4
-"""Energy to have to spare, because steps are no continuous motion; 4e-4 to 1e-3 do as well."""
+"""Spare energy, since the motion is in discrete steps; 4e-4 to 1e-3 work as well."""
 _ONE_SWING = -0.4875
-"""Starting to the right of it, a car gains enough from one swing to the left."""
+"""A car that starts to the right of this position needs only one swing to the left."""
 
 
 def balance_the_pole(observation: NDArray[np.float64]) -> int:
-    """Return the push of CartPole-v1 under which the pole stays up and the cart on the track.
+    """Return the push that keeps the pole of CartPole-v1 up and the cart on the track.
 
     The sign of a linear feedback: the pole's angle and, to look ahead, its angular velocity, with
-    a little of the cart's position and velocity, against drift. It pushes to the side to which
-    the pole is about to fall, a bit sooner if the cart is on that side too.
+    a little of the cart's position and velocity, against drift. The push goes to the side to which
+    the pole is about to fall, a bit sooner if the cart is on that side, too.
 
     Args:
         observation: Position, velocity, angle, angular velocity.
@@ -34,11 +34,12 @@ def balance_the_pole(observation: NDArray[np.float64]) -> int:
 
 
 def climb_the_mountain(observation: NDArray[np.float64]) -> int:
-    """Return the push of MountainCar-v0: swing up, and drive home as soon as that is enough.
+    """Return the push that takes the car of MountainCar-v0 up: swing until the energy suffices.
 
     Under a constant push to the right, `velocity^2 / 2 + potential(position)` does not change, so
     the car gets over the summit if it has more than the potential there. Until then it is pushed
-    the way it moves, which adds the most energy; at rest, to the left if one swing will do.
+    in the direction in which it moves, which adds the most energy; at rest, to the left if one
+    swing suffices.
 
     Args:
         observation: Position, velocity.

@@ -1,9 +1,9 @@
 """Policies out of Stable-Baselines3 archives, read without that library and without pickle.
 
-An archive is a zip. `policy.pth` in it holds the weights, which `torch.load` reads with
-`weights_only=True`: tensors, and nothing that could run. Of the JSON `data` only plain text is
-read. The statistics of `VecNormalize` are not in an archive but in a pickle beside it, and are
-not read: a policy that was trained on normalised observations does poorly here.
+An archive is a zip. Its `policy.pth` holds the weights, which `torch.load` reads with
+`weights_only=True`: tensors, and nothing that could run. From the JSON `data` only plain text is
+read. The statistics of `VecNormalize` are in a pickle beside the archive, and are not read: a
+policy that was trained on normalised observations does poorly here.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from pickle import UnpicklingError  # Of a file that torch refuses; nothing is unpickled here.
+from pickle import UnpicklingError  # Raised by torch; nothing is unpickled here.
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
 
 MAX_BYTES = 1 << 28
-"""Of a member of an archive, unpacked; the policies meant here have some hundred kilobytes."""
+"""The largest size of a member of an archive; real policies have some hundred kilobytes."""
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Any]
@@ -39,18 +39,18 @@ _ACTIVATIONS: dict[str, Function] = {
 
 
 _UNREADABLE = (OSError, ValueError, LookupError, AttributeError, TypeError, RuntimeError)
-"""What libraries raise for files that are missing, damaged or something else."""
+"""What libraries raise for files that are missing, damaged or of another kind."""
 
 
 class _Layout(NamedTuple):
-    """How the policies of some algorithms lie among their weights (Stable-Baselines3 2.9)."""
+    """Where some algorithms' policies are among their weights (Stable-Baselines3 2.9)."""
 
     layers: str
-    """Regular expression for the names of the linear layers, in order."""
+    """A regular expression that matches the names of the linear layers."""
     activation: str
-    """Between them, unless the archive says otherwise."""
+    """The default activation between the layers."""
     output: Function
-    """What becomes of the last layer's values."""
+    """The function that turns the last layer's values into an action."""
 
 
 _LAYOUTS = [
@@ -62,14 +62,14 @@ _LAYOUTS = [
 
 
 def located(source: str) -> Path:
-    """Return an archive on this machine, downloaded if it is an id on the Hub.
+    """Return the path of an archive; download it if an id on the Hub is given.
 
     Args:
-        source: The path of a zip, or an id such as `sb3/td3-Hopper-v3`, of which the file of the
-            same name is taken (`td3-Hopper-v3.zip`).
+        source: The path of a zip, or an id such as `sb3/td3-Hopper-v3`, whose file of the same
+            name is downloaded (`td3-Hopper-v3.zip`).
 
     Raises:
-        DatasetError: There is none.
+        DatasetError: There is no such archive.
     """
     path = Path(source).expanduser()
     if path.is_file():
@@ -87,71 +87,67 @@ def located(source: str) -> Path:
         ) from error
 
 
-def read_archive(source: str) -> Callable[[Array], int | Array]:
+def read_archive(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Array], int | Array]:
     """Return the deterministic policy of an archive: the mean, or the most likely action.
 
-    Actions of SAC, TD3 and DDPG are between -1 and 1, as those of the MuJoCo tasks here.
+    Actions of SAC, TD3 and DDPG lie between -1 and 1, like those of the MuJoCo tasks here.
 
     Args:
         source: As for `located`.
+        max_bytes: The largest size of a member of the archive that is read.
 
     Raises:
         ConfigError: The extra `train`, which brings torch, is missing.
-        DatasetError: There is no such archive, or it holds no policy of a kind known here.
+        DatasetError: There is no such archive, or it holds no policy of a known kind.
     """
-    weights, activation = _unpacked(source)
+    weights, named = _unpacked(source, max_bytes)
     names = [name.removesuffix(".bias") for name in weights if name.endswith(".bias")]
     for layout in _LAYOUTS:
-        layers = sorted((name for name in names if re.fullmatch(layout.layers, name)), key=_place)
+        layers = [name for name in names if re.fullmatch(layout.layers, name)]
         if layers:
             break
     else:
         raise DatasetError(f"{source}: no MlpPolicy of PPO, A2C, SAC, TD3, DDPG or DQN is in it")
-    # Only continuous actions of PPO and A2C have a deviation.
+    # PPO and A2C have a standard deviation for continuous actions only.
     discrete = layers[-1] == "action_net" and "log_std" not in weights
-    return _policy(
-        [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in layers],
-        _ACTIVATIONS[activation or layout.activation],
-        np.argmax if discrete else layout.output,
-    )
+    output: Function = np.argmax if discrete else layout.output
+    activation = _ACTIVATIONS[named or layout.activation]
 
-
-def _place(name: str) -> tuple[bool, int]:
-    """Return the order of a layer: by number, and what has none last."""
-    number = name.rpartition(".")[2]
-    return (not number.isdigit(), int(number) if number.isdigit() else 0)
-
-
-def _policy(
-    layers: list[tuple[Array, Array]], activation: Function, output: Function
-) -> Callable[[Array], int | Array]:
     def act(observation: Array) -> int | Array:
         values = observation
-        for place, (weight, bias) in enumerate(layers):
-            values = weight @ (activation(values) if place else values) + bias
+        for place, name in enumerate(layers):
+            values = activation(values) if place else values
+            values = weights[f"{name}.weight"] @ values + weights[f"{name}.bias"]
         action = output(values)
         return int(action) if np.ndim(action) == 0 else action
 
     return act
 
 
-def _unpacked(source: str) -> tuple[dict[str, Array], str]:
-    """Return the weights by name, and the activation, empty where the archive is silent."""
+def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], str]:
+    """Return the weights by name, and the name of the activation, empty for the default."""
     try:
         import torch
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"analysis.experts: {source} needs torch: pip install -c constraints.txt -e '.[train]'"
+            f"analysis.experts: {source} needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
+
+    def member(archive: zipfile.ZipFile, name: str) -> bytes:
+        if archive.getinfo(name).file_size > max_bytes:
+            raise ValueError(f"{name} takes more than {max_bytes:,} bytes")
+        return archive.read(name)
 
     path = located(source)
     try:
         with zipfile.ZipFile(path) as archive:
-            stored = io.BytesIO(_member(archive, "policy.pth"))
-            with warnings.catch_warnings():  # Of what is refused, or read all the same.
+            stored = io.BytesIO(member(archive, "policy.pth"))
+            with (
+                warnings.catch_warnings()
+            ):  # Torch warns of files that it refuses, or reads anyway.
                 warnings.simplefilter("ignore")
                 tensors = torch.load(stored, map_location="cpu", weights_only=True)
-            data = json.loads(_member(archive, "data"))
+            data = json.loads(member(archive, "data"))
         weights = {name: tensor.double().numpy() for name, tensor in tensors.items()}
         described = data.get("policy_kwargs", {}).get("activation_fn", "")
         activation = "".join(re.findall(r"\.(\w+)'>$", described))
@@ -160,9 +156,3 @@ def _unpacked(source: str) -> tuple[dict[str, Array], str]:
     if activation and activation not in _ACTIVATIONS:
         raise DatasetError(f"{source}: activation {activation}, not {', '.join(_ACTIVATIONS)}")
     return weights, activation
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> bytes:
-    if archive.getinfo(name).file_size > MAX_BYTES:
-        raise ValueError(f"{name} takes more than {MAX_BYTES:,} bytes")
-    return archive.read(name)

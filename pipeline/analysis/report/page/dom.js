@@ -1,4 +1,4 @@
-// Elements, made of data alone: every text goes in as text, never as markup.
+// Making elements: data becomes text nodes and attributes, never markup.
 
 const DATA = JSON.parse(document.getElementById("data").textContent);
 const byId = (id) => document.getElementById(id);
@@ -17,7 +17,7 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
-/** Return a table; a cell is a value, or [value, class]. Numbers keep what they are given as. */
+/** Return a table; a cell is a value, or [value, class]. */
 function table(caption, headings, rows) {
   const parts = (cell) => (Array.isArray(cell) ? cell : [cell, null]);
   const row = (kind, cells) =>
@@ -48,7 +48,7 @@ function fill(select, options) {
   select.replaceChildren(...options.map(([value, label]) => element("option", { value }, label)));
 }
 
-/** Copy a text, and say so in `status`. */
+/** Copy a text to the clipboard, and report in `status` whether it worked. */
 async function copyText(text, status) {
   try {
     await navigator.clipboard.writeText(text);

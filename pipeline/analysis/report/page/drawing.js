@@ -1,10 +1,10 @@
-// Pictures of labyrinths on a canvas, laid out and coloured as labyrinth_core.pictures.renderer does it.
+// Pictures of labyrinths on a canvas, laid out and coloured as by labyrinth_core.pictures.renderer.
 
 const ROUTE_COLOUR = "rgb(204 121 167)";
 const rgb = ([red, green, blue], alpha = 1) => `rgb(${red} ${green} ${blue} / ${alpha})`;
 const isDark = () => document.documentElement.dataset.theme === "dark";
 
-/** Return the colours: the datasets' own, but with dark floors where the page is dark. */
+/** Return the colours of the datasets' pictures, with a dark floor in the dark theme. */
 function palette() {
   const { floor, wall } = DATA.colours;
   return isDark()
@@ -12,7 +12,7 @@ function palette() {
     : { ...DATA.colours, floor, wall };
 }
 
-/** Return where the lines of the grid are, in device pixels, for a picture of `size` CSS pixels. */
+/** Return the layout of the grid, in device pixels, for a picture of `size` CSS pixels. */
 function layout({ height, width }, size) {
   const most = Math.max(height, width);
   const side = Math.max(2 * most + 1, Math.round(size * window.devicePixelRatio));
@@ -35,7 +35,7 @@ function layout({ height, width }, size) {
 /**
  * Draw a labyrinth.
  *
- * `view` may have: `state` (number of the state the agent is in), `route` (cells), `arrows`
+ * `view` may have: `state` (number of the state that the agent is in), `route` (cells), `arrows`
  * (pairs of a cell and its optimal actions), `seen` (the cells that are not hidden), `cursor`
  * and `fault` (a cell each).
  */
@@ -159,7 +159,7 @@ function frame(pencil, grid, cell, name) {
   pencil.strokeRect(grid.left(cell) + inset, grid.top(cell) + inset, side, side);
 }
 
-/** Return pairs of a cell and the optimal actions there, in the phase of key and door of `state`. */
+/** Return pairs of a cell and its optimal actions, with key and door as they are in `state`. */
 function arrowsOf(labyrinth, distance, state) {
   const cells = labyrinth.up.length;
   const phase = Math.floor(state / cells);

@@ -1,7 +1,7 @@
-// The editor: a drawing that may break the rules while it is being changed, and its text.
+// The editor: a drawing, which may break the rules while it is being changed, and its text.
 
 const editor = {
-  labyrinth: openLabyrinth(5, 5), tool: "wall", cursor: null, solved: false, fault: null, size: 0,
+  labyrinth: openLabyrinth(5, 5), tool: "wall", cursor: null, solved: false, size: 0,
 };
 const TOOLS = {
   wall: ["Wall", null], start: ["Start", "start"], goal: ["Goal", "goal"], key: ["Key", "key"],
@@ -9,8 +9,9 @@ const TOOLS = {
 };
 const TASK_OF_TOOL = { key: "key_and_door", door: "key_and_door", ice: "icy_floor" };
 const MOST_PIXELS = 640;
+const UNREAD = "the text has a mistake, shown below it; the board shows the last text without one";
 
-/** Take up a labyrinth to edit, and write its text unless that is where it came from. */
+/** Edit another labyrinth; write its text, unless it was read from there. */
 function edit(labyrinth, { keepText = false } = {}) {
   editor.labyrinth = { ...labyrinth, ice: [...labyrinth.ice] };
   const { task, height, width } = labyrinth;
@@ -30,17 +31,21 @@ function edit(labyrinth, { keepText = false } = {}) {
   refreshEditor();
 }
 
-/** Say what stands, and draw. */
+/** Show the board, and say below the button what the drawing is or lacks. */
 function refreshEditor() {
   const { labyrinth } = editor;
-  const problem = problemOf(labyrinth);
-  editor.fault = problem?.cell ?? null;
-  byId("complete").hidden = isComplete(labyrinth);
-  byId("solve").disabled = problem !== null;
-  const view = { fault: editor.fault };
+  const unread = !byId("mistake").hidden;
+  const problem = unread ? new LabyrinthError(UNREAD) : problemOf(labyrinth);
+  const solve = byId("solve");
+  solve.disabled = problem !== null;
+  solve.setAttribute("aria-pressed", String(editor.solved && !problem));
+  solve.textContent = editor.solved && !problem ? "Hide the solution" : "Solve";
+  const view = { fault: problem?.cell };
   if (document.activeElement === byId("board")) view.cursor = editor.cursor;
-  let said = problem ? sentence(problem.message) : "Solvable.";
-  if (!problem) {
+  let said;
+  if (problem) {
+    said = sentence(problem.message);
+  } else {
     const distance = distances(labyrinth);
     const moves = distance[labyrinth.start];
     said = `Solvable; the shortest route has ${plural(moves, "move")}.`;
@@ -54,15 +59,16 @@ function refreshEditor() {
     }
   }
   byId("solution").textContent = said;
+  byId("solution").classList.toggle("problem", problem !== null);
   const board = byId("board");
-  const size = Math.min(board.parentElement.clientWidth, window.innerHeight * 0.75, MOST_PIXELS);
+  const size = Math.min(board.parentElement.clientWidth, window.innerHeight * 0.62, MOST_PIXELS);
   if (size > 0) {
     editor.size = Math.max(220, Math.floor(size));
     paint(board, labyrinth, editor.size, view);
   }
 }
 
-/** Return the optimal actions of each cell; on the route, those of the state that it is in there. */
+/** Return the optimal actions of each cell; on the route, those of the state it has there. */
 function solvedArrows(labyrinth, distance, states) {
   const cells = labyrinth.up.length;
   const arrows = new Map(arrowsOf(labyrinth, distance, labyrinth.start));
@@ -72,16 +78,12 @@ function solvedArrows(labyrinth, distance, states) {
 
 const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
-/** Return the LabyrinthError of a drawing, null if it keeps the rules. */
+/** Return the LabyrinthError of a drawing that is no labyrinth; null if it is one. */
 function problemOf(labyrinth) {
-  const { task, key } = labyrinth;
-  if (!isComplete(labyrinth)) {
-    const missing = task === "icy_floor" ? "ice is" : key === null ? "the key is" : "the door is";
-    return new LabyrinthError(`${missing} not placed yet`);
-  }
   try {
     checked(labyrinth);
-    return null;
+    const missing = missingTiles(labyrinth);
+    return missing && new LabyrinthError(missing);
   } catch (error) {
     if (!(error instanceof LabyrinthError)) throw error;
     return error;
@@ -107,7 +109,7 @@ function toggleWall(cell, action) {
   say(`wall ${ACTIONS[action]} of row ${row}, column ${column} ${bits[low] ? "open" : "shut"}`);
 }
 
-/** Place a tile on a cell; what was there gives way, but start and goal change places. */
+/** Place a tile on a cell; it replaces another tile, but changes places with start or goal. */
 function placeTile(tool, cell) {
   const before = editor.labyrinth;
   if (TASK_OF_TOOL[tool] && TASK_OF_TOOL[tool] !== before.task) return;
@@ -119,7 +121,7 @@ function placeTile(tool, cell) {
   } else {
     const other = ["start", "goal", "key", "door"].find((name) => before[name] === cell);
     if (other === tool) return;
-    // A start or goal has to be somewhere: it goes where the new tile comes from.
+    // There must be a start and a goal: it moves to where the new tile was.
     if (other === "start" || other === "goal") {
       if (before[tool] === null) return;
       after[other] = before[tool];
@@ -132,7 +134,7 @@ function placeTile(tool, cell) {
 
 const say = (text) => { byId("board-status").textContent = text; };
 
-/** Return the cell at a point of the board, and the wall of it that is nearest, as an action. */
+/** Return the cell at a point of the board, and the direction of its nearest wall, an action. */
 function targetAt(x, y) {
   const { labyrinth, size } = editor;
   const grid = layout(labyrinth, size);
@@ -172,7 +174,7 @@ function boardKey(event) {
   }
 }
 
-/** Give the drawing another size; what fits of it stays. */
+/** Give the drawing another size; keep what fits. */
 function resize() {
   const bounded = (id, now) => {
     const value = Math.round(+byId(id).value);
@@ -196,7 +198,7 @@ function resize() {
       after.right[now] = before.right[cell];
     }
   }
-  // Corners stay corners.
+  // A goal in the corner stays in the corner.
   const corner = before.goal === before.up.length - 1;
   after.start = moved(before.start) ?? 0;
   after.goal = (corner ? null : moved(before.goal)) ?? height * width - 1;
@@ -210,7 +212,7 @@ function resize() {
   edit(after);
 }
 
-/** Read the text that a person writes. */
+/** Read the text that a person has changed. */
 function readText() {
   takeText(() => parse(byId("text").value));
 }
@@ -226,6 +228,7 @@ function takeText(read) {
     const place = `Line ${error.line}, column ${error.column}`;
     mistake.replaceChildren(element("span", {}, `${place}: ${error.what}\n`), error.shown);
     mistake.hidden = false;
+    refreshEditor();
   }
 }
 
@@ -244,16 +247,6 @@ function saveFile() {
   const address = URL.createObjectURL(new Blob([byId("text").value], { type: "text/plain" }));
   element("a", { href: address, download: "edited.labyrinth" }).click();
   setTimeout(() => URL.revokeObjectURL(address));
-}
-
-/** Let the task's missing tiles be placed, as they are when the text is read. */
-function completeTiles() {
-  try {
-    edit(place(editor.labyrinth));
-  } catch (error) {
-    if (!(error instanceof LabyrinthError)) throw error;
-    byId("solution").textContent = sentence(error.message);
-  }
 }
 
 function setUpEditor() {
@@ -280,11 +273,8 @@ function setUpEditor() {
   for (const type of ["focus", "blur"]) board.addEventListener(type, refreshEditor);
   byId("solve").addEventListener("click", () => {
     editor.solved = !editor.solved;
-    byId("solve").setAttribute("aria-pressed", String(editor.solved));
-    byId("solve").textContent = editor.solved ? "Hide the solution" : "Solve";
     refreshEditor();
   });
-  byId("complete").addEventListener("click", completeTiles);
   byId("text").addEventListener("input", readText);
   byId("copy").addEventListener("click", () => copyText(byId("text").value, byId("copied")));
   byId("save").addEventListener("click", saveFile);

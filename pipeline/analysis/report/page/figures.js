@@ -1,9 +1,9 @@
-// Figures of a dataset, a panel a split, each with its numbers in a table.
+// Figures of a dataset, with a panel for each split, and their numbers in tables.
 
-const BARS = 200; // How wide bars beside names can be.
+const BARS = 200; // The width of the bars beside the names.
 const PANEL = { width: 280, height: 130, left: 38, bottom: 22, top: 8 };
 
-/** Return a histogram as an SVG picture. `counts` are pairs of a value and how many have it. */
+/** Return a histogram as an SVG picture; `counts` are pairs of a value and its frequency. */
 function histogram(counts, range, most, label) {
   const { width, height, left, bottom, top } = PANEL;
   const total = counts.reduce((sum, [, count]) => sum + count, 0) || 1;
@@ -36,7 +36,7 @@ function histogram(counts, range, most, label) {
   return picture;
 }
 
-/** Return a few whole numbers of a range, evenly apart. */
+/** Return a few evenly spaced whole numbers of a range. */
 function ticks([low, high]) {
   const apart = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 5000, 20000].find(
     (step) => (high - low) / step <= 7,
@@ -45,7 +45,7 @@ function ticks([low, high]) {
   return Array.from({ length: Math.floor((high - first) / apart) + 1 }, (_, at) => first + at * apart);
 }
 
-/** Return a share rounded up so that it and its half look well on an axis. */
+/** Return a share rounded up, such that it and its half are round numbers on an axis. */
 function roundedUp(share) {
   const step = share > 0.2 ? 0.2 : share > 0.04 ? 0.04 : 0.02;
   return Math.ceil(share / step - 1e-9) * step;
@@ -85,7 +85,7 @@ function panel(name, note, picture) {
   return element("figure", {}, caption, picture);
 }
 
-/** Return a figure; its files, where there are any, are called `file`. */
+/** Return a figure; `file` is the name of its files, if there are any. */
 function figure(file, title, text, panels, numbers) {
   const links = ["svg", "png"].map((kind) =>
     element("a", { href: `${DATA.figures}/${file}.${kind}` }, kind.toUpperCase()),
@@ -100,10 +100,10 @@ function figure(file, title, text, panels, numbers) {
   );
 }
 
-/** Return a picture of shares as bars, one below the other, some with an interval. */
+/** Return a picture of shares as horizontal bars, some with an interval. */
 function barPicture(bars, most, label) {
   const left = 12 + 6 * Math.max(...bars.map(({ name }) => name.length));
-  const scale = (BARS - 44) / most; // Room for a number behind the longest.
+  const scale = (BARS - 44) / most; // Leaves room for a number beside the longest.
   const told = bars.map(({ name, share }) => `${name} ${percent(share)}`).join(", ");
   const picture = element("svg", {
     viewBox: `0 0 ${left + BARS} ${24 * bars.length + 6}`, role: "img",

@@ -1,10 +1,10 @@
-// What was found out elsewhere: the certificate of leakage, the shift between splits, and the
+// The findings of other stages: the certificate of leakage, the shift between splits, and the
 // results of training.
 
 const runName = ({ config }, { name }) => `${config} ${name}`;
 const methodName = ({ config, name }) => `${config} ${name}, every seed`;
 
-/** Name -> where it failed: each run, and each method that has several, where all of them did. */
+/** Name -> failures: those of each run, and those that all runs of a method have in common. */
 const ATTEMPTS = new Map(
   DATA.results.flatMap((method) => {
     const attempt = (name, splits) => [name, { config: method.config, splits }];
@@ -13,7 +13,7 @@ const ATTEMPTS = new Map(
   }),
 );
 
-/** Return the labyrinths that one failed on, by their keys; null if there is no such name. */
+/** Return the keys of the labyrinths on which a run or method failed; null for other names. */
 function failuresOf(name) {
   const attempt = ATTEMPTS.get(name);
   if (!attempt) return null;
@@ -21,7 +21,7 @@ function failuresOf(name) {
   return new Set(Object.entries(attempt.splits).flatMap(keys));
 }
 
-/** Return the names of those that failed on a labyrinth. */
+/** Return the names of the runs and methods that failed on a labyrinth. */
 function whoFailed({ dataset, split }, id) {
   const failed = ([, { config, splits }]) =>
     config === dataset.name && splits[split.name]?.failed.includes(id);
@@ -44,7 +44,7 @@ function certificateOf(dataset) {
   const { analysis } = dataset;
   if (!analysis) {
     const task = dataset.task === "navigation" ? "" : ` task=${dataset.task}`;
-    const command = `python run.py size=${sizeOf(dataset)}${task} stages=[analyse,report]`;
+    const command = `labyrinth-datasets size=${sizeOf(dataset)}${task} stages=[analyse,report]`;
     return [notice("This dataset was not analysed, or has changed since. ", code(command),
       " (with the options that it was built with) makes the certificate and writes it here.")];
   }
@@ -53,7 +53,7 @@ function certificateOf(dataset) {
     `${first}, ${second}`,
     grouped(analysis.labyrinths[second]),
     ...Object.keys(COMMON).map((kind) =>
-      // A structure, or its mirror image, in two splits is what must not be.
+      // No structure may be in two splits, nor its mirror image.
       [grouped(counts[kind]), counts[kind] && /equal|mirrored/.test(kind) ? "bad" : null],
     ),
     ...walls.map((count) => grouped(within[count])),
@@ -84,7 +84,7 @@ function certificateOf(dataset) {
   ];
 }
 
-/** Return one sentence on whether the promise is kept: no structure in two splits. */
+/** Return one sentence on whether the splits are disjoint. */
 function verdict({ pairs, repeated, strangers }) {
   const shared = pairs.reduce((sum, { counts }) => sum + counts.equal + counts.mirrored, 0);
   const again = Object.entries(repeated)
@@ -121,7 +121,7 @@ function idButton(id) {
   );
 }
 
-/** Show the gallery with these filters and no others. */
+/** Show the gallery with only these filters. */
 function showInGallery(filters) {
   const form = byId("filters");
   form.reset();
@@ -157,7 +157,7 @@ function showResults() {
 function noResults() {
   return notice(
     "There are no results of training on these datasets in the folder of runs. ",
-    code("python run.py stages=[train,evaluate,report] method=bc"),
+    code("labyrinth-datasets stages=[train,evaluate,report] method=bc"),
     " (with the options of the dataset) makes some and writes them here.",
   );
 }
@@ -191,13 +191,13 @@ function resultsOf(config) {
   return [results, ...methods.map(methodDetails)];
 }
 
-/** Return the cell of a table with both rates. */
+/** Return a table's cell with success rate and average return. */
 function ratesOf({ sr, aer, aer_std: deviation }) {
   const below = `${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
   return element("span", {}, percent(sr), element("br"), element("small", {}, below));
 }
 
-/** Return what a method did, to unfold: where all its seeds failed, and each run. */
+/** Return the details of a method: what all its seeds failed on, and each run. */
 function methodDetails(method) {
   const { name, runs, splits } = method;
   const rows = Object.entries(splits).map(([split, scores]) => [

@@ -1,7 +1,7 @@
-// The gallery: filters, and a list of which only what is in sight exists.
+// The gallery: filters, and a list in which only the visible tiles exist.
 
 const THUMBNAIL = 96;
-const TILE_WIDTH = 116; // At least; what is left over is spread.
+const TILE_WIDTH = 116; // At least; tiles share the width that is left.
 const TILE_HEIGHT = 164;
 const gallery = { matches: [], active: 0, tiles: new Map(), columns: 1, width: TILE_WIDTH };
 
@@ -39,7 +39,7 @@ function redrawGallery() {
   showTiles();
 }
 
-/** Make the tiles that are in sight, and drop the others. */
+/** Make the visible tiles, and remove the others. */
 function showTiles() {
   const list = byId("list");
   if (!list.clientWidth) return;
@@ -112,7 +112,7 @@ function markActive() {
   }
 }
 
-/** Make a labyrinth of the list the active one, and bring it into sight. */
+/** Make a labyrinth of the list the active one, and scroll to it. */
 function activate(place) {
   const list = byId("list");
   gallery.active = Math.max(0, Math.min(gallery.matches.length - 1, place));

@@ -7,7 +7,7 @@ const SETTINGS = {
 };
 const HEADING = "labyrinth";
 const MAX_TEXT = 32 * 1024 * 1024;
-const WINDOW = 94; // Longest part of a source line that a message shows, in characters.
+const WINDOW = 94; // The longest part of a source line that a message shows, in characters.
 const QUOTES = '"""';
 
 const isPrintable = (char) => char === " " || !/[\p{C}\p{Z}]/u.test(char);
@@ -17,7 +17,7 @@ const trimStart = (text) => text.replace(/^ +/, "");
 const lineStart = (text, offset) => (offset ? text.lastIndexOf("\n", offset - 1) + 1 : 0);
 const grouped = (number) => number.toLocaleString("en-US");
 
-/** A text that is no labyrinth; columns count characters, as Python does. */
+/** A text that is not a labyrinth; columns count characters, as in Python. */
 class LabyrinthSyntaxError extends Error {
   constructor(text, offset, message, expected = null, found = null) {
     super(message);
@@ -30,13 +30,13 @@ class LabyrinthSyntaxError extends Error {
     this.found = found;
   }
 
-  /** What is wrong, without the place. */
+  /** The message without the place. */
   get what() {
     const expected = this.expected === null ? "" : `: expected ${this.expected}`;
     return this.message + expected + (this.found === null ? "" : `, found ${this.found}`);
   }
 
-  /** The source line with a caret below the place. */
+  /** The source line, with a caret below the place. */
   get shown() {
     const source = [...this.sourceLine];
     const column = this.column - 1;
@@ -48,13 +48,13 @@ class LabyrinthSyntaxError extends Error {
     return `${before}${harmless}${after}\n${" ".repeat(before.length + column - start)}^`;
   }
 
-  /** The whole message, as Python has it. */
+  /** The whole message, as in Python. */
   full(file) {
     return `${file}:${this.line}:${this.column}: ${this.what}\n${this.shown}`;
   }
 }
 
-/** Return a text in quotation marks, the way that Python writes it. */
+/** Return a text in quotation marks, as Python writes it. */
 function pythonQuoted(text) {
   const mark = text.includes("'") && !text.includes('"') ? '"' : "'";
   const named = { "\n": "\\n", "\r": "\\r", "\t": "\\t", "\\": "\\\\", [mark]: `\\${mark}` };
@@ -69,14 +69,14 @@ function pythonQuoted(text) {
   return mark + written.join("") + mark;
 }
 
-/** Return a word or a line in quotation marks, its beginning if it is long. */
+/** Return a word or a line in quotation marks, shortened if it is long. */
 function quoted(text) {
   if (!text) return "the end of the text";
   const chars = [...text];
   return pythonQuoted(chars.slice(0, 30).join("")) + (chars.length > 30 ? "..." : "");
 }
 
-/** Return what stands at an offset of a text, in words. */
+/** Return a description of the character at an offset of a text. */
 function describe(text, offset) {
   if (offset >= text.length) return "the end of the text";
   const char = String.fromCodePoint(text.codePointAt(offset));
@@ -86,7 +86,7 @@ function describe(text, offset) {
   return isPrintable(char) ? pythonQuoted(char) : `the character U+${code}`;
 }
 
-/** A text being read, line by line, with its comments taken out. */
+/** A text that is read line by line, without its comments. */
 class Source {
   constructor(text) {
     if (text.length > MAX_TEXT) {
@@ -98,7 +98,7 @@ class Source {
     }
     this.original = normalised(text);
     this.position = 0;
-    this.kept = []; // Where the pieces between comments begin: in `text`, and in `original`.
+    this.kept = []; // The offsets of the parts between comments, in `text` and in `original`.
     this.text = this.withoutComments();
   }
 
@@ -156,7 +156,7 @@ class Source {
     return this.original.slice(0, this.originalOffset(offset)).split("\n").length;
   }
 
-  /** Throw the error for a mistake; a control character in its line is the likelier one. */
+  /** Throw the error for a mistake, or for a control character in its line, the likelier cause. */
   fail(offset, message, expected = null, found = null) {
     const end = this.text.indexOf("\n", offset);
     const begin = lineStart(this.text, offset);
@@ -196,7 +196,7 @@ function decode(bytes) {
   try {
     return new TextDecoder("utf-8", options).decode(bytes);
   } catch {
-    // The longest beginning that may still become UTF-8, but for what it leaves unfinished.
+    // The longest prefix that may still become UTF-8, without an unfinished character.
     const begin = (length) =>
       new TextDecoder("utf-8", options).decode(bytes.subarray(0, length), { stream: true });
     let [good, bad] = [0, bytes.length + 1];
@@ -220,7 +220,11 @@ function decode(bytes) {
   }
 }
 
-/** Return the labyrinth that a text describes; throw LabyrinthSyntaxError if it is none. */
+/**
+ * Return the labyrinth that a text describes; throw LabyrinthSyntaxError if it is none.
+ *
+ * Tiles that the text leaves out are not placed: `missingTiles` says which.
+ */
 function parse(text) {
   const source = new Source(text);
   const settings = parseSettings(source);
@@ -311,7 +315,7 @@ function closestName(word, names) {
   return scored.length ? scored[0][1] : null;
 }
 
-/** Return the number of characters in common, by Ratcliff and Obershelp. */
+/** Return the number of matching characters, as Ratcliff and Obershelp count them. */
 function matching(a, b) {
   let [length, atA, atB] = [0, 0, 0];
   for (let i = 0; i < a.length; i++) {
@@ -388,7 +392,7 @@ function parseTop(source) {
   return line;
 }
 
-/** Return what may stand in a column of a line inside a drawing, as characters and in words. */
+/** Return the characters allowed in a column of a line inside a drawing, and their description. */
 function allowedAt(column, length, cells) {
   if (column === 0) return ["|", begins(length, cells)];
   if (column === length - 1) return ["|", "'|', the outer wall"];
@@ -441,13 +445,7 @@ function build(source, drawing, task) {
   } else if (task === "icy_floor") {
     labyrinth.ice = [...tiles.keys()].filter((cell) => tiles[cell] === "I");
   }
-  return isComplete(labyrinth) ? checked(labyrinth) : place(labyrinth);
-}
-
-/** Return whether a labyrinth has all tiles of its task. */
-function isComplete({ task, key, door, ice }) {
-  if (task === "key_and_door") return key !== null && door !== null;
-  return task !== "icy_floor" || ice.length > 0;
+  return checked(labyrinth);
 }
 
 function only(source, drawing, tile) {
@@ -458,7 +456,7 @@ function only(source, drawing, tile) {
   return source.fail(drawn[1], `${tile} is drawn twice`, `one ${tile} at most`, found);
 }
 
-/** Return the text of a labyrinth, also of one that breaks a rule. */
+/** Return the text of a drawing, even of one that breaks a rule. */
 function dump(labyrinth) {
   const { height, width, up, right, task } = labyrinth;
   const tiles = new Map(labyrinth.ice.map((cell) => [cell, "I"]));

@@ -1,4 +1,4 @@
-// One labyrinth, large: its episodes step by step, and the optimal actions in every state.
+// The player: one labyrinth, its episodes step by step, and the optimal actions in every state.
 
 const player = { place: 0, labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
 const STEP_MILLISECONDS = 350;
@@ -111,7 +111,7 @@ function playerKey(event) {
     n: () => openPlayer(gallery.active + 1),
     p: () => openPlayer(gallery.active - 1),
   };
-  // Buttons and lists keep the keys that they answer to themselves.
+  // Buttons and lists handle their own keys.
   const own = event.key === " " || inControl?.matches("select, input[type=range]");
   if (!(event.key in keys) || (inControl && own)) return;
   event.preventDefault();

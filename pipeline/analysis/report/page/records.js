@@ -1,8 +1,8 @@
-// The labyrinths and episodes of the datasets, unpacked one by one as they are looked at.
+// The labyrinths and episodes of the datasets, unpacked one by one when they are shown.
 
 const ARRAYS = { uint8: Uint8Array, uint16: Uint16Array, uint32: Uint32Array };
 
-/** Return bytes; not every browser has the fast way yet. */
+/** Return the bytes of a base64 text; not every browser has the fast method yet. */
 const fromBase64 = (text) =>
   Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
 
@@ -11,7 +11,7 @@ class Block {
   constructor(dataset, split, first) {
     this.dataset = dataset;
     this.split = split;
-    this.first = first; // Number of its first labyrinth, through all blocks.
+    this.first = first; // The number of its first labyrinth among those of all blocks.
     this.unpacked = new Map();
   }
 
@@ -29,7 +29,7 @@ class Block {
     return this.unpacked.get(name);
   }
 
-  /** Return the bits of a labyrinth, one byte each. */
+  /** Return a bit set over the cells of a labyrinth, one byte for each bit. */
   bits(name, index) {
     const cells = this.dataset.height * this.dataset.width;
     const stride = (cells + 7) >> 3;
@@ -42,7 +42,7 @@ class Block {
     return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
   }
 
-  /** Return what a labyrinth is known by in the results. */
+  /** Return the key of a labyrinth in the results. */
   key(index) {
     return `${this.dataset.name} ${this.split.name} ${this.hex("id", index)}`;
   }
@@ -80,7 +80,7 @@ class Block {
     });
   }
 
-  /** Return where the episodes and the actions of each labyrinth begin. */
+  /** Return the offsets of each labyrinth's episodes and actions. */
   sumsOf(episodes, lengths) {
     const sums = { episodes: new Uint32Array(this.count), steps: new Uint32Array(this.count) };
     let [episode, step] = [0, 0];
@@ -101,13 +101,13 @@ for (const dataset of DATA.datasets) {
   }
 }
 
-/** Return the block of a labyrinth, and its place in it. */
+/** Return the block of a labyrinth, and its index in the block. */
 function locate(number) {
   const block = BLOCKS.findLast((each) => each.first <= number && each.count);
   return [block, number - block.first];
 }
 
-/** Return whether the hexadecimal digits of an id in a column of eight bytes begin as given. */
+/** Return whether an id in a column of eight bytes begins with some hexadecimal digits. */
 function idBegins(bytes, index, digits) {
   for (let place = 0; place < digits.length; place++) {
     const byte = bytes[8 * index + (place >> 1)];
@@ -116,7 +116,7 @@ function idBegins(bytes, index, digits) {
   return true;
 }
 
-/** Return the numbers of the labyrinths that filters let through. */
+/** Return the numbers of the labyrinths that match the filters. */
 function select(filters) {
   const found = [];
   const digits = /^[0-9a-f]{0,16}$/.test(filters.id)

@@ -1,4 +1,4 @@
-// The world as labyrinth_core has it: cells, moves, the rules of the tasks, and the solver.
+// The world, as in labyrinth_core: cells, moves, the rules of the tasks, and the solver.
 // A cell is row * width + column, row 0 at the bottom; `up` and `right` hold 1 for a passage.
 
 const ACTIONS = ["up", "right", "down", "left"];
@@ -15,7 +15,7 @@ class LabyrinthError extends Error {
   }
 }
 
-/** Return a labyrinth without walls inside, start and goal in its corners. */
+/** Return a labyrinth without inner walls, with start and goal in its corners. */
 function openLabyrinth(height, width) {
   const cells = height * width;
   const up = new Uint8Array(cells).fill(1, 0, cells - width);
@@ -26,7 +26,7 @@ function openLabyrinth(height, width) {
   };
 }
 
-/** Return the cell that an action leads to in a grid without walls, null if out of it. */
+/** Return the cell that an action leads to in a grid without walls; null if it is outside. */
 function beside({ height, width }, cell, action) {
   const column = cell % width;
   if (action === 0) return cell + width < height * width ? cell + width : null;
@@ -35,7 +35,7 @@ function beside({ height, width }, cell, action) {
   return column > 0 ? cell - 1 : null;
 }
 
-/** Return whether the way from a cell to its neighbour in the direction of an action is open. */
+/** Return whether there is a passage from a cell in the direction of an action. */
 function isOpen({ up, right, width }, cell, action) {
   if (action === 0) return up[cell] === 1;
   if (action === 1) return right[cell] === 1;
@@ -43,15 +43,15 @@ function isOpen({ up, right, width }, cell, action) {
   return cell % width > 0 && right[cell - 1] === 1;
 }
 
-/** Return the cell that an action leads to; a wall leads back. */
+/** Return the cell that an action leads to; at a wall, it is the same cell. */
 function move(labyrinth, cell, action) {
   return isOpen(labyrinth, cell, action) ? beside(labyrinth, cell, action) : cell;
 }
 
-/** Return the number of moves of each cell from `source`, never entering `blocked` cells. */
+/** Return the number of moves from `source` to each cell without entering `blocked` cells. */
 function cellDistances(labyrinth, source, blocked = []) {
   const distance = new Int32Array(labyrinth.up.length).fill(UNREACHABLE);
-  for (const cell of blocked) distance[cell] = 0; // As if seen already; taken back at the end.
+  for (const cell of blocked) distance[cell] = 0; // As if visited already; undone at the end.
   distance[source] = 0;
   const queue = [source];
   for (const cell of queue) {
@@ -67,9 +67,25 @@ function cellDistances(labyrinth, source, blocked = []) {
   return distance;
 }
 
-/** Return the labyrinth; throw LabyrinthError if it breaks a rule. */
+/** Return a message on the tiles of its task that a drawing lacks; null if it has them all. */
+function missingTiles({ task, key, door, ice }) {
+  if (task === "icy_floor" && !ice.length) {
+    return "icy floor needs ice, at least one I: the drawing has none";
+  }
+  if (task !== "key_and_door" || (key !== null && door !== null)) return null;
+  const lacks = key !== null ? "no D" : door !== null ? "no K" : "neither";
+  return `key and door needs a key K and a door D: the drawing has ${lacks}`;
+}
+
+/**
+ * Return the labyrinth; throw LabyrinthError if it breaks a rule.
+ *
+ * While tiles of its task are missing, only the rules on start and goal are checked.
+ */
 function checked(labyrinth) {
-  const { start, goal, key, door, ice } = labyrinth;
+  const { start, goal } = labyrinth;
+  const none = { key: null, door: null, ice: [] };
+  const { key, door, ice } = missingTiles(labyrinth) ? none : labyrinth;
   const tiles = [["start", start], ["goal", goal]];
   if (key !== null) tiles.push(["key", key], ["door", door]);
   for (const cell of ice) tiles.push(["ice", cell]);
@@ -96,10 +112,10 @@ function checked(labyrinth) {
   return labyrinth;
 }
 
-// States are numbered: the cell, plus the number of cells with the key, and again with the door
-// open.
+// The number of a state is its cell, plus the number of cells if the agent has the key, and once
+// more if the door is open.
 
-/** Return the number of the state after an action; a wall or a locked door leads back. */
+/** Return the number of the state after an action; a wall or a locked door changes nothing. */
 function transition(labyrinth, state, action) {
   const cells = labyrinth.up.length;
   const target = move(labyrinth, state % cells, action);
@@ -112,14 +128,14 @@ function transition(labyrinth, state, action) {
   return target + phase * cells;
 }
 
-/** Return the least number of moves from each state to the goal, UNREACHABLE if none do. */
+/** Return the least number of moves from each state to the goal; UNREACHABLE without a route. */
 function distances(labyrinth) {
   const { goal, door, ice } = labyrinth;
   const cells = labyrinth.up.length;
   if (door === null) return cellDistances(labyrinth, goal, ice);
   const predecessors = Array.from({ length: 3 * cells }, () => []);
   for (let state = 0; state < 3 * cells; state++) {
-    // Nothing leads on the door before it opened, and nothing may come from there.
+    // The agent cannot be on the door before it is open.
     if (state === door || state === door + cells) continue;
     for (let action = 0; action < 4; action++) {
       predecessors[transition(labyrinth, state, action)].push(state);
@@ -147,7 +163,7 @@ function optimalActions(labyrinth, distance, state) {
   );
 }
 
-/** Return the actions of a shortest route: in each state the first of the optimal ones. */
+/** Return the actions of a shortest route: in each state the first optimal one. */
 function shortestRoute(labyrinth, distance) {
   const actions = [];
   let state = labyrinth.start;
@@ -159,7 +175,7 @@ function shortestRoute(labyrinth, distance) {
   return actions;
 }
 
-/** Return the states that actions lead through, the initial one first. */
+/** Return the states that actions lead through, beginning with the initial one. */
 function replay(labyrinth, actions) {
   const states = [labyrinth.start];
   for (const action of actions) states.push(transition(labyrinth, states.at(-1), action));

@@ -1,0 +1,117 @@
+"""Options: each is declared once, as a field of a frozen dataclass.
+
+The schema that Hydra merges values into, the text of `--help`, the README's table and the checks
+follow from the declaration.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import field, fields, is_dataclass
+from math import inf
+from typing import Any, TypeVar, get_type_hints
+
+from pipeline.config.errors import ConfigError, check, listed
+
+Options = TypeVar("Options")
+
+FOLDER = (r"(?s).*\S.*", "a folder")
+
+
+def option(
+    default: Any,
+    meaning: str,
+    *,
+    at_least: float | None = None,
+    at_most: float = inf,
+    one_of: Iterable[object] = (),
+    like: tuple[str, str] | None = None,
+) -> Any:
+    """Return the field that declares an option.
+
+    Args:
+        default: Its value where none is given; MISSING if one has to be given.
+        meaning: A phrase for `--help`, in which a noun says what the value is.
+        at_least: The least value of a number; None for an option whose number is not checked.
+        at_most: The greatest value of a number.
+        one_of: The values to choose from; one, or several if the option is a tuple.
+        like: A regular expression for the whole text, and a phrase that says what to give.
+    """
+    checks = {"low": at_least, "high": at_most, "one_of": list(one_of), "like": like}
+    metadata = {"meaning": meaning, "checks": checks}
+    if isinstance(default, dict):
+        return field(default_factory=default.copy, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def meanings(cls: type, group: str = "") -> dict[str, str]:
+    """Return what the options that a class declares mean, by their names."""
+    found = {}
+    for each in fields(cls):
+        if "meaning" in each.metadata:
+            found[group + each.name] = each.metadata["meaning"]
+        elif is_dataclass(each.default):
+            found |= meanings(type(each.default), f"{group}{each.name}.")
+    return found
+
+
+def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:
+    """Return an instance of a class that declares options, from values by their names.
+
+    Raises:
+        ConfigError: A name is not that of an option.
+    """
+    kinds = get_type_hints(cls)
+    made = {}
+    for name, value in values.items():
+        if name not in kinds:
+            raise ConfigError(f"{group}{name} is no option: choose from {listed(kinds)}")
+        made[name] = tuple(value) if isinstance(value, list) else value
+        if is_dataclass(kinds[name]):
+            made[name] = frozen(kinds[name], value, f"{group}{name}.")
+    return cls(**made)
+
+
+def check_options(options: Any, cls: type, group: str = "") -> None:
+    """Check the values of the options that a class declares.
+
+    Args:
+        options: An instance of the class, or of one that inherits from it.
+        cls: The class.
+        group: What goes before the names of the options.
+
+    Raises:
+        ConfigError: A value is impossible; the text says what was given and what is allowed.
+    """
+    kinds = get_type_hints(cls)
+    for each in fields(cls):
+        if "checks" in each.metadata:
+            value, checks = getattr(options, each.name), each.metadata["checks"]
+            _check_value(group + each.name, value, kinds[each.name], **checks)
+
+
+def _check_value(
+    name: str,
+    value: Any,
+    kind: Any,
+    low: float | None,
+    high: float,
+    one_of: list[object],
+    like: tuple[str, str] | None,
+) -> None:
+    if kind is bool:
+        check(isinstance(value, bool), f"{name}={value}: give true or false")
+    elif isinstance(value, list | tuple):
+        known = not one_of or (len(value) > 0 and set(value) <= set(one_of))
+        check(known, f"{name}={listed(value)}: choose from {listed(one_of)}")
+    elif one_of:
+        check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
+    elif like is not None:
+        matches = re.fullmatch(like[0], value, re.ASCII) is not None
+        check(matches, f"{name}={value}: give {like[1]}")
+    elif low is not None and (value is not None or kind in (int, float)):
+        number = type(value) is int or (kind is float and isinstance(value, float))
+        what = "a number" if kind is float else "a whole number"
+        limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
+        check(number and low <= value <= high, f"{name}={value}: give {what}{limits}")
