@@ -1,33 +1,37 @@
-"""Labyrinths for imitation learning: the world, its datasets, and policies judged in it.
+"""Labyrinths for imitation learning: environments, datasets, and the evaluation of policies.
 
     from labyrinth_core import load_transitions
 
     transitions = load_transitions("data/labyrinth", "5x5", split="train")
 
-The names below are imported when they are first used, so that `import labyrinth_core` takes no time
-and needs numpy alone.
+Public names are imported when they are first used, so that `import labyrinth_core` is quick and
+needs numpy alone.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from labyrinth_core.data.errors import DatasetError
-    from labyrinth_core.data.loader import (
-        load_episodes,
-        load_transitions,
-        stream_episodes,
-        stream_transitions,
-    )
-    from labyrinth_core.env import LabyrinthEnv
-    from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-    from labyrinth_core.evaluation.scores import evaluate
-    from labyrinth_core.language.text import dump, parse
-    from labyrinth_core.pictures.renderer import render
-    from labyrinth_core.world.grid import Action
-    from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-    from labyrinth_core.world.random_labyrinth import sample_labyrinth
-    from labyrinth_core.world.solver import optimal_actions, shortest_route
+if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
+    from labyrinth_core.data.errors import DatasetError as DatasetError
+    from labyrinth_core.data.loader import load_episodes as load_episodes
+    from labyrinth_core.data.loader import load_transitions as load_transitions
+    from labyrinth_core.data.loader import stream_episodes as stream_episodes
+    from labyrinth_core.data.loader import stream_transitions as stream_transitions
+    from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
+    from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
+    from labyrinth_core.evaluation.scores import evaluate as evaluate
+    from labyrinth_core.language.text import dump as dump
+    from labyrinth_core.language.text import parse as parse
+    from labyrinth_core.pictures.renderer import render as render
+    from labyrinth_core.world.grid import Action as Action
+    from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
+    from labyrinth_core.world.labyrinth import LabyrinthError as LabyrinthError
+    from labyrinth_core.world.labyrinth import Structure as Structure
+    from labyrinth_core.world.labyrinth import Task as Task
+    from labyrinth_core.world.random_labyrinth import sample_labyrinth as sample_labyrinth
+    from labyrinth_core.world.solver import optimal_actions as optimal_actions
+    from labyrinth_core.world.solver import shortest_route as shortest_route
+
 
 __version__ = "0.1.0"
 
@@ -52,33 +56,13 @@ _HOMES = {
     "stream_episodes": "data.loader",
     "stream_transitions": "data.loader",
 }
-"""Public name -> the module that defines it, within this package."""
+"""Public name -> the module of this package that defines it."""
 
-__all__ = [
-    "Action",
-    "DatasetError",
-    "Labyrinth",
-    "LabyrinthEnv",
-    "LabyrinthError",
-    "Structure",
-    "Task",
-    "dump",
-    "evaluate",
-    "load_arrays",
-    "load_episodes",
-    "load_transitions",
-    "optimal_actions",
-    "parse",
-    "render",
-    "sample_labyrinth",
-    "shortest_route",
-    "stream_episodes",
-    "stream_transitions",
-]
+__all__ = [*_HOMES]
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, its module imported now (PEP 562)."""
+    """Return a public name after importing its module (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

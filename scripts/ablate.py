@@ -1,13 +1,13 @@
-"""What each ingredient of the planner is worth, how many labyrinths it needs, and other tasks.
+"""Train the planner without ingredients, on other numbers of labyrinths, and on other tasks.
 
     python scripts/ablate.py --sizes 3 4 5
     python scripts/ablate.py --variants planner bc --labyrinths 10 25 50 100 1000 10000
     python scripts/ablate.py --variants planner --tasks partial_observability key_and_door icy_floor
 
-Trains one run a variant, size, task, number of labyrinths and seed, and keeps which labyrinths it
-solves in a file of `--results`, of which scripts/report_ablation.py makes tables and figures. What
-is there already is not done again. Few labyrinths are the first of many; whatever a run is trained
-on, it is selected and tried on the same labyrinths, those of the dataset with the usual number.
+Trains one run per variant, size, task, number of labyrinths and seed, and keeps the labyrinths that
+it solves in a file in `--results`, from which scripts/report_ablation.py makes tables and figures.
+Existing results are skipped. A smaller number of labyrinths is a prefix of a larger one; whatever a
+run is trained on, it is selected and tested on the labyrinths of the dataset of the usual size.
 """
 
 from __future__ import annotations
@@ -22,13 +22,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from labyrinth_sets import labyrinth_sets, write_results
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.following import success_rate
-from labyrinth_core.evaluation.journeys import travel
+from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.policy import Policy
-from labyrinth_core.evaluation.trials import trials, write_trial
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
@@ -54,18 +53,18 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
         {"augment": True, "relabel": True, "average": True, "pictures": 18 * 64},
     ),
 }
-"""Method, and its settings that are not the defaults."""
+"""Variant -> its method, and the settings that differ from the defaults."""
 
 CLONING_STEPS = 1_800
-"""Gradient steps of plain BC, whatever the number of labyrinths; 100 epochs of 100 at 5x5."""
+"""The gradient steps of plain BC for any number of labyrinths; 100 epochs of 100 at 5x5."""
 
 SEED = 1_000_000
-"""Of the starts, goals and structures that runs are tried on."""
+"""The seed of the starts, goals and structures that runs are tested on."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run."""
+    """One run of the ablation."""
 
     variant: str
     dataset: DatasetConfig
@@ -73,13 +72,13 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Where it is kept."""
+        """The path of its results, without suffix."""
         variant = self.variant.replace(" ", "-")
         return f"{self.dataset.name}/{variant}-of-{self.dataset.labyrinths}-seed{self.seed}"
 
 
 def main() -> None:
-    """Do what is missing."""
+    """Do the runs whose results are missing."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     tasks = [str(task) for task in Task]
     parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
@@ -104,7 +103,7 @@ def main() -> None:
         if labyrinths not in (None, config_of(size, task).labyrinths):
             source = built(given.folder / f"data-of-{dataset.labyrinths}", dataset)
         about, solved = run(case, source, usual, given.folder / case.name)
-        write_trial(kept, {**about, "usual": source == usual}, solved)
+        write_results(kept, {**about, "usual": source == usual}, solved)
         told = (f"{name} {np.mean(which):.1%}" for name, which in solved.items())
         print(f"{case.name}: {', '.join(told)}", flush=True)
 
@@ -119,7 +118,7 @@ def config_of(size: int, task: str, labyrinths: int | None = None) -> DatasetCon
 
 @cache
 def built(folder: Path, dataset: DatasetConfig) -> Path:
-    """Return the folder of a dataset, which is built unless it is there."""
+    """Return the folder of a dataset, which is built unless it exists."""
     asked = resolve(RunConfig(stages=["build"], data_dir=str(folder)))
     build.run(replace(asked, dataset=dataset))
     return folder
@@ -128,13 +127,13 @@ def built(folder: Path, dataset: DatasetConfig) -> Path:
 def run(
     case: Case, source: Path, usual: Path, work: Path
 ) -> tuple[dict[str, Any], dict[str, list[bool]]]:
-    """Train a policy and try it; return what it is, and which labyrinths of each set it solves.
+    """Train and test a policy; return its description, and which labyrinths of each set it solves.
 
     Args:
         case: The run.
-        source: Folder with the dataset that it is trained on.
-        usual: Folder with the one that it is selected and tried on.
-        work: Folder for its checkpoint while it is trained, and for the policy.
+        source: Folder with the dataset that the policy is trained on.
+        usual: Folder with the dataset that it is selected and tested on.
+        work: Folder for the checkpoint and for the policy.
     """
     began = time.process_time()
     learner = learner_of(case, source)
@@ -154,9 +153,10 @@ def run(
     rng = np.random.default_rng(SEED)
     solved = {
         name: [
-            each.solved for each in travel(NetworkPolicy(learner.policy), labyrinths, IMAGE_SIZE)
+            each.solved
+            for each in greedy_episodes(NetworkPolicy(learner.policy), labyrinths, IMAGE_SIZE)
         ]
-        for name, labyrinths in trials(usual, case.dataset.name, rng)
+        for name, labyrinths in labyrinth_sets(usual, case.dataset.name, rng)
     }
     about = {
         "config": case.dataset.name,
@@ -173,21 +173,21 @@ def run(
 
 
 def learner_of(case: Case, source: Path) -> Learner:
-    """Return the learner of a run, with the weights and the randomness it begins with."""
+    """Return the learner of a run before training."""
     name, values = VARIANTS[case.variant]
     config = case.dataset.name
-    worlds = load_arrays(source, config, "train")
-    demonstrations = load_steps(source, config, "train", worlds)
+    arrays = load_arrays(source, config, "train")
+    demonstrations = load_steps(source, config, "train", arrays)
     method, settings = find(name, values)
     if case.variant == "bc":
         settings = cloning(settings, len(demonstrations.states))
     shape = (case.dataset.height, case.dataset.width, str(case.dataset.task))
     torch.manual_seed(case.seed)
     problem = Problem(
-        worlds=worlds,
-        observations=torch.from_numpy(worlds.observations),
+        arrays=arrays,
+        observations=torch.from_numpy(arrays.observations),
         demonstrations=demonstrations,
-        exploration=partial(load_steps, source, config, "random", worlds),
+        exploration=partial(load_steps, source, config, "random", arrays),
         spec=NetworkSpec("planner" if name == "planner" else "cnn", 1, *shape),
         rng=np.random.default_rng(case.seed),
     )
@@ -195,7 +195,7 @@ def learner_of(case: Case, source: Path) -> Learner:
 
 
 def cloning(settings: BaseSettings, demonstrated: int) -> BaseSettings:
-    """Return settings of BC with as many epochs as make `CLONING_STEPS`, selected among ten."""
+    """Return settings of BC with `CLONING_STEPS` gradient steps and about ten evaluations."""
     batches = -(-demonstrated // settings.batch_size)
     epochs = max(1, round(CLONING_STEPS / batches))
     return replace(settings, epochs=epochs, evaluate_every=max(1, epochs // 10))

@@ -3,15 +3,15 @@
     python scripts/benchmark_build.py
     python scripts/benchmark_build.py --quick
 
-First one core, cold caches: train, validation and test, as `python run.py` builds them, once with
-start and goal in the corners and once with both anywhere. Ours and Pillow's take turns on the same
-labyrinths, who goes first changing, so that a busy machine slows both alike; in a round ours have
-several turns, being short. Times are CPU seconds of the process, all its threads, shared out to the
-stages by the clock; figures are medians over all turns. The yardstick draws the picture as an array
-with our renderer and saves it with Pillow, RGB, default level; it is spared the fingerprint.
+First on one core with cold caches: train, validation and test, as `python run.py` builds them, once
+with start and goal in the corners and once with both anywhere. Our build and Pillow's alternate on
+the same labyrinths, so that a busy machine slows both alike; in a round ours has several turns,
+because they are short. Times are CPU seconds of the process, over all its threads, divided among
+the stages by elapsed time; figures are medians over all turns. The baseline draws the picture as an
+array with our renderer and saves it with Pillow, RGB, default level; it computes no fingerprint.
 
-Then whole builds, all six splits, each in a new process, by the clock: one worker, its peak memory,
-and two workers.
+Then whole builds, all six splits, each in a new process, in elapsed time: with one worker, with its
+peak memory, and with two workers.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import platform
 import re
 import tempfile
 import time
@@ -29,7 +28,6 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
@@ -39,6 +37,7 @@ from unittest.mock import patch
 
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
+from measuring import machine
 from PIL import Image
 
 from labyrinth_core.data import fingerprint
@@ -64,17 +63,17 @@ STAGES = {
     "render": "drawing, encoding, digest",
     "write": "Parquet and hashes",
 }
-"""Stage -> what is in it."""
+"""Stage -> what it consists of."""
 
 
 class Scale(NamedTuple):
-    """How much is built of a size."""
+    """The number of labyrinths of a size."""
 
     labyrinths: int
-    """In each of the three splits, beside Pillow."""
+    """In each of the three splits, in the comparison with Pillow."""
     quick: int
     whole: int
-    """In a whole build: two shards a split, or four."""
+    """In a whole build, with two or four shards in each split."""
 
 
 SCALES = {
@@ -83,15 +82,15 @@ SCALES = {
     "25": Scale(20, 1, 1_280),
     "100": Scale(2, 1, 160),
 }
-"""Size -> how much of it."""
+"""Size -> how many labyrinths."""
 PLACES = ("corners", "anywhere")
-"""Where start and goal are."""
+"""The places of start and goal."""
 
 Item = TypeVar("Item")
 
 
 class PillowPictures(dict[State, Picture]):
-    """What `render.Pictures` is, made by Pillow from all pixels, at its default level."""
+    """A substitute for `render.Pictures` that encodes all pixels with Pillow, default level."""
 
     def __init__(self, labyrinth: Labyrinth) -> None:
         super().__init__()
@@ -111,43 +110,43 @@ class PillowPictures(dict[State, Picture]):
 Way = Callable[[Labyrinth], dict[State, Picture]]
 WAYS: dict[str, Way] = {"ours": Pictures, "Pillow": PillowPictures}
 TURNS = {"ours": 5, "Pillow": 1}
-"""In a round. Ours take a second, and other jobs of the machine come and go."""
+"""The number of turns in a round. Ours take a second, in which other jobs come and go."""
 
 
 @dataclass(frozen=True)
 class Turn:
-    """One build, measured."""
+    """The measurements of one build."""
 
     rows: int
     bytes: int
-    """Of the files."""
+    """The size of the files."""
     seconds: dict[str, float]
-    """By stage."""
+    """The time of each stage."""
     writing: float
-    """Seconds that `write(2)` takes for the same bytes."""
+    """The seconds that `write(2)` takes for the same bytes."""
 
     @property
     def rate(self) -> float:
-        """Rows a second."""
+        """The number of rows per second."""
         return self.rows / sum(self.seconds.values())
 
 
 class Stopwatch:
-    """Shares time out to the stages: at each moment it runs for one of them."""
+    """Measures the time of each stage; it always runs for one of them."""
 
     def __init__(self, stage: str) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
         self._stage, self._since = stage, time.perf_counter()
 
     def turn_to(self, stage: str) -> str:
-        """Let another stage have the time from now on, and return the one that had it."""
+        """Run for another stage from now on; return the stage before."""
         now, before = time.perf_counter(), self._stage
         self.seconds[before] += now - self._since
         self._stage, self._since = stage, now
         return before
 
     def timed(self, items: Iterable[Item], stage: str, count: int = 1) -> Iterator[Item]:
-        """Yield the items, made `count` at a time; the stage has the time that it takes."""
+        """Yield the items, made `count` at a time, and charge the time to the stage."""
         iterator = iter(items)
         while True:
             before = self.turn_to(stage)
@@ -185,7 +184,7 @@ def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
 
 
 def forget() -> None:
-    """Clear what earlier turns left in the caches of modules that draw, encode, hash and write."""
+    """Clear the caches of the modules that draw, encode, hash and write."""
     for module in (png, renderer, fingerprint, language):
         for value in vars(module).values():
             if hasattr(value, "cache_clear"):
@@ -199,7 +198,7 @@ def make_episodes(
     structures: list[Structure],
     clock: Stopwatch,
 ) -> Iterator[list[Row]]:
-    """Yield the rows of each episode as `build.make_shard` does, adding up the time by stage."""
+    """Yield the rows of each episode as `build.make_shard` does, measuring the time by stage."""
 
     def place() -> Iterator[tuple[Labyrinth, Callable[[], np.random.Generator]]]:
         for structure in structures:
@@ -216,7 +215,7 @@ def make_episodes(
 
 
 def time_of_writing(content: bytes, path: Path) -> float:
-    """Return the CPU seconds of handing bytes to the system, in one call."""
+    """Return the CPU seconds of writing bytes in one system call."""
     file = os.open(path, os.O_WRONLY | os.O_CREAT)
     begin = time.process_time()
     os.write(file, content)
@@ -228,8 +227,8 @@ def time_of_writing(content: bytes, path: Path) -> float:
 def time_of_deflating(config: DatasetConfig) -> float:
     """Return the CPU seconds that zlib takes, at its default level, for one tile interior.
 
-    That is the one strip of a picture that is new, if nothing else is: the row of cells with the
-    agent in it, without the lines above and below; each row of pixels after a byte for its filter.
+    That is the least part of a picture that can be new: the row of cells that contains the agent,
+    without the lines above and below it, with a filter byte before each row of pixels.
     """
     structure = next(iter(sample(config)["train"]))
     labyrinth = labyrinth_of(config, "train", structure)
@@ -243,7 +242,7 @@ def time_of_deflating(config: DatasetConfig) -> float:
 
 
 def measure(config: DatasetConfig, places: str, rounds: int) -> dict[str, list[Turn]]:
-    """Return the turns of each way to make pictures."""
+    """Return the turns of each way of making pictures."""
     turns: dict[str, list[Turn]] = {name: [] for name in WAYS}
     for number in range(rounds):
         for name in sorted(WAYS, reverse=number % 2 == 1):
@@ -252,18 +251,18 @@ def measure(config: DatasetConfig, places: str, rounds: int) -> dict[str, list[T
 
 
 class Whole(NamedTuple):
-    """A whole build, measured."""
+    """The measurements of a whole build."""
 
     rows: int
     bytes: int
     seconds: float
-    """By the clock."""
+    """The elapsed time."""
     memory: int
-    """Most that the process held at once, in bytes; without those of its workers."""
+    """The peak memory of the process in bytes, without that of its workers."""
 
 
 def build_whole(size: str, labyrinths: int, workers: int) -> Whole:
-    """Build all six splits; to be called in a new process."""
+    """Build all six splits; must be called in a new process."""
     with tempfile.TemporaryDirectory() as folder:
         options = RunConfig(
             stages=["build"], size=size, labyrinths=labyrinths, data_dir=folder, workers=workers
@@ -273,7 +272,7 @@ def build_whole(size: str, labyrinths: int, workers: int) -> Whole:
         with Path(os.devnull).open("w") as file, redirect_stdout(file), redirect_stderr(file):
             build.run(run)
         seconds = time.perf_counter() - begin
-        get_reusable_executor().shutdown()  # Else this process would wait for idle workers.
+        get_reusable_executor().shutdown()  # Otherwise this process would wait for idle workers.
         shards = Manifest.read(run.folder).shards
     status = Path("/proc/self/status").read_text()
     memory = re.search(r"VmHWM:\s+(\d+) kB", status)
@@ -286,7 +285,7 @@ def build_whole(size: str, labyrinths: int, workers: int) -> Whole:
 
 
 def in_a_new_process(size: str, labyrinths: int, workers: int) -> Whole:
-    """Return what `build_whole` does, measured where nothing was built before."""
+    """Return the result of `build_whole` in a new process."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(build_whole, size, labyrinths, workers).result()
 
@@ -307,11 +306,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few labyrinths, one round")
     arguments = parser.parse_args()
     rounds = 1 if arguments.quick else arguments.rounds
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "pillow", "pyarrow"))
-    print(f"{os.cpu_count()} cores, Python {platform.python_version()}, {libraries}")
+    print(machine("numpy", "pillow", "pyarrow"))
     print(f"One core, cold caches, CPU time, medians of {rounds} rounds")
     print("; ".join(f"{stage}: {content}" for stage, content in STAGES.items()))
-    measure(config_of("3", labyrinths=2), "corners", rounds=1)  # For what is imported on first use.
+    measure(config_of("3", labyrinths=2), "corners", rounds=1)  # So that everything is imported.
     for size in arguments.sizes:
         labyrinths = SCALES[size].quick if arguments.quick else SCALES[size].labyrinths
         config = config_of(size, labyrinths)
@@ -349,7 +347,7 @@ def report(config: DatasetConfig, places: str, turns: dict[str, list[Turn]]) -> 
 
 
 def report_whole(size: str, labyrinths: int) -> None:
-    """Build with one worker and with two, and print a line."""
+    """Build with one worker and with two, and print the measurements."""
     one, two = (in_a_new_process(size, labyrinths, workers) for workers in (1, 2))
     memory, files = one.memory / 2**20, one.bytes / 2**20
     print(f"{size:>4}{one.rows:12,}{one.seconds:10.1f} s{two.seconds:6.1f} s", end="")

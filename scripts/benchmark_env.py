@@ -1,38 +1,36 @@
-"""How fast the environments are, beside MiniGrid in the same run.
+"""Measure how fast the environments are, beside MiniGrid in the same run.
 
     pip install minigrid
     python scripts/benchmark_env.py [--rounds N] [--quick]
 
 MiniGrid brings pygame-ce, which takes the place of pygame: give it a virtual environment.
 
-Each round times every contestant once, one after the other, so that a busy machine slows all of
-them alike; the figure is the median of the rounds' ratios. Every contestant takes random actions
-and begins anew where an episode ends, which is part of its time; vectors are first run for as
-long as an episode can last, so that their labyrinths no longer begin and end together. "Kept"
-labyrinths stay the same from episode to episode, "fresh" ones are drawn anew for each.
+In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
+median of the rounds' ratios. All take random actions and reset when an episode ends, which is part
+of the time. Vector environments first run for as long as an episode can last, so that their
+episodes no longer begin and end together. "Kept" labyrinths stay the same from episode to episode,
+"fresh" ones are sampled anew for each.
 
-MiniGrid is `MiniGrid-Empty-8x8-v0` as `gymnasium.make` gives it, with its own observation, a
-7 x 7 x 3 array of symbols: the cheapest it has, and the nearest to a vector of the world. Its
-actions are turning left, right and going forward. Labyrinths are 8 x 8 as well, save where it
-says 5x5, the size of the datasets.
+MiniGrid is `MiniGrid-Empty-8x8-v0` as `gymnasium.make` returns it, with its own observation, a
+7 x 7 x 3 array of symbols, which is the cheapest that it has and the most similar to a vector. Its
+actions are turning left, turning right and going forward. Labyrinths are 8 x 8 as well, except
+those of 5x5, the size of the datasets.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import sys
 import time
 import warnings
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import version
 from statistics import median
 from typing import Any
 
 import gymnasium
 import numpy as np
+from measuring import machine, ratio, take_turns
 
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
@@ -43,11 +41,11 @@ NUM_ENVS = 10_000
 PICTURE_SIZE = 600
 
 Rate = Callable[[], float]
-"""Times something, and returns how many a second."""
+"""Measures something, and returns how many there are per second."""
 
 
 def single(env: gymnasium.Env[Any, Any], actions: int, steps: int) -> Rate:
-    """Return what measures the steps a second of a single environment."""
+    """Return a function that measures the steps per second of a single environment."""
     choices = np.random.default_rng(0).integers(actions, size=steps).tolist()
     env.reset(seed=0)
 
@@ -64,7 +62,7 @@ def single(env: gymnasium.Env[Any, Any], actions: int, steps: int) -> Rate:
 
 
 def vector(size: int, steps: int, *, kept: bool, **arguments: Any) -> Rate:
-    """Return what measures the steps a second, of all labyrinths together, of a vector."""
+    """Return a function that measures the steps per second of a vector, over all labyrinths."""
     rng = np.random.default_rng(0)
     labyrinths = [sample_labyrinth(size, size, Task.NAVIGATION, rng) for _ in range(NUM_ENVS)]
     env = gymnasium.make_vec(
@@ -89,7 +87,7 @@ def vector(size: int, steps: int, *, kept: bool, **arguments: Any) -> Rate:
 
 
 def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
-    """Return what measures the pictures a second, a step before each."""
+    """Return a function that measures the pictures per second, with a step before each."""
     choices = np.random.default_rng(0).integers(actions, size=count).tolist()
     env.reset(seed=0)
 
@@ -108,7 +106,7 @@ def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
 
 
 def contestants(scale: int) -> dict[str, tuple[str, int, Rate]]:
-    """Return what is measured, by name: against what, the ratio to reach, and the measurement."""
+    """Return by name: what is compared with, the target ratio, and the measurement."""
     make = partial(gymnasium.make, LABYRINTH)
     steps, batches = 2_000 * scale, 10 * scale
     minigrid = gymnasium.make(MINIGRID)
@@ -134,23 +132,21 @@ def contestants(scale: int) -> dict[str, tuple[str, int, Rate]]:
 
 
 def report(rates: dict[str, list[float]], against: dict[str, tuple[str, int, Rate]]) -> None:
-    """Print the table: median rate, median ratio, its range, and what was to be reached."""
+    """Print the table: the median rate, the median ratio, its range, and the target."""
     print(f"{'':36}{'a second':>14}{'times MiniGrid':>16}{'range':>18}{'to reach':>10}")
     for name, measured in rates.items():
         rival, aim, _ = against[name]
         line = f"{name:36}{median(measured):>14,.0f}"
         if rival:
-            ratios = [ours / theirs for ours, theirs in zip(measured, rates[rival], strict=True)]
-            extent = f"{min(ratios):,.1f} - {max(ratios):,.1f}"
-            verdict = "" if not aim else f"{aim:,}" + ("" if median(ratios) >= aim else " MISSED")
-            line += f"{median(ratios):>16,.1f}{extent:>18}{verdict:>10}"
+            middle, extent, verdict = ratio(measured, rates[rival], aim)
+            line += f"{middle:>16}{extent:>18}{verdict:>10}"
         print(line)
 
 
 def main() -> None:
     """Measure and report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=7, help="rounds, each timing everything once")
+    parser.add_argument("--rounds", type=int, default=7, help="rounds; each times everyone once")
     parser.add_argument("--quick", action="store_true", help="short rounds, for a first look")
     arguments = parser.parse_args()
     if arguments.rounds < 1:
@@ -162,17 +158,9 @@ def main() -> None:
     gymnasium.register_envs(minigrid)
     warnings.filterwarnings("ignore", module="gymnasium")
     against = contestants(1 if arguments.quick else 5)
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "gymnasium", "minigrid"))
-    print(
-        f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}, {packages}; {arguments.rounds} rounds"
-    )
-    rates: dict[str, list[float]] = {name: [] for name in against}
-    for _ in range(arguments.rounds + 1):
-        for name, (_, _, rate) in against.items():
-            rates[name].append(rate())
-    # The first round does not count: in it memories fill, such as MiniGrid's of tiles.
-    report({name: measured[1:] for name, measured in rates.items()}, against)
+    print(f"{machine('numpy', 'gymnasium', 'minigrid')}; {arguments.rounds} rounds")
+    rates = {name: rate for name, (_, _, rate) in against.items()}
+    report(take_turns(rates, arguments.rounds), against)
 
 
 if __name__ == "__main__":

@@ -1,37 +1,34 @@
-"""How fast a policy is evaluated, beside stepping the environment one labyrinth at a time.
+"""Measure how fast a policy is evaluated, beside stepping the environment labyrinth by labyrinth.
 
     python run.py size=5
     python scripts/benchmark_evaluate.py [--data FOLDER] [--rounds N] [--labyrinths N] [--quick]
 
-The policy is the CNN of the baselines with fresh weights; what it has learnt does not change what
-a look at a state costs. What is printed:
+The policy is the CNN of the baselines with fresh weights, since training does not change the time
+of a forward pass. The script prints the times of:
 
 - five splits: loading their labyrinths, drawing all states at 64 x 64, one pass of the policy over
-  them, the look-ups, the intervals; what `stages=[evaluate]` does, but for the baselines.
-- stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, the policy being asked
-  in each step, which sees the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
-- their ratio for a labyrinth of train: both ways have to agree on every move and return.
+  them, the look-ups and the intervals; everything in `stages=[evaluate]` but the baselines.
+- stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, with one call of the
+  policy in each step, on the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
+- their ratio for a labyrinth of train; both ways have to agree on every move and return.
 
-The policy fails nearly everywhere, and a failed episode is stepped until it is cut, after 1,000
-steps. With `--solving` it is always right, and episodes are as short as can be: the least that
-there is to win.
+The policy fails nearly everywhere, and a failed episode is stepped until it is truncated, after
+1,000 steps. With `--solving` it is always right and episodes are as short as possible, which gives
+the smallest ratio.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import sys
 import time
-from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 import torch
+from measuring import machine
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
@@ -40,8 +37,8 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
 from labyrinth_core.pictures.resize import area_average
-from pipeline.training.evaluate import evaluate_splits
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import NetworkPolicy
 
@@ -49,13 +46,13 @@ CONFIG = "5x5"
 
 
 class Solving:
-    """A policy as costly as another one, and always right."""
+    """A policy that takes as long as another one, and is always right."""
 
-    def __init__(self, policy: Policy, worlds: LabyrinthArrays) -> None:
-        best = np.eye(4, dtype=np.float32)[worlds.optimal.argmax(axis=1)]
+    def __init__(self, policy: Policy, arrays: LabyrinthArrays) -> None:
+        best = np.eye(4, dtype=np.float32)[arrays.optimal.argmax(axis=1)]
         self._policy = policy
         self._scores = {
-            each.tobytes(): row for each, row in zip(worlds.observations, best, strict=True)
+            each.tobytes(): row for each, row in zip(arrays.observations, best, strict=True)
         }
 
     def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
@@ -65,15 +62,15 @@ class Solving:
 
 
 def evaluate_all(policy: Policy, data: Path) -> float:
-    """Return the seconds that the five splits take, from their files to their figures."""
+    """Return the seconds to evaluate the five splits, from their files to their figures."""
     start = time.perf_counter()
-    for _, _, scores in evaluate_splits(policy, partial(load_arrays, data, CONFIG)):
-        scores.to_json()
+    for split in EVALUATED_SPLITS:
+        evaluate(policy, load_arrays(data, CONFIG, split)).to_json()
     return time.perf_counter() - start
 
 
 def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]]:
-    """Return moves and return of an episode in each labyrinth, stepped one after the other."""
+    """Step through an episode in each labyrinth; return the moves and the return of each."""
     found = []
     for text in labyrinths:
         env = LabyrinthEnv(labyrinth=text, observation="state", render_mode="rgb_array")
@@ -93,8 +90,8 @@ def main() -> None:
     """Measure and report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=Path("data/labyrinth"), help="dataset")
-    parser.add_argument("--rounds", type=int, default=5, help="rounds, each timing everything once")
-    parser.add_argument("--labyrinths", type=int, default=10, help="labyrinths a round to step in")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds; each times everything once")
+    parser.add_argument("--labyrinths", type=int, default=10, help="to step in, per round")
     parser.add_argument("--solving", action="store_true", help="a policy that is always right")
     parser.add_argument("--quick", action="store_true", help="one round with two labyrinths")
     arguments = parser.parse_args()
@@ -110,18 +107,14 @@ def main() -> None:
     torch.manual_seed(0)
     network: Policy = NetworkPolicy(Network(NetworkSpec("cnn", 1, 5, 5, "navigation")))
     policy = Solving(network, train) if arguments.solving else network
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "torch"))
-    print(
-        f"{os.cpu_count()} cores, {torch.get_num_threads()} threads, "
-        f"Python {platform.python_version()}, {packages}; {rounds} rounds"
-    )
+    print(f"{machine('numpy', 'torch')}; {torch.get_num_threads()} threads, {rounds} rounds")
     whole, ratios, steps = [], [], []
     for number in range(rounds):
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
         start = time.perf_counter()
-        worlds = load_arrays(arguments.data, CONFIG, "train")
-        looked_up = follow(worlds, greedy_actions(policy, worlds))
+        arrays = load_arrays(arguments.data, CONFIG, "train")
+        looked_up = follow(arrays, greedy_actions(policy, arrays))
         per_labyrinth = (time.perf_counter() - start) / len(infos)
         start = time.perf_counter()
         stepped = step_through(policy, [infos[place] for place in chosen])
@@ -136,7 +129,7 @@ def main() -> None:
 
 
 def check(looked_up: Episodes, places: list[int], stepped: list[tuple[int, float]]) -> None:
-    """End with a line if the two ways disagree."""
+    """Exit with a message if the two ways disagree."""
     returns = looked_up.returns
     for place, (moves, total) in zip(places, stepped, strict=True):
         if looked_up.moves[place] != moves or abs(returns[place] - total) > 1e-9:

@@ -1,10 +1,10 @@
-"""How the time of the leakage certificate grows with the number of labyrinths, at 5x5.
+"""Measure how the time of the leakage certificate grows with the number of labyrinths, at 5x5.
 
     python scripts/benchmark_leakage.py [--quick]
 
-For each number of labyrinths a split, in seconds of one core: near twins looked up, as
-`near_twins.nearest` does up to 3 walls; the same by comparing all pairs, at 100,000 counted up
-from a part of them; the whole certificate of two splits without the nearest beyond 3 walls; and
+For each number of labyrinths per split, in seconds of one core: near twins by look-up, as in
+`near_twins.nearest` up to 3 walls; the same by comparing all pairs, extrapolated from a part of
+them at 100,000; the whole certificate of two splits, without the nearest twins beyond 3 walls; and
 the sampler, without and with `splits.min_walls`.
 """
 
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 import time
 from collections.abc import Callable
 from itertools import islice
@@ -20,6 +19,7 @@ from itertools import islice
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # Before numpy.
 
 import numpy as np
+from measuring import machine
 
 from labyrinth_core.world import near_twins
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -34,14 +34,14 @@ MIN_WALLS = (1, 2, 4)
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Return how long one core works at something."""
+    """Return the CPU seconds of a call."""
     start = time.process_time()
     work()
     return time.process_time() - start
 
 
 def sampled(count: int, min_walls: int) -> Callable[[], object]:
-    """Return what samples a dataset."""
+    """Return a function that samples a dataset."""
     config = RunConfig(
         stages=["build"], labyrinths=count, splits=SplitsConfig(min_walls), data_dir="nowhere"
     )
@@ -70,10 +70,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="leave out 100,000 labyrinths")
     arguments = parser.parse_args()
     near_twins.MOST_PAIRS = 0
-    print(
-        f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
-        f"numpy {np.__version__}; seconds of one core"
-    )
+    print(f"{machine('numpy')}; seconds of one core")
     headings = ["labyrinths", "looked up", "all pairs", "certificate"]
     headings += [f"min_walls={walls}" for walls in MIN_WALLS]
     print("".join(f"{heading:>13}" for heading in headings))

@@ -1,31 +1,29 @@
-"""How fast transitions (s, a, s') at 64 x 64 are loaded, beside `datasets` and Pillow in one run.
+"""Measure how fast transitions (s, a, s') at 64 x 64 are loaded, beside `datasets` and Pillow.
 
     python scripts/benchmark_load.py [--labyrinths N] [--rounds N] [--quick]
 
-The yardstick is what one writes with the library `datasets` alone: a row, its picture decoded by
-Pillow and resized by area (`Image.BOX`) to an array. In random order each transition takes two
+The baseline is what one writes with the library `datasets` alone: a row, whose picture is decoded
+by Pillow and resized by area (`Image.BOX`) to an array. In random order each transition takes two
 rows; in order each row is decoded once and paired with the one before.
 
-Ours are, each with all it takes until every transition was held in an array once:
+Ours are the following, each timed until every transition has been in an array once:
 
-    cold      `load_transitions` with an empty cache, and with all that a process remembers
-              of pictures forgotten; then all transitions in batches of 64
-    warm      batches of 64, copied out of the file of the cache into arrays of their own
-    views     one transition at a time, its arrays the memory of that file, a byte of each read
+    cold      `load_transitions` with an empty cache, and with the process's caches of pictures
+              cleared; then all transitions in batches of 64
+    warm      batches of 64, copied from the cache file into arrays of their own
+    views     one transition at a time, its arrays being views of that file; a byte of each is read
     stream    `stream_transitions`
-    torch     a `DataLoader` with its own collation, batches of 64 (where torch is installed),
-              workers started before; "gathered" lets the dataset make the batches
+    torch     a `DataLoader` with its own collation, batches of 64 (if torch is installed), whose
+              workers are running already; "gathered" lets the dataset make the batches
 
-Each round times every contestant once, one after the other, so that a busy machine slows all of
-them alike; a figure is the median of the rounds' ratios to the yardstick of the same order. The
-dataset is 5x5, the split train, made for the run; its files are in memory for all.
+In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
+median of the rounds' ratios to the baseline of the same order. The dataset is the split train of
+5x5, built for the run; its files are in the page cache.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import random
 import shutil
 import sys
@@ -34,13 +32,13 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from itertools import count, islice, pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
+from measuring import machine, ratio, take_turns
 
 from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
@@ -53,8 +51,8 @@ BATCH = 64
 CONFIG = "5x5"
 RANDOM, ORDERED = "random", "in order"
 
-Passed = Callable[[], tuple[int, float]]
-"""Goes through transitions, and returns how many and the seconds."""
+Passed = Callable[[], float]
+"""Goes through transitions, and returns how many there were per second."""
 
 
 class Contestant(NamedTuple):
@@ -63,31 +61,31 @@ class Contestant(NamedTuple):
     order: str
     passed: Passed
     aim: float = 0
-    """Times the yardstick of the same order that are to be reached."""
+    """The target ratio to the baseline of the same order."""
 
 
 def timed(transitions: Callable[[], int]) -> Passed:
-    """Return what times a function that returns how many transitions it went through."""
+    """Return a function that measures one which returns how many transitions it went through."""
 
-    def passed() -> tuple[int, float]:
+    def passed() -> float:
         start = time.perf_counter()
-        return transitions(), time.perf_counter() - start
+        return transitions() / (time.perf_counter() - start)
 
     return passed
 
 
-# The yardstick.
+# The baseline.
 
 
 def small(row: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return the picture of a row, averaged."""
+    """Return the picture of a row, resized by area."""
     from PIL import Image
 
     return np.asarray(row["obs"].resize((SIZE, SIZE), Image.Resampling.BOX))
 
 
 def random_rows(dataset: Any, pairs: int, numbers: Iterator[int]) -> int:
-    """Read transitions anywhere, two rows each."""
+    """Read transitions in random order, two rows each."""
     rng = random.Random(next(numbers))
     done = 0
     while done < pairs:
@@ -100,7 +98,7 @@ def random_rows(dataset: Any, pairs: int, numbers: Iterator[int]) -> int:
 
 
 def ordered_rows(rows: Callable[[], Iterator[dict[str, Any]]], pairs: int) -> int:
-    """Read transitions one after the other, each row once."""
+    """Read transitions in order, each row once."""
     steps = pairwise((small(row), row["actions"]) for row in rows())
     return sum(1 for _ in islice((step for step in steps if step[0][1] != -1), pairs))
 
@@ -109,7 +107,7 @@ def ordered_rows(rows: Callable[[], Iterator[dict[str, Any]]], pairs: int) -> in
 
 
 def forget() -> None:
-    """Clear all that a process remembers of pictures, as if it were a new one."""
+    """Clear the caches of pictures, so that the process is like a new one."""
     for remembered in (
         pictures._remembering_decoder,
         png_reading._unpack,
@@ -132,7 +130,7 @@ def batches(transitions: Transitions, *, shuffled: bool) -> int:
 
 
 def cold(load: Callable[..., Transitions], folder: Path, *, shuffled: bool) -> int:
-    """Load with an empty cache, and go through all."""
+    """Load with an empty cache, and go through all transitions."""
     forget()
     cache = folder / "cold"
     shutil.rmtree(cache, ignore_errors=True)
@@ -151,7 +149,7 @@ def views(transitions: Transitions, *, shuffled: bool) -> int:
 
 
 def streamed(stream: Callable[[], Iterator[Any]]) -> int:
-    """Go through a stream that nothing is remembered of."""
+    """Go through a stream with empty caches."""
     forget()
     return sum(1 for _ in stream())
 
@@ -160,7 +158,7 @@ def streamed(stream: Callable[[], Iterator[Any]]) -> int:
 
 
 def torch_loaders(transitions: Transitions) -> dict[str, Any]:
-    """Return data loaders of torch, by name, after they have shown that they get all of it."""
+    """Return data loaders of torch by name, after checking that they yield all transitions."""
     from torch.utils.data import BatchSampler, DataLoader, RandomSampler
 
     def loader(workers: int, method: str | None = None, *, gathered: bool = False) -> Any:
@@ -197,7 +195,7 @@ def epoch(loader: Any) -> int:
 
 
 def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, Contestant]:
-    """Return what is measured, by name; the first of each order is its yardstick."""
+    """Return what is measured, by name; the first of each order is its baseline."""
     from datasets import load_dataset
 
     rows = load_dataset(str(data_dir), CONFIG, split="train", cache_dir=str(folder / "arrow"))
@@ -238,23 +236,20 @@ def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, Contestan
 
 
 def report(rates: dict[str, list[float]], everyone: dict[str, Contestant]) -> None:
-    """Print the table: median rate, median ratio, its range, and what was to be reached."""
+    """Print the table: the median rate, the median ratio, its range, and the target."""
     print(f"{'':30}{'(s, a, s^) a second':>20}{'times datasets':>16}{'range':>20}{'to reach':>16}")
     for name, measured in rates.items():
         contestant = everyone[name]
-        yardstick = next(each for each in rates if everyone[each].order == contestant.order)
+        baseline = next(each for each in rates if everyone[each].order == contestant.order)
         line = f"{name:30}{median(measured):>20,.0f}"
-        if name != yardstick:
-            ratios = [a / b for a, b in zip(measured, rates[yardstick], strict=True)]
-            extent = f"{min(ratios):,.1f} - {max(ratios):,.1f}"
-            aim = contestant.aim
-            verdict = f"{aim:,}" + ("" if median(ratios) >= aim else " MISSED") if aim else ""
-            line += f"{median(ratios):>16,.1f}{extent:>20}{verdict:>16}"
+        if name != baseline:
+            middle, extent, verdict = ratio(measured, rates[baseline], contestant.aim)
+            line += f"{middle:>16}{extent:>20}{verdict:>16}"
         print(line)
 
 
 def build(data_dir: Path, labyrinths: int) -> None:
-    """Make the dataset."""
+    """Build the dataset."""
     from pipeline.generation import build
 
     options = RunConfig(
@@ -268,7 +263,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--labyrinths", type=int, default=1_000, help="in the split train")
     parser.add_argument("--pairs", type=int, default=200, help="transitions a round of datasets")
-    parser.add_argument("--rounds", type=int, default=7, help="rounds, each timing everything once")
+    parser.add_argument("--rounds", type=int, default=7, help="rounds; each times everyone once")
     parser.add_argument("--quick", action="store_true", help="100 labyrinths, 2 short rounds")
     arguments = parser.parse_args()
     if arguments.quick:
@@ -281,27 +276,12 @@ def main() -> None:
         folder = Path(name)
         build(folder / "data", arguments.labyrinths)
         everyone = contestants(folder, folder / "data", arguments.pairs)
+        libraries = ("numpy", "pillow", "pyarrow", "datasets", "torch")
         print(
-            f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
-            f"Python {platform.python_version()}, {', '.join(versions())}; "
-            f"{arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
+            f"{machine(*libraries)}; {arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
         )
-        rates: dict[str, list[float]] = {name: [] for name in everyone}
-        for _ in range(arguments.rounds + 1):
-            for name, contestant in everyone.items():
-                transitions, seconds = contestant.passed()
-                rates[name].append(transitions / seconds)
-        # The first round does not count: in it libraries are imported.
-        report({name: measured[1:] for name, measured in rates.items()}, everyone)
-
-
-def versions() -> Iterator[str]:
-    """Yield the libraries that matter, with their versions."""
-    for name in ("numpy", "pillow", "pyarrow", "datasets", "torch"):
-        try:
-            yield f"{name} {version(name)}"
-        except PackageNotFoundError:
-            continue
+        passed = {name: contestant.passed for name, contestant in everyone.items()}
+        report(take_turns(passed, arguments.rounds), everyone)
 
 
 if __name__ == "__main__":

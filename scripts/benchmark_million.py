@@ -1,13 +1,13 @@
-"""Build a million labyrinths at 5x5, watch time and memory meanwhile, and certify the splits.
+"""Build a million labyrinths at 5x5, measure time and memory, and certify the splits.
 
     python scripts/benchmark_million.py --data-dir million --workers 2
     python scripts/benchmark_million.py --data-dir small --labyrinths 30000
 
-A third of the labyrinths goes to each of train, validation and test; random, s0 and s0_and_g are
-made of train's as always. Run it again after an interruption: finished shards are kept, and the
-rates are those of what is made now. With --workers 1 the CPU time of a row is printed, too, which
-other jobs on the machine hardly change. Memory is the resident set, of this process and of those
-that it started, from /proc, so this wants Linux.
+A third of the labyrinths is in each of train, validation and test; random, s0 and s0_and_g are made
+from those of train as always. After an interruption, run the script again: finished shards are
+kept, and the rates are those of the shards that are still made. With --workers 1 the CPU time of a
+row is printed, too, which other jobs on the machine hardly affect. Memory is the resident set of
+this process and of its descendants, from /proc, so that the script needs Linux.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SHARDS_FOR_A_RATE = 12
 
 
 def processes(first: int) -> Iterator[int]:
-    """Yield a process and all that it started."""
+    """Yield the ids of a process and of its descendants."""
     yield first
     try:
         children = Path(f"/proc/{first}/task/{first}/children").read_text().split()
@@ -41,7 +41,7 @@ def processes(first: int) -> Iterator[int]:
 
 
 def memory() -> list[int]:
-    """Return the resident set of this process, then of those it started, in MiB."""
+    """Return the resident sets of this process and of its descendants, in MiB."""
     sizes = []
     for process in processes(os.getpid()):
         try:
@@ -54,21 +54,21 @@ def memory() -> list[int]:
 
 @dataclass
 class Watch:
-    """Time and memory while shards are made."""
+    """Measures time and memory while shards are made."""
 
     finished: int
-    """Shards of an earlier run, which are only read."""
+    """The number of shards of an earlier run, which are only read."""
     every: int
-    """Shards after which a line is printed."""
+    """The number of shards after which a line is printed."""
     began: float = field(default_factory=time.monotonic)
     made: list[tuple[float, int]] = field(default_factory=list)
-    """When each shard was there, and its rows."""
+    """The time at which each shard was finished, and its number of rows."""
     cpu: list[float] = field(default_factory=list)
-    """CPU seconds that this process had taken by then."""
+    """The CPU seconds of this process at these times."""
     peak: int = 0
-    """Most MiB that this process had."""
+    """The peak memory of this process, in MiB."""
     peak_of_all: int = 0
-    """Most MiB that it and those it started had together."""
+    """The peak memory of this process and its descendants together, in MiB."""
 
     def __call__(
         self, items: Iterable[tuple[int, Shard]], description: str, total: int
@@ -88,14 +88,14 @@ class Watch:
             yield shard
 
     def look(self) -> list[int]:
-        """Note how much memory is in use."""
+        """Measure the memory that is in use."""
         sizes = memory()
         self.peak = max(self.peak, sizes[0])
         self.peak_of_all = max(self.peak_of_all, sum(sizes))
         return sizes
 
     def report(self, where: str) -> None:
-        """Print how far it is."""
+        """Print the progress."""
         rows = sum(rows for _, rows in self.made)
         seconds = time.monotonic() - self.began
         own, *others = self.look()
@@ -107,19 +107,19 @@ class Watch:
 
 
 def rate(made: list[tuple[float, int]]) -> float:
-    """Return rows a second from the first to the last of some shards."""
+    """Return the rows per second from the first to the last of some shards."""
     return sum(rows for _, rows in made[1:]) / (made[-1][0] - made[0][0])
 
 
 def main() -> None:
-    """Parse the options, build, certify, and print."""
+    """Parse the options, build, certify and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--data-dir", required=True)
     parser.add_argument("--labyrinths", type=int, default=1_000_000)
     parser.add_argument("--size", default="5")
     parser.add_argument("--random-steps", type=int, default=100, help="see the option")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--every", type=int, default=6, help="shards to a line")
+    parser.add_argument("--every", type=int, default=6, help="shards per line")
     arguments = parser.parse_args()
     run = resolve(
         RunConfig(
@@ -145,7 +145,7 @@ def main() -> None:
     if watch.made:
         rows = sum(rows for _, rows in watch.made)
         tenth = len(watch.made) // 10
-        # Shards come in order, those of random late, so that a few of them tell no rate.
+        # Shards come in order, those of random late, so that a few of them give no reliable rate.
         ends = (
             ""
             if tenth < SHARDS_FOR_A_RATE

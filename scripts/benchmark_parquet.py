@@ -1,28 +1,26 @@
-"""Measure ways to write the rows of a dataset to Parquet: bytes a row, and time to write and read.
+"""Measure ways of writing rows to Parquet: bytes per row, and the time to write and read them.
 
     python scripts/benchmark_parquet.py
     python scripts/benchmark_parquet.py --quick
 
-What is written are optimal episodes and those of a random policy, which come back to states they
-have been in. The ways take turns in every round; figures are medians of CPU time. A reader goes
-through a file as `datasets` does without decoding, row group by row group, then takes 100 single
-row groups, as one who jumps about.
+The rows are those of optimal episodes and of a random policy's, which return to states that they
+have visited. The ways alternate in every round; figures are medians of CPU time. A reader reads a
+file as `datasets` does without decoding, row group by row group, then 100 single row groups, as in
+random access.
 """
 
 from __future__ import annotations
 
 import argparse
 import io
-import os
-import platform
 import time
 from collections.abc import Iterator
 from functools import partial
-from importlib.metadata import version
 from statistics import median
 from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
+from measuring import machine
 
 from labyrinth_core.data.columns import Row
 from pipeline.config.run import RunConfig, resolve
@@ -46,17 +44,17 @@ WAYS: dict[str, tuple[int, dict[str, Any]]] = {
     "no statistics": (writing.ROW_GROUP, {"write_statistics": False}),
     "no page index": (writing.ROW_GROUP, {"write_page_index": False}),
 }
-"""Way -> rows after which a group ends, and what differs from `WRITER_OPTIONS`."""
+"""Way -> the number of rows in a group, and the differences from `WRITER_OPTIONS`."""
 
 
 class Turn(NamedTuple):
-    """Rows written and read in one way; seconds of CPU time a row."""
+    """The measurements of one way; times are CPU seconds per row."""
 
     bytes: float
     write: float
     read: float
     jump: float
-    """Seconds to read one row group."""
+    """The seconds to read one row group."""
 
 
 def episodes_of(size: str, labyrinths: int, split: str) -> list[list[Row]]:
@@ -116,8 +114,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few labyrinths, two rounds")
     arguments = parser.parse_args()
     rounds, share = (2, 10) if arguments.quick else (arguments.rounds, 1)
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "pyarrow"))
-    print(f"{os.cpu_count()} cores, Python {platform.python_version()}, {libraries}")
+    print(machine("numpy", "pyarrow"))
     print(f"us a row, CPU time, medians of {rounds} rounds; ms a group for a single row group")
     for size, labyrinths, split in [("5", 300, "train"), ("5", 50, "random"), ("25", 50, "train")]:
         episodes = episodes_of(size, max(1, labyrinths // share), split)

@@ -1,13 +1,13 @@
-"""How large the report on many labyrinths is, and how soon it can be used.
+"""Measure the size of the report on many labyrinths, and the time until it is usable.
 
     python scripts/benchmark_report.py            # 100,000 labyrinths of 5x5
     python scripts/benchmark_report.py --size 25 --labyrinths 20000
 
-A dataset of so many pictures would take long to make, so the labyrinths are sampled here and
-packed by the report's own functions; so are evaluations of runs that failed on half of them. The
-times are those that Chromium gives: from the start of
-the navigation to the first contentful paint, and to where the gallery shows labyrinths and
-answers; medians of several openings, each in a context of its own.
+A dataset with so many pictures would take long to build, so the labyrinths are sampled here and
+packed by the report's own functions, together with evaluations of runs that fail on half of them.
+The times are measured by Chromium: from the start of the navigation to the first contentful paint,
+and until the gallery shows labyrinths and responds; medians of several openings, each in a context
+of its own.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -35,7 +36,7 @@ from labyrinth_core.world.rollout import random_episode
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.analysis.report.findings import EVALUATED, SCORES, read_results
+from pipeline.analysis.report.findings import SCORES, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack_routes
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.config.run import RunConfig, resolve
@@ -45,7 +46,7 @@ from pipeline.machinery.routes import Route, routes
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3
-"""Of the runs: each method with so many seeds."""
+"""The number of methods of the runs, and of seeds of each method."""
 
 TIMES = """async () => {
   const paint = await new Promise((resolve) => {
@@ -86,13 +87,13 @@ def sampled(size: tuple[int, int], labyrinths: int) -> dict[str, list[Route]]:
 
 
 def shard_of(split: str, labyrinths: int) -> Shard:
-    """Return what a manifest would say of a split."""
+    """Return the shard of a split as a manifest would describe it."""
     path = f"{split}-00000-of-00001.parquet"
     return Shard(path, split, labyrinths, labyrinths, 0, 0, 0, 0, "", split)
 
 
 def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dict[str, Any]]:
-    """Return what the page is told of runs of which each failed on half of the labyrinths."""
+    """Return the page's results of runs that each failed on half of the labyrinths."""
     rng = np.random.default_rng(0)
     about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint}
     figures = dict.fromkeys(SCORES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
@@ -100,7 +101,7 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
     with tempfile.TemporaryDirectory() as folder:
         for method, seed in product(range(METHODS), range(SEEDS)):
             told = {}
-            for split in EVALUATED:
+            for split in EVALUATED_SPLITS:
                 ids = bytes(splits[split].fixed["id"])
                 solved = rng.random(len(ids) // 8) < 0.5
                 failed = [ids[8 * at : 8 * at + 8].hex() for at in np.flatnonzero(~solved)]
@@ -109,13 +110,13 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
             path = Path(folder) / "config" / f"method{method}-seed{seed}" / "evaluation.json"
             path.parent.mkdir(parents=True)
             content = {"run": about | {"seed": seed}, "splits": told}
-            content["baselines"] = dict.fromkeys(EVALUATED, rates)
+            content["baselines"] = dict.fromkeys(EVALUATED_SPLITS, rates)
             path.write_text(json.dumps(content), encoding="utf-8")
         return read_results(Path(folder), [manifest])
 
 
 def opened(browser: Browser, path: Path) -> dict[str, Any]:
-    """Return what one opening of a page took, in milliseconds."""
+    """Return the times of one opening of a page, in milliseconds."""
     context = browser.new_context(viewport={"width": 1280, "height": 900})
     tab = context.new_page()
     tab.goto(path.as_uri())
@@ -125,8 +126,8 @@ def opened(browser: Browser, path: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Make the page, open it, and print what was measured."""
-    parser = argparse.ArgumentParser(description="Size of the report, and time until it is usable")
+    """Make the page, open it, and print the measurements."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--labyrinths", type=int, default=100_000)
     parser.add_argument("--size", default="5", help="rows and columns, as for run.py")
     parser.add_argument("--openings", type=int, default=5)

@@ -1,7 +1,11 @@
-"""Draw the pictures of the README and of docs/ again: `python scripts/draw_pictures.py`."""
+"""Draw the pictures of the README and of docs/.
+
+python scripts/draw_pictures.py
+"""
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from pathlib import Path
@@ -28,7 +32,7 @@ GAP = 20
 
 
 def picture(task: Task, part: float, size: int = 5) -> np.ndarray:
-    """Return a state of an optimal episode, `part` of the way from its start to its end."""
+    """Return the picture of the state at a fraction of an optimal episode."""
     rng = np.random.default_rng(SEED)
     for structure in sample_structures(size, size, rng):
         try:
@@ -51,7 +55,7 @@ def side_by_side(pictures: list[np.ndarray]) -> np.ndarray:
 
 
 def draw_report() -> None:
-    """Draw the gallery of a report with an episode open, as Chromium shows it."""
+    """Take a screenshot of the gallery of a report with an episode open, in Chromium."""
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         options = {"stages": ["report"], "labyrinths": 30, "data_dir": folder}
         for task in (Task.NAVIGATION, Task.KEY_AND_DOOR):
@@ -70,7 +74,8 @@ def draw_report() -> None:
 
 
 def main() -> None:
-    """Write every picture."""
+    """Write all pictures."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     for task in Task:
         Image.fromarray(picture(task, 0.2)).save(FOLDER / f"{task}.png", optimize=True)

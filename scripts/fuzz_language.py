@@ -1,8 +1,8 @@
-"""Throw damaged texts at the parsers: each has to give a labyrinth or a LabyrinthSyntaxError.
+"""Fuzz the parsers with damaged texts: each must give a labyrinth or a LabyrinthSyntaxError.
 
     python scripts/fuzz_language.py --inputs 1000000 --seed 0 --workers 2
 
-The exit status is 1 if anything else happens; the texts to blame are printed.
+The exit status is 1 if anything else happens; the texts that cause it are printed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from labyrinth_core.world.sampling import sample_structure
 from labyrinth_core.world.tasks import place
 
 CHUNK = 5_000
-"""Inputs made from one child of the seed, and checked by one worker at a time."""
+"""The number of inputs that are made from one child of the seed and checked by one worker."""
 CHARACTERS = [
     *' |+-"SEKDIsex:,;()[]019\n\r\t\0\x1b\ufeff\u2028\xa0\xe9\U0001f600\ud800',
     '"""',
@@ -44,14 +44,14 @@ PHRASES = [
 
 @dataclass
 class Summary:
-    """What became of a number of inputs."""
+    """The outcomes of a number of inputs."""
 
     accepted: int = 0
     rejected: int = 0
     slowest: float = 0.0
-    """Seconds that the input took which took longest."""
+    """The time of the slowest input in seconds."""
     peak_memory: int = 0
-    """KiB."""
+    """The peak memory of a worker in KiB."""
     failures: list[str] = field(default_factory=list)
 
 
@@ -70,7 +70,7 @@ def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
 
 
 def edge_list(labyrinth: Labyrinth) -> str:
-    """Return a labyrinth in the older form."""
+    """Return a labyrinth as an edge list, the older format."""
     tiles = [labyrinth.start, labyrinth.goal]
     if labyrinth.key is not None and labyrinth.door is not None:
         tiles += [labyrinth.key, labyrinth.door]
@@ -111,7 +111,7 @@ def damage(text: str, rng: np.random.Generator) -> str:
 
 
 def inputs(count: int, rng: np.random.Generator) -> Iterator[str]:
-    """Yield texts: labyrinths in both forms with zero to five edits, and some random bytes."""
+    """Yield texts: labyrinths in both formats with zero to five edits, and some random bytes."""
     for _ in range(count):
         kind = rng.random()
         if kind < 0.05:
@@ -125,10 +125,10 @@ def inputs(count: int, rng: np.random.Generator) -> Iterator[str]:
 
 
 def check(text: str) -> int:
-    """Return how many of the two parsers accept a text.
+    """Return the number of parsers, of the two, that accept a text.
 
     Raises:
-        AssertionError: A labyrinth or an error is not what it should be.
+        AssertionError: A labyrinth or an error is wrong.
     """
     accepted = 0
     for parser in (parse, parse_edges):
@@ -157,7 +157,7 @@ def _check_error(text: str, error: LabyrinthSyntaxError) -> None:
 
 
 def fuzz(count: int, seed: np.random.SeedSequence) -> Summary:
-    """Return what became of `count` inputs."""
+    """Return the outcomes of `count` inputs."""
     summary = Summary()
     for text in inputs(count, np.random.default_rng(seed)):
         begin = time.perf_counter()
@@ -174,9 +174,9 @@ def fuzz(count: int, seed: np.random.SeedSequence) -> Summary:
 
 
 def main() -> int:
-    """Return the exit status: 1 if an input had another outcome than the two allowed."""
+    """Return the exit status: 1 if an input had an outcome that is not allowed."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--inputs", type=int, default=100_000, help="how many texts")
+    parser.add_argument("--inputs", type=int, default=100_000, help="number of texts")
     parser.add_argument("--seed", type=int, default=0, help="the same seed, the same texts")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     options = parser.parse_args()

@@ -1,17 +1,17 @@
-"""Kill builds at random moments, run each again, and compare what is finished byte for byte.
+"""Kill builds at random moments, run each again, and compare the results byte for byte.
 
     python scripts/kill_matrix.py --kills 200 --results local.jsonl
     python scripts/kill_matrix.py --kills 30 --executor dask --workers 2 --results dask.jsonl
 
-A build of 30 shards is forked off and gets SIGKILL, then the same build is run to its end in the
-same folder. Half of the kills hit the whole process group, as when a machine is switched off, the
-others the first process alone, whose workers live on while the build is run again. A third of the
-builds replaces another dataset. The moment lies between two of those at which an undisturbed build
-begins, has finished another shard, and ends; a quarter of the kills is aimed before the first
-shard and a quarter after the last. One that comes after the end is repeated. With a file for the
-results, the same command goes on where it was stopped.
+A build of 30 shards is forked and gets SIGKILL; then the same build is run to its end in the same
+folder. Half of the kills hit the whole process group, as when a machine is switched off, the others
+only the first process, whose workers live on while the build is run again. A third of the builds
+replace another dataset. The moment is between two events of an undisturbed build: its beginning,
+each finished shard, its end. A quarter of the kills is aimed before the first shard and a quarter
+after the last. A kill after the end is repeated. With a file for the results, the same command
+continues where it was stopped.
 
-Ends with status 1 if a dataset differs from that of an undisturbed build in anything.
+The exit status is 1 if a dataset differs in anything from that of an undisturbed build.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from pipeline.generation import build
 from pipeline.machinery.executor import cluster
 
 LABYRINTHS, SHARDS = 40, 5
-"""Of each split."""
+"""The numbers of labyrinths and of shards of each split."""
 ALL_SHARDS = 6 * SHARDS
 
 PHASES = (
@@ -55,35 +55,35 @@ TOO_LATE = "after the end, not counted"
 
 
 class Undisturbed(NamedTuple):
-    """What a build makes that nobody kills, and when."""
+    """The files and the times of a build that is not killed."""
 
     files: dict[str, str]
     """Path -> SHA-256."""
     times: list[float]
-    """Seconds after which there were so many shards, from 0; then the end."""
+    """The seconds until each number of shards, from 0, was finished; then until the end."""
 
 
 class Result(NamedTuple):
-    """What came of a kill."""
+    """The result of a kill."""
 
     number: int
     workers: int
     came_to: str
     """One of PHASES, or TOO_LATE."""
     same: bool
-    """Whether the dataset became that of an undisturbed build."""
+    """Whether the dataset is that of an undisturbed build in the end."""
 
     @property
     def outcome(self) -> str:
-        """What to print."""
+        """The result in words."""
         return "the same in the end" if self.same else "DIFFERENT in the end"
 
 
 @contextmanager
 def started(run: Run) -> Iterator[int]:
-    """Build in a process group of its own, lend the id of its first process, and end the group."""
+    """Build in a new process group, yield the id of its first process, and end the group."""
     with warnings.catch_warnings():
-        # From Python 3.12 on, of threads that libraries keep for sums; they have nothing to do.
+        # From Python 3.12 on, about threads of numerical libraries, which are idle.
         warnings.simplefilter("ignore", DeprecationWarning)
         process = os.fork()
     if not process:
@@ -91,17 +91,17 @@ def started(run: Run) -> Iterator[int]:
     os.setpgid(process, process)
     try:
         yield process
-    finally:  # Workers that live on would wait for minutes.
+    finally:  # Otherwise workers that live on would wait for minutes.
         os.killpg(process, signal.SIGKILL)
-        os.waitpid(process, 0)  # Not before: its id would be free for others.
+        os.waitpid(process, 0)  # Not earlier: its id could be reused.
 
 
 def perform(run: Run) -> None:
-    """Build in a process that was forked off, and end it."""
+    """Build in a forked process, and end the process."""
     status = 1
     try:
         os.setpgid(0, 0)
-        # joblib's processes complain when they are killed; an error is the last thing said.
+        # joblib's processes print messages when they are killed; an error of the build comes last.
         log = os.open(log_of(run), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
         os.dup2(log, 2)
@@ -118,7 +118,7 @@ def perform(run: Run) -> None:
 
 
 def log_of(run: Run) -> Path:
-    """Return the file of all that a build says."""
+    """Return the file for the output of a build."""
     return Path(f"{run.data_dir}.log")
 
 
@@ -163,7 +163,7 @@ def build_undisturbed(run: Run) -> Undisturbed:
 
 
 def phase(run: Run, undisturbed: Undisturbed) -> str:
-    """Return how far a build had come that was killed."""
+    """Return the phase in which a build was killed."""
     there = hashes(run.data_dir)
     manifest = f"{run.folder.name}/manifest.json"
     if there == undisturbed.files:
@@ -177,7 +177,7 @@ def phase(run: Run, undisturbed: Undisturbed) -> str:
 
 
 def kill(run: Run, process: int, moment: tuple[int, float], whole_group: bool) -> None:
-    """Kill a build a while after it has finished some shards, unless it has ended before."""
+    """Kill a build a delay after it has finished some shards, unless it has ended before."""
     shards, delay = moment
     while finished_shards(run) < shards:
         if os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG):
@@ -189,7 +189,7 @@ def kill(run: Run, process: int, moment: tuple[int, float], whole_group: bool) -
 
 
 def random_moment(rng: random.Random, times: list[float]) -> tuple[int, float]:
-    """Return after how many shards to kill, and how many seconds after that."""
+    """Return the number of finished shards at which to kill, and a delay in seconds."""
     at_an_end = ALL_SHARDS / 2
     weights = [at_an_end, *[1.0] * (ALL_SHARDS - 1), at_an_end]
     (shards,) = rng.choices(range(ALL_SHARDS + 1), weights)
@@ -197,7 +197,7 @@ def random_moment(rng: random.Random, times: list[float]) -> tuple[int, float]:
 
 
 class Matrix:
-    """Builds to be killed, in a folder of their own."""
+    """The builds to be killed, in a folder of their own."""
 
     def __init__(self, folder: Path, executor: str, workers: Sequence[int]) -> None:
         self.folder, self.executor = folder, executor
@@ -214,7 +214,7 @@ class Matrix:
         return resolve(RunConfig(**fixed | where | options))
 
     def print_times(self) -> None:
-        """Print what undisturbed builds take."""
+        """Print the times of undisturbed builds."""
         for workers, (_, times) in self.undisturbed.items():
             print(
                 f"workers={workers}, undisturbed: the first shard after {times[1]:.2f} s, "
@@ -223,7 +223,7 @@ class Matrix:
             )
 
     def kill_in_time(self, number: int, seed: int) -> Iterator[Result]:
-        """Kill until a kill comes before the end; yield the results."""
+        """Kill builds until a kill comes before the end; yield the results."""
         rng = random.Random(f"{seed} {number}")
         came_to = TOO_LATE
         while came_to == TOO_LATE:
@@ -274,9 +274,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--executor", default="local", help="local or dask")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="one of these")
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="to draw from")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--results", type=Path, help="file that keeps them, to go on from")
+    parser.add_argument("--results", type=Path, help="file of the results, to continue from")
     arguments = parser.parse_args()
     results = read_results(arguments.results)
     done = {result.number for result in results if result.came_to != TOO_LATE}

@@ -1,9 +1,9 @@
-"""Tables and figures of what scripts/ablate.py and scripts/generalise.py keep.
+"""Make tables and figures of the results of scripts/ablate.py and scripts/generalise.py.
 
     python scripts/report_ablation.py --figures docs/pictures
 
-Prints Markdown: of the ingredients and tasks, of the number of labyrinths, and of larger labyrinths
-by seed. Figures are drawn as PNG and SVG. Intervals: 95% bootstrap over seeds and labyrinths.
+Prints Markdown tables of the ingredients and tasks, of the number of labyrinths, and of larger
+labyrinths by seed. Figures are PNG and SVG. Intervals: 95% bootstrap over seeds and labyrinths.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from labyrinth_sets import read_results
 from matplotlib.figure import Figure
 
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.trials import read_trial
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from pipeline.machinery.markdown import table
 
@@ -30,24 +30,24 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
 }
 SETS = ("train", "test", "s0", "s0_and_g", "test, new ends", "fresh")
-"""Of the tables."""
+"""The sets of labyrinths in the tables."""
 SHOWN = {"test": "test", "test, new ends": "test, another start and goal"}
-"""Of the figures, and what they are called there."""
+"""The sets of labyrinths in the figures, and their names there."""
 COLOURS = [np.array(colour) / 255 for colour in (DEFAULT_STYLE.goal, DEFAULT_STYLE.start)]
 
-Trial = dict[str, Any]
-Groups = dict[tuple[Any, ...], list[Trial]]
-"""Runs that differ in the seed alone, by what they have in common."""
+Results = dict[str, Any]
+Groups = dict[tuple[Any, ...], list[Results]]
+"""Runs that differ in the seed alone, by the values that they have in common."""
 
 
 def main() -> None:
-    """Print the tables; draw the figures."""
+    """Print the tables and draw the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--results", type=Path, default=Path("results/ablation"))
     parser.add_argument("--larger", type=Path, default=Path("results/larger"))
-    parser.add_argument("--figures", type=Path, help="folder for them")
+    parser.add_argument("--figures", type=Path, help="folder for the figures")
     given = parser.parse_args()
-    found = [read_trial(path) for path in sorted(given.results.glob("*/*.json"))]
+    found = [read_results(path) for path in sorted(given.results.glob("*/*.json"))]
     usual = grouped([each for each in found if each["usual"]], "config", "variant")
     counted = {(each["config"], each["variant"]) for each in found if not each["usual"]}
     samples = grouped(
@@ -55,7 +55,7 @@ def main() -> None:
         *("variant", "labyrinths"),
     )
     best_first = dict(sorted(usual.items(), key=lambda item: (item[0][0], -worth(item[1]))))
-    larger = [read_trial(path) for path in sorted(given.larger.glob("*.json"))]
+    larger = [read_results(path) for path in sorted(given.larger.glob("*.json"))]
     print(as_table(best_first), as_table(samples), by_seed(larger), sep="\n\n")
     if given.figures is not None:
         with mpl.rc_context(STYLE):
@@ -64,28 +64,28 @@ def main() -> None:
                 save(draw_samples(samples), given.figures / "samples")
 
 
-def grouped(trials: Iterable[Trial], *names: str) -> Groups:
-    """Return trials by what they have in common."""
+def grouped(results: Iterable[Results], *names: str) -> Groups:
+    """Return results grouped by the values of some names."""
     groups: Groups = {}
-    for trial in trials:
-        groups.setdefault(tuple(trial[name] for name in names), []).append(trial)
+    for each in results:
+        groups.setdefault(tuple(each[name] for name in names), []).append(each)
     return dict(sorted(groups.items()))
 
 
-def rate(group: Sequence[Trial], name: str) -> tuple[float, float, float]:
+def rate(group: Sequence[Results], name: str) -> tuple[float, float, float]:
     """Return the success rate on a set, and its interval, in percent."""
     solved = np.stack([each["solved"][name] for each in group])
     low, high = interval(solved)
     return 100 * float(solved.mean()), 100 * low, 100 * high
 
 
-def worth(group: Sequence[Trial]) -> float:
-    """Return how good runs are, to put them in order."""
+def worth(group: Sequence[Results]) -> float:
+    """Return a score of runs by which they are ordered."""
     return sum(rate(group, name)[0] for name in SHOWN)
 
 
 def as_table(groups: Groups) -> str:
-    """Return a row of success rates for each group."""
+    """Return a table with a row of success rates for each group."""
     heading = ["", "", *(name.replace(", ", ",<br>") for name in SETS), "seeds", "CPU s"]
     rows = []
     for key, group in groups.items():
@@ -95,13 +95,13 @@ def as_table(groups: Groups) -> str:
     return table(heading, rows, "ll" + "r" * (len(heading) - 2))
 
 
-def by_seed(trials: Sequence[Trial]) -> str:
-    """Return a row for each set, and a column for each run of scripts/generalise.py."""
-    sets = list(dict.fromkeys(name for each in trials for name in each["solved"]))
+def by_seed(results: Sequence[Results]) -> str:
+    """Return a table with a row for each set and a column for each run of generalise.py."""
+    sets = list(dict.fromkeys(name for each in results for name in each["solved"]))
     rows = [
-        [name, *(f"{100 * each['solved'][name].mean():.0f}" for each in trials)] for name in sets
+        [name, *(f"{100 * each['solved'][name].mean():.0f}" for each in results)] for name in sets
     ]
-    return table(["% solved", *(f"seed {each['run']['seed']}" for each in trials)], rows)
+    return table(["% solved", *(f"seed {each['run']['seed']}" for each in results)], rows)
 
 
 def draw_ingredients(groups: Groups) -> Figure:
@@ -147,7 +147,7 @@ def draw_samples(groups: Groups) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG; without the date, which would be another in each run."""
+    """Write a figure as PNG and SVG, without the date, so that the bytes are reproducible."""
     figure.savefig(f"{path}.svg", metadata={"Date": None})
     figure.savefig(f"{path}.png", dpi=130, metadata={"Software": None})
 

@@ -1,4 +1,4 @@
-"""The five columns and the six splits: one table that writer, reader and documents share."""
+"""The five columns and the six splits of a dataset, for writer, reader and documents alike."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pyarrow.parquet
 
 SAMPLED_SPLITS = ("train", "validation", "test")
-"""Splits with structures of their own."""
+"""The splits with structures of their own."""
 
 SPLITS = {
     "train": "demonstrations to learn from",
@@ -23,10 +23,10 @@ SPLITS = {
     "s0": "the structures of train with another start",
     "s0_and_g": "the structures of train with another start and another goal",
 }
-"""Split -> what it holds."""
+"""Split -> its content."""
 
 NO_ACTION = -1
-"""Value of `actions` in the last row of an episode, where nothing is done any more."""
+"""The value of `actions` in the last row of an episode, in which no action is taken."""
 
 
 class Column(NamedTuple):
@@ -34,7 +34,7 @@ class Column(NamedTuple):
 
     name: str
     feature: dict[str, Any]
-    """Its feature, as the library `datasets` describes it in Parquet files and cards."""
+    """The feature, as the library `datasets` describes it in Parquet files and cards."""
     meaning: str
 
 
@@ -67,21 +67,21 @@ class Row(NamedTuple):
     """One state of an episode, in the dataset's columns."""
 
     obs: bytes
-    """PNG file."""
+    """The picture as a PNG file."""
     obs_path: str
-    """Name of the picture, unique in its config."""
+    """The name of the picture, unique in its config."""
     actions: int
     rewards: float
     episode_starts: bool
     info: str
     picture_digest: bytes
-    """See `fingerprint.picture_digest`; not a column."""
+    """The digest of `fingerprint.picture_digest`, which is not a column."""
 
 
 def arrow_schema() -> pyarrow.Schema:
-    """Return the Arrow schema of the files, with what `datasets` reads its features from.
+    """Return the Arrow schema of the files, with the metadata in which `datasets` keeps features.
 
-    Written out, since importing `datasets` takes longer than building a small dataset.
+    It is written out, since importing `datasets` takes longer than building a small dataset.
     """
     import pyarrow as pa
 
@@ -100,10 +100,10 @@ def arrow_schema() -> pyarrow.Schema:
 
 
 def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
-    """Open a Parquet file; `info`, if it is a column, is read as a dictionary, see `texts`.
+    """Open a Parquet file; a column `info` is read dictionary-encoded, see `texts`.
 
     Raises:
-        OSError, ArrowException: It is no such file.
+        OSError, ArrowException: The file cannot be read.
     """
     import pyarrow.parquet as pq
 
@@ -112,10 +112,10 @@ def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
 
 
 def read_schema(path: Path) -> pyarrow.Schema:
-    """Return the Arrow schema of a Parquet file; raises as `open_shard`.
+    """Return the Arrow schema of a Parquet file; raise as `open_shard` does.
 
-    That of pyarrow's name goes by `FileMetaData.schema`, and those two hold one another: megabytes
-    a shard, until the collector of cycles comes.
+    `pyarrow.parquet.read_schema` makes a reference cycle through `FileMetaData.schema`, which keeps
+    megabytes a shard until the garbage collector runs.
     """
     import pyarrow.parquet as pq
 
@@ -124,9 +124,9 @@ def read_schema(path: Path) -> pyarrow.Schema:
 
 
 def texts(column: pyarrow.ChunkedArray) -> list[str | None]:
-    """Return a column of texts, equal ones as one object if it was read as a dictionary.
+    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
 
-    A text of 250x250 has half a megabyte, and hundreds of rows have the same.
+    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
     """
     import pyarrow as pa
 

@@ -1,10 +1,10 @@
-"""What determines the rows of a dataset, as its manifest keeps it."""
+"""The options that determine the rows of a dataset, as its manifest keeps them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE
@@ -13,15 +13,15 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
-"""Which routes through a labyrinth a dataset demonstrates."""
+"""The sets of routes that a dataset may demonstrate in each labyrinth."""
 
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """All that determines the rows of a dataset, and nothing else; kept in its manifest.
+    """The options that determine the rows of a dataset, and no others.
 
     Raises:
-        ValueError: A value is impossible; the text names the option, what was given and what is
+        ValueError: A value is impossible; the message names the option, the value and what is
             allowed.
     """
 
@@ -35,10 +35,10 @@ class DatasetConfig:
     sampler: str
     open_walls: float
     buckets: tuple[int, int, int]
-    """Percent of all structures that may be in train, validation and test."""
+    """The percentages of all structures that may be in train, validation and test."""
     seed: int
     min_walls: int = 1
-    """How many walls structures of two splits are apart, at least."""
+    """The least number of walls in which structures of two splits differ."""
 
     def __post_init__(self) -> None:
         size = f"{self.height}x{self.width}"
@@ -73,15 +73,14 @@ class DatasetConfig:
 
     @property
     def name(self) -> str:
-        """The name of its config on the Hub and of its folder, such as `5x5-key_and_door`."""
+        """The name of the config on the Hub and of the folder, such as `5x5-key_and_door`."""
         suffix = "" if self.task is Task.NAVIGATION else f"-{self.task}"
         return f"{self.height}x{self.width}{suffix}"
 
     def to_json(self) -> dict[str, Any]:
-        """Return it in plain types; `from_json` is the inverse.
+        """Return the options in plain types; `from_json` is the inverse.
 
-        Datasets from before there was a `min_walls` have none, and those that do not use it
-        neither, so that they are the same.
+        The default of `min_walls` is left out, as in datasets older than the option.
         """
         plain = asdict(self) | {"task": str(self.task), "buckets": list(self.buckets)}
         return {name: plain[name] for name in plain if (name, plain[name]) != ("min_walls", 1)}
@@ -102,21 +101,9 @@ class DatasetConfig:
         return cls(task=Task(task), buckets=tuple(plain.pop("buckets")), **plain)
 
 
-_TYPES: dict[str, Any] = {
-    "height": int,
-    "width": int,
-    "task": str,
-    "labyrinths": int,
-    "solutions": str,
-    "solutions_limit": int,
-    "random_steps": int,
-    "sampler": str,
-    "open_walls": float,
-    "buckets": [int, int, int],
-    "seed": int,
-    "min_walls": int,
-}
-"""The type of each field of the JSON object, for a list those of its items."""
+_IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}
+_TYPES = {name: _IN_JSON.get(kind, kind) for name, kind in get_type_hints(DatasetConfig).items()}
+"""Field of the JSON object -> its type, for a list the types of its items."""
 
 
 def _types(values: Mapping[str, Any]) -> dict[str, Any]:

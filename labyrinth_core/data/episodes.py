@@ -1,4 +1,4 @@
-"""Rows, in order, into the episodes that they are of."""
+"""Rows grouped into episodes, which are replayed and observed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from labyrinth_core.world.rollout import replay
 
 
 def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[LoadedEpisode]:
-    """Yield episodes from rows in order, wherever shards and batches may end.
+    """Yield the episodes of rows in order, which may cross the ends of shards and batches.
 
     Raises:
         DatasetError: The rows do not make episodes.
@@ -29,7 +29,7 @@ def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[Load
 
 
 def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:
-    """Yield the rows of each episode, the last of which takes no action.
+    """Yield the rows of each episode; the last row takes no action.
 
     Raises:
         DatasetError: The rows do not make episodes.
@@ -70,6 +70,6 @@ def _episode(rows: list[RawRow], spec: ObservationSpec) -> LoadedEpisode:
 
 @lru_cache(maxsize=1)
 def parse_info(info: str) -> tuple[Labyrinth, int]:
-    """Return a labyrinth and its id; consecutive episodes mostly are of the same."""
+    """Return a labyrinth and its id; cached, as consecutive episodes often share a labyrinth."""
     labyrinth = parse(info)
     return labyrinth, int(labyrinth_id(labyrinth), 16)

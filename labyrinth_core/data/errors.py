@@ -1,12 +1,12 @@
-"""The error of a dataset, and the errors of libraries in one line."""
+"""The error of unusable datasets, and the texts of other errors in one line."""
 
 from __future__ import annotations
 
 
 class DatasetError(RuntimeError):
-    """A dataset that is missing, unfinished, damaged, or another one than asked for."""
+    """A dataset is missing, unfinished, damaged, or another than asked for."""
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error of a library says, in one line; its kind if it says nothing."""
+    """Return the message of an error in one line, or its type if the message is empty."""
     return " ".join(str(error).split()) or type(error).__name__

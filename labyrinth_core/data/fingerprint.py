@@ -1,7 +1,7 @@
-"""The fingerprint of a dataset's content: of values and pixels, whatever compressed them.
+"""The fingerprint of a dataset: a hash of values and pixels, independent of their compression.
 
-It says whether two datasets hold the same. It is not meant to stop a forger; the SHA-256 of each
-file, beside it in the manifest, is.
+It tells whether two datasets have the same content. It does not protect against forgery; the
+SHA-256 of each file in the manifest does.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from labyrinth_core.pictures.png import Strip
 
 _MODULUS = 2**127 - 1
 _BASE = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A
-"""Half the golden ratio's digits: as good as random, and nobody's choice."""
+"""Digits of half the golden ratio, which are arbitrary but not chosen."""
 _NUMBERS = struct.Struct("<qf?")
 
 
 class Fingerprint:
-    """A hash over the values and pixels of rows, in their order.
+    """A hash of the values and pixels of rows, in their order.
 
-    SHA-256 of this, for each row: the picture's digest, `actions` as int64, `rewards` as float32,
-    `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of `info` in UTF-8,
-    sixteen bytes.
+    It is the SHA-256 of this for each row: the picture's digest, `actions` as int64, `rewards` as
+    float32, `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of `info` in
+    UTF-8, sixteen bytes.
     """
 
     def __init__(self) -> None:
@@ -55,32 +55,30 @@ def _text_digest(text: str) -> bytes:
 
 
 def picture_digest(strips: Sequence[Strip]) -> bytes:
-    """Return sixteen bytes that depend on the pixels of a picture and on nothing else.
+    """Return a digest of the pixels of a picture, sixteen bytes.
 
-    They are a polynomial, modulo 2**127 - 1, in a fixed number: its coefficients are the BLAKE2b
-    hashes of the rows of pixels, sixteen bytes each, the lowest row's without a power. Strings
-    hashed so are told apart (Karp and Rabin, 1987) and, as the hash is a sum, a row that changes
-    changes one summand.
+    The digest is the value of a polynomial at a fixed base, modulo 2**127 - 1. Its coefficients are
+    the BLAKE2b hashes of the rows of pixels, sixteen bytes each; the lowest row's is the constant
+    term (Karp and Rabin, 1987). As it is a sum, a change of a row changes one summand.
     """
     return PictureDigest(strips).digest({})
 
 
 class PictureDigest:
-    """The digest of a picture of which some strips are exchanged; see `picture_digest`."""
+    """The digests of a picture of which strips are exchanged; see `picture_digest`."""
 
     def __init__(self, strips: Sequence[Strip]) -> None:
         """Take the picture with nothing exchanged."""
-        heights: tuple[int, ...]
-        self._sums: tuple[int, ...]
-        self._sums, heights = zip(*map(_strip_sum, strips), strict=True)
-        self._powers = _powers(heights)
+        sums_and_heights = [_strip_sum(strip) for strip in strips]
+        self._sums = [strip_sum for strip_sum, _ in sums_and_heights]
+        self._powers = _powers(tuple(height for _, height in sums_and_heights))
         self._sum: int = sum(map(mul, self._sums, self._powers))
 
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
         """Return the digest of the picture with some strips exchanged.
 
         Args:
-            changes: Place of a strip, counted from the top -> one of the same height.
+            changes: Index of a strip, counted from the top -> another of the same height.
         """
         total = self._sum
         for place, strip in changes.items():
@@ -90,7 +88,7 @@ class PictureDigest:
 
 @lru_cache(maxsize=64)
 def _powers(heights: tuple[int, ...]) -> list[int]:
-    """Return what is multiplied with the sum of each strip, by the rows that lie below it."""
+    """Return the factor of each strip: the base to the power of the number of rows below it."""
     powers = [1]
     for height in heights[:0:-1]:
         powers.append(powers[-1] * _repeated(height)[1] % _MODULUS)
@@ -99,23 +97,19 @@ def _powers(heights: tuple[int, ...]) -> list[int]:
 
 @lru_cache(maxsize=8_192)
 def _strip_sum(strip: Strip) -> tuple[int, int]:
-    """Return the sum of a strip that lies at the bottom, and its height."""
+    """Return the sum of a strip at the bottom of a picture, and the strip's height."""
     total = height = 0
     for row, count in strip:
         repeated, power = _repeated(count)
-        total = (total * power + _row_hash(row) * repeated) % _MODULUS
+        row_hash = int.from_bytes(hashlib.blake2b(row, digest_size=16).digest(), "little")
+        total = (total * power + row_hash * repeated) % _MODULUS
         height += count
     return total, height
 
 
-@lru_cache(maxsize=8_192)
-def _row_hash(row: bytes) -> int:
-    return int.from_bytes(hashlib.blake2b(row, digest_size=16).digest(), "little")
-
-
 @lru_cache(maxsize=1_024)
 def _repeated(count: int) -> tuple[int, int]:
-    """Return what is multiplied with a row that comes `count` times, and with what is above."""
+    """Return the factors of a row that comes `count` times, and of the rows above it."""
     repeated, power = 0, 1
     for _ in range(count):
         repeated, power = (repeated + power) % _MODULUS, power * _BASE % _MODULUS

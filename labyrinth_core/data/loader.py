@@ -1,12 +1,12 @@
-"""A dataset, from a folder or the Hub, back into episodes and transitions (s, a, s').
+"""Loading of datasets from a folder or the Hub, as episodes or transitions (s, a, s').
 
     from labyrinth_core import load_transitions
 
     transitions = load_transitions("data/labyrinth", "5x5", split="train", image_size=64)
     s, a, s_next = transitions[0]
 
-No pair ever crosses the end of an episode, and the last state of one begins no pair. Everything
-that comes from a file or from the Hub is data: it is parsed, never evaluated.
+No transition crosses the end of an episode. Files and the content of the Hub are parsed, never
+evaluated.
 """
 
 from __future__ import annotations
@@ -21,36 +21,16 @@ from pathlib import Path
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.observations import OBSERVATIONS, PIXELS, ObservationSpec
+from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
-from labyrinth_core.data.transitions import (
-    LoadedEpisode,
-    Transition,
-    TransitionBatch,
-    Transitions,
-    collect,
-)
-
-__all__ = [
-    "DEFAULT_IMAGE_SIZE",
-    "OBSERVATIONS",
-    "LoadedEpisode",
-    "Transition",
-    "TransitionBatch",
-    "Transitions",
-    "load_episodes",
-    "load_transitions",
-    "locate",
-    "stream_episodes",
-    "stream_transitions",
-]
+from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
 
 DEFAULT_IMAGE_SIZE = 64
-"""Pixels on each side that the benchmark's baselines look at (supplement, section 1)."""
+"""Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
 
 STREAMED_AHEAD = 2
-"""Episodes of a stream that are made while those before are used."""
+"""The number of episodes of a stream that are made ahead."""
 
 
 def load_transitions(
@@ -67,23 +47,24 @@ def load_transitions(
 ) -> Transitions:
     """Return all transitions of a split.
 
-    Pictures are made once and kept in a file, which is mapped into memory from then on. It is
-    found by the hashes of the shards in the manifest, so that a dataset built anew is read anew.
-    The shards are compared with the manifest when the file is made; where it is there already,
-    they are not read at all, and the arrays are those of the dataset that the manifest describes.
+    Pictures are made once and kept in a cache file, which is memory-mapped from then on. Its name
+    follows from the hashes of the shards in the manifest, so that a dataset built anew is read
+    anew. The shards are compared with the manifest when the file is made, and are not read when it
+    exists.
 
     Args:
-        source: As for `load_episodes`, with the others up to `resize`.
-        config: Such as `5x5`.
-        split: Such as `train`.
+        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and the
+            next seven.
+        config: Name of the dataset's config, such as `5x5`.
+        split: Name of the split, such as `train`.
         observation: "image" or "vector".
         image_size: Pixels on each side of the pictures.
-        revision: On the Hub.
+        revision: Branch, tag or commit on the Hub.
         draw: Whether pictures are drawn instead of decoded.
-        resize: How pictures become small.
-        cache_dir: Folder in which pictures are kept. True stands for `labyrinth-datasets` in
-            `$XDG_CACHE_HOME` or `~/.cache`. False or None keeps nothing and holds all in memory;
-            so does, with a warning, a folder that cannot be written, or a full disk.
+        resize: How pictures are made smaller.
+        cache_dir: Folder of the cache file. True stands for `labyrinth-datasets` in
+            `$XDG_CACHE_HOME` or `~/.cache`. False or None holds all in memory; so does, with a
+            warning, a folder that cannot be written, or a full disk.
 
     Raises:
         ValueError: An argument is none of the allowed values.
@@ -102,21 +83,21 @@ def load_transitions(
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
             key = _key(shards, spec)
             name = f"{manifest.config.name}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
-            return frame_cache.load(cache / name, key, image_size, episodes)
+            return frame_cache.load(cache / name, key, episodes)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
             warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=2)
     return collect(episodes())
 
 
-def _key(shards: Sequence[Shard], spec: ObservationSpec) -> str:
-    """Return a hash of all that the transitions of pictures depend on."""
+def _key(shards: Sequence[Shard], spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
+    """Return a hash of all that the content of a cache file depends on."""
     content = {
         "shards": [shard.sha256 for shard in shards],
         "image_size": spec.image_size,
         "drawn": spec.draw,
         "resize": spec.resize,
-        "pixels": PIXELS,
+        "pixels": version,
     }
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
@@ -136,16 +117,16 @@ def load_episodes(
 
     Args:
         source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
-        config: Such as `5x5` or `5x5-key_and_door`.
+        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
         split: One of train, validation, test, random, s0, s0_and_g.
-        observation: "image" for pictures from `obs`; "vector" for the authors' vector form, made
-            from `info` and `actions` alone (see `labyrinth_core.pictures.vector`).
+        observation: "image" for the pictures in `obs`; "vector" for the authors' vectors, made from
+            `info` and `actions` alone (see `labyrinth_core.pictures.vector`).
         image_size: Pixels on each side of the pictures.
         revision: Branch, tag or commit on the Hub; not for folders.
-        draw: Whether pictures are drawn from `info` and `actions`, too: the same to the last bit,
-            as `validate` has made sure, and `obs` is not read.
-        resize: How pictures become small: "area" averages, so that no wall vanishes; "original"
-            loses walls as the authors' way does (see `labyrinth_core.data.observations.RESIZES`).
+        draw: Whether pictures are drawn from `info` and `actions` instead of decoded from `obs`;
+            they are equal, as `validate` checks.
+        resize: How pictures are made smaller: "area" averages, so that no wall vanishes; "original"
+            loses walls, as the authors do (see `labyrinth_core.data.observations.RESIZES`).
 
     Raises:
         ValueError: An argument is none of the allowed values.
@@ -170,14 +151,14 @@ def stream_episodes(
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
-    They are downloaded and decoded in a thread, which is a few episodes ahead, and which ends
-    when the last was read or nobody reads on. Arguments and errors are those of `load_episodes`;
-    no more is downloaded than they need.
+    A thread downloads and decodes a few episodes ahead; it ends after the last episode, or when
+    the generator is closed. Arguments and errors are those of `load_episodes`. Only the columns
+    that are needed are downloaded.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
     folder = local_folder(source, config, revision)
     if folder is not None:
-        Manifest.read(folder).of(split)  # Or it says which splits there are.
+        Manifest.read(folder).of(split)  # Raises if there is no such split.
     source = str(source if folder is None else folder.parent)
     rows = stream_rows(source, config, split, revision, pictures=spec.decodes)
     return prefetched(episodes_of(rows, spec), STREAMED_AHEAD)
@@ -194,7 +175,7 @@ def stream_transitions(
     draw: bool = False,
     resize: str = "area",
 ) -> Generator[Transition]:
-    """Yield the transitions of a split as they are downloaded; as `stream_episodes`."""
+    """Yield the transitions of a split as they are downloaded; see `stream_episodes`."""
     episodes = stream_episodes(
         source,
         config,

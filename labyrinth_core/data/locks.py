@@ -1,48 +1,56 @@
-"""Files that one process holds at a time; a process that ends, however, holds none."""
+"""Advisory file locks, which the system releases when their process dies."""
 
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
 
 
-def locked(path: Path, before_waiting: Callable[[], None] = lambda: None) -> BinaryIO:
-    """Return a file, opened for writing, that nobody else has; wait for it if need be.
+@contextmanager
+def locked(
+    path: Path, before_waiting: Callable[[str], None] = lambda _: None, *, wait: bool = True
+) -> Iterator[None]:
+    """Hold the lock of a file, which is made if need be and removed at the end.
 
     Args:
-        path: The file, which is made if need be. It is given back by closing it; whoever removes
-            or renames it does so before.
-        before_waiting: Called if somebody else has it.
+        path: The file; nobody but this function may make, remove or rename it. Beside it, with
+            the suffix `.holder`, lies a file that says which process has the lock, since
+            Windows lets nobody read a locked file.
+        before_waiting: Called with the holder, such as `process 1 on host`, if there is one.
+        wait: Whether to wait for another holder.
 
     Raises:
-        OSError: The file cannot be opened, or the system has no such locks.
+        TimeoutError: Another process has the lock, and `wait` is false.
+        OSError: The file cannot be made, or its file system has no locks.
     """
-    while True:
-        file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
-        try:
-            try:
-                lock(file, wait=False)
-            except BlockingIOError:
-                before_waiting()
-                lock(file)
-            # Meanwhile it may have been finished and renamed, or removed.
-            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                return file
-        except FileNotFoundError:
-            pass
-        except BaseException:
-            file.close()
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(path, fallback_to_soft=False)
+    holder = path.with_name(f"{path.name}.holder")
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        if not wait:
             raise
-        file.close()
+        before_waiting(_read(holder) or "another process")
+        lock.acquire()
+    try:
+        holder.write_text(f"process {os.getpid()} on {socket.gethostname()}", encoding="utf-8")
+        yield
+    finally:
+        # Removed while locked: `filelock` checks after locking that the file still has a name.
+        # On Windows, where a locked file cannot be removed, `release` removes it.
+        for each in (holder, path):
+            with suppress(OSError):
+                each.unlink()
+        lock.release()
 
 
-def lock(file: BinaryIO, *, wait: bool = True) -> None:
-    """Take the lock of a file; raise BlockingIOError if somebody has it and `wait` is false."""
-    if sys.platform == "win32":
-        raise OSError("this system has no flock")
-    import fcntl
-
-    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+def _read(holder: Path) -> str:
+    try:
+        return holder.read_text(encoding="utf-8", errors="replace")
+    except OSError:  # It was removed just now.
+        return ""

@@ -1,6 +1,6 @@
-"""What a finished dataset says of itself.
+"""The manifest, which describes a finished dataset.
 
-The manifest is written last, so a folder with one is complete.
+It is written last, so a folder with a manifest is complete.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
 
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
-"""What the stage `analyse` leaves beside it."""
+"""The name of the file of the stage `analyse`, in the same folder."""
 FORMAT = 2
 
 
 @dataclass(frozen=True)
 class Shard:
-    """One Parquet file and what is in it."""
+    """One Parquet file and its content."""
 
     path: str
-    """Relative to the folder of the dataset."""
+    """The path within the folder of the dataset."""
     split: str
     labyrinths: int
     episodes: int
     rows: int
     longest: int
-    """Moves in the longest episode."""
+    """The number of moves in the longest episode."""
     cut: int
-    """Labyrinths that have, or may have, more routes than `solutions_limit` let in."""
+    """The number of labyrinths that have, or may have, more routes than `solutions_limit`."""
     bytes: int
     sha256: str
-    """Of the file."""
+    """The SHA-256 of the file."""
     fingerprint: str
-    """Of the decoded rows, the same whichever library compressed them; see `fingerprint`."""
+    """The hash of the decoded rows, see `fingerprint`."""
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Shard:
-        """Return the shard that `asdict` described; raises ValueError for anything else."""
+        """Return the shard that `asdict` described; raise ValueError for anything else."""
         types = {field.name: str if field.type == "str" else int for field in fields(cls)}
         if {name: type(value) for name, value in values.items()} != types:
             raise ValueError(f"a shard has the fields {sorted(types)}, not {dict(values)}")
@@ -67,17 +67,17 @@ class Shard:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a finished dataset is and how it was made."""
+    """The description of a finished dataset."""
 
     config: DatasetConfig
     versions: Mapping[str, str]
-    """Libraries that shaped the bytes; others may compress the same rows differently."""
+    """Library -> version; other versions may compress the same rows differently."""
     shards: tuple[Shard, ...]
-    """In the order of splits and of rows."""
+    """The shards, in the order of splits and of rows."""
 
     @property
     def fingerprint(self) -> str:
-        """One fingerprint for all rows of all splits."""
+        """The fingerprint of all rows of all splits."""
         parts = [f"{shard.split}:{shard.fingerprint}" for shard in self.shards]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
@@ -94,7 +94,7 @@ class Manifest:
         return shards
 
     def write(self, folder: AnyPath) -> None:
-        """Write it into a folder, all or nothing."""
+        """Write the manifest into a folder, whole or not at all."""
         content = {
             "format": FORMAT,
             "name": self.config.name,
@@ -110,7 +110,7 @@ class Manifest:
         """Return the manifest of a folder.
 
         Raises:
-            DatasetError: There is none, or it is not one of ours.
+            DatasetError: There is none, or it is malformed.
         """
         path = folder / MANIFEST
         try:
@@ -137,7 +137,7 @@ class Manifest:
 
 
 def current_versions() -> dict[str, str]:
-    """Return the versions of what shapes the bytes of a dataset in this process."""
+    """Return the versions of all that shapes the bytes of a dataset in this process."""
     return {
         "labyrinth-datasets": __version__,
         "numpy": np.__version__,

@@ -1,4 +1,4 @@
-"""Arrays that lie in a file, mapped into memory: other processes are sent where they lie."""
+"""Memory-mapped arrays, which are sent to other processes as file name and offset."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from labyrinth_core.data.errors import DatasetError
 
 
 class MappedArray(NamedTuple):
-    """Where an array lies in a file."""
+    """The place of an array in a file."""
 
     path: str
     offset: int
-    """In bytes."""
+    """The offset in bytes."""
     shape: tuple[int, ...]
     dtype: str
 
 
 def as_sent(array: NDArray[Any]) -> NDArray[Any] | MappedArray:
-    """Return where an array lies if that is a file, else the array; `as_received` turns it back."""
+    """Return the place of an array if it is mapped from a file, else the array itself."""
     mapped: Any = array
     while mapped is not None and not isinstance(mapped, np.memmap):
         mapped = getattr(mapped, "base", None)
-    # What may be written to is another process's to write to only if it is its own.
+    # A writable array has to be copied, so that the other process does not write to the file.
     if mapped is None or mapped.mode != "r" or mapped.filename is None:
         return array
     if not array.flags.c_contiguous:
@@ -38,7 +38,7 @@ def as_received(sent: NDArray[Any] | MappedArray) -> NDArray[Any]:
     """Return the array that `as_sent` described.
 
     Raises:
-        DatasetError: Its file is gone or has become shorter.
+        DatasetError: The file is gone or has become shorter.
     """
     if not isinstance(sent, MappedArray):
         return sent

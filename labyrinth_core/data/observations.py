@@ -1,4 +1,4 @@
-"""What is observed of a state: its picture, decoded or drawn, or its vector."""
+"""Observations of states: pictures, decoded or drawn, or vectors."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ RESIZES = {
     "area": (DEFAULT_STYLE, "area"),
     "original": (Style(wall_pixels=2), "bilinear"),
 }
-"""How pictures become small -> the style they are drawn in, and what `shrink` does then.
+"""Way of resizing -> the style of the pictures, and the filter of `shrink`.
 
-`original` is for comparison: walls two pixels thick and no antialiasing, as the authors have it,
-so that most walls vanish on the way to 64 x 64. Pictures in `obs` have thicker walls, which would
-stay; so it is always drawn.
+`original` is for comparison: walls are two pixels thick and are not antialiased, as in the authors'
+pictures, so that most walls vanish at 64 x 64. It is always drawn, since the walls of the pictures
+in `obs` are thicker and would remain.
 """
 
-PIXELS = 1
-"""Version of the pixels that come of decoding, drawing and area-averaging.
+PICTURES_VERSION = 1
+"""Version of the decoding, drawing and resizing of pictures, which the frame cache depends on.
 
-Whatever changes one of them increases it, as the frame cache keeps pictures by it.
+Any change of a pixel increases it.
 """
 
 CACHED_BYTES = 64 * 2**20
-"""Of decoded pictures that are remembered."""
+"""The size of the cache of decoded pictures."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +72,18 @@ class ObservationSpec:
 
     @property
     def decodes(self) -> bool:
-        """Whether the pictures of `obs` are asked for."""
+        """Whether the pictures in `obs` are needed."""
         return self.observation == "image" and not self.draw and self.resize == "area"
 
     def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
-        """Return what is observed in the states of an episode, one after the other.
+        """Return the observations of the states of an episode.
 
         Args:
-            episode: The states.
-            pngs: Their pictures in `obs`; not looked at unless `decodes`.
+            episode: The episode.
+            pngs: Its pictures in `obs`; ignored unless `decodes`.
 
         Raises:
-            DatasetError: A picture is missing, or is none.
+            DatasetError: A picture is missing or cannot be decoded.
         """
         labyrinth = episode.labyrinth
         if self.decodes:
@@ -93,7 +93,7 @@ class ObservationSpec:
         return self.look(labyrinth, place)[[place[state] for state in episode.states]]
 
     def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
-        """Return what is observed in states of a labyrinth, pictures being drawn."""
+        """Return the observations of states of a labyrinth; pictures are drawn."""
         if self.observation == "vector":
             return np.stack([vector_observation(labyrinth, state) for state in states])
         style, way = RESIZES[self.resize]
@@ -103,19 +103,19 @@ class ObservationSpec:
 
 @lru_cache(maxsize=1)
 def _painter(labyrinth: Labyrinth, style: Style) -> Painter:
-    """Return what draws a labyrinth; consecutive episodes may be of the same."""
+    """Return the painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
     return Painter(labyrinth, style)
 
 
 @lru_cache(maxsize=1)
 def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
-    """Return `_decode` with a memory: a random policy comes back to its states."""
+    """Return a cached `_decode`, as a random policy comes back to its states."""
     pictures = max(1, CACHED_BYTES // (3 * image_size**2))
     return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
 
 
 def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
-    """Return a picture, shape (image_size, image_size, 3), area-averaged."""
+    """Return an area-averaged picture, shape (image_size, image_size, 3)."""
     if png is None:
         raise DatasetError("obs: a row has no picture")
     strips = strips_of(png, PICTURE_SIZE)
@@ -123,12 +123,12 @@ def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
 
 
 def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
-    """Return what `_decode` does of a picture that another encoder made, or say what is wrong."""
+    """Do as `_decode` with the picture of another encoder."""
     from PIL import Image
 
     try:
         with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
-            # Before anything is unpacked, since it may claim to be huge.
+            # Checked before anything is decompressed, since the picture may claim to be huge.
             if image.size != (PICTURE_SIZE, PICTURE_SIZE):
                 width, height = image.size
                 raise ValueError(f"it has {width} x {height} pixels, not {PICTURE_SIZE} each way")

@@ -1,4 +1,4 @@
-"""Items made before they are wanted: in a thread meanwhile, or some at a time."""
+"""Items of a generator made ahead of their use, in a thread or in batches."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Item = TypeVar("Item")
 
 
 def prefetched(items: Generator[Item], ahead: int) -> Generator[Item]:
-    """Yield the items of a generator, in order; it runs in a thread and is `ahead` of what is read.
+    """Yield the items of a generator in order, which runs ahead in a thread.
 
-    What it raises is raised here, in its place. When nobody reads on, by `close`, `break` or an
-    error, the generator is closed and the thread ended before this returns.
+    Its errors are raised here, in their place. After `close`, `break` or an error the generator is
+    closed and the thread ended before this returns.
 
     Args:
-        items: What is run; it belongs to the thread from the first `next` on.
-        ahead: Items that may wait, 1 or more.
+        items: The generator, which the thread owns from the first `next` on.
+        ahead: The number of items that may wait, 1 or more.
     """
     end = object()
     thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="prefetch")
@@ -36,7 +36,7 @@ def prefetched(items: Generator[Item], ahead: int) -> Generator[Item]:
 def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
     """Yield the items, made `count` at a time.
 
-    Between two stages it makes the processor do the same for long, which it does quicker.
+    Between two stages this keeps the processor at one kind of work for longer, which is faster.
     """
     iterator = iter(items)
     while batch := list(islice(iterator, count)):

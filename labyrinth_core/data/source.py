@@ -1,9 +1,10 @@
-"""Where a dataset lies, in a folder or on the Hub, and its rows as they are there."""
+"""The rows of a dataset, read from a folder or from the Hub, or streamed."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,21 +17,21 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 STREAMED_ROWS = 256
-"""Rows of a stream that are taken up at a time."""
+"""Rows of a stream that are read at a time."""
 
 _HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 _TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 
 
 class RawRow(NamedTuple):
-    """A row as it was read, its values of the right types."""
+    """A row as it was read, with values of the right types."""
 
     actions: int
     rewards: float
     episode_starts: bool
     info: str
     png: bytes | None
-    """None where there is none, or where none was asked for."""
+    """The picture; None if the row has none, or none was asked for."""
 
 
 def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> AnyPath:
@@ -94,21 +95,15 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
     Raises:
         DatasetError: A shard is missing, damaged or another one.
     """
-    import pyarrow as pa
-
     columns = [*_TYPES, "obs.bytes"] if pictures else [*_TYPES]
     for shard in shards:
         path = folder / shard.path
-        try:
-            with local_copy(path) as local:
-                if file_sha256(local) != shard.sha256:
-                    raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
-                with open_shard(local) as file:
-                    for group in range(file.num_row_groups):
-                        table = file.read_row_group(group, columns=columns)
-                        yield from _rows(table, pictures=pictures)
-        except (OSError, ValueError, pa.ArrowException) as error:
-            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+        with _readable(path), local_copy(path) as local:
+            if file_sha256(local) != shard.sha256:
+                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+            with open_shard(local) as file:
+                for group in range(file.num_row_groups):
+                    yield from _rows(file.read_row_group(group, columns=columns), pictures=pictures)
 
 
 def stream_rows(
@@ -121,35 +116,24 @@ def stream_rows(
     """
     from datasets import Image, load_dataset
 
-    # All of them are left to be as they are, and some are cast to what they should be.
+    # `datasets` casts a selection of columns to their declared types, and leaves all as they are.
     columns = None if pictures else [*_TYPES]
     try:
         stream = load_dataset(
             source, config, split=split, streaming=True, revision=revision, columns=columns
         )
         if pictures:
-            # As bytes: what is not decoded by `datasets` is decoded once, here.
+            # As bytes, since `datasets` would decode them, too.
             stream = stream.cast_column("obs", Image(decode=False))
     except (OSError, ValueError) as error:
         raise _not_from_the_hub(source, error) from error
-    tables = stream.with_format("arrow").iter(batch_size=STREAMED_ROWS)
-    return _streamed(source, tables, pictures=pictures)
-
-
-def _streamed(source: str, tables: Iterable[pa.Table], *, pictures: bool) -> Iterator[RawRow]:
-    import pyarrow as pa
-
-    try:
-        for table in tables:
-            yield from _rows(table, pictures=pictures)
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
+    return (row for table in _tables(source, stream) for row in _rows(table, pictures=pictures))
 
 
 def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
-    """Return what stands in `info` in each split of any dataset, as it is downloaded.
+    """Return the values of `info` in each split of any dataset, as they are downloaded.
 
-    Nothing else of it is. What stands in several rows in a row comes once.
+    No other column is downloaded. Equal values in consecutive rows come once.
 
     Raises:
         DatasetError: At once if there is no such dataset, later if it cannot be read.
@@ -160,26 +144,36 @@ def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
     except (OSError, ValueError) as error:
         raise _not_from_the_hub(source, error) from error
-    return {
-        str(split): _infos(source, stream.with_format("arrow").iter(batch_size=STREAMED_ROWS))
-        for split, stream in splits.items()
-    }
+    return {str(split): _infos(source, stream) for split, stream in splits.items()}
 
 
-def _infos(source: str, tables: Iterable[pa.Table]) -> Iterator[str]:
-    import pyarrow as pa
-
+def _infos(source: str, stream: Any) -> Iterator[str]:
     before = None
-    try:
-        for table in tables:
+    with _readable(source):
+        for table in _tables(source, stream):
             for info in table["info"].to_pylist():
                 if not isinstance(info, str):
                     raise DatasetError(f"{source}: info={info!r}: every row needs a text")
                 if info != before:
                     yield info
                 before = info
+
+
+def _tables(source: str, stream: Any) -> Iterator[pa.Table]:
+    """Yield the tables of a stream of `datasets`."""
+    with _readable(source):
+        yield from stream.with_format("arrow").iter(batch_size=STREAMED_ROWS)
+
+
+@contextmanager
+def _readable(place: object) -> Iterator[None]:
+    """Raise DatasetError for what is raised within when files at a place cannot be read."""
+    import pyarrow as pa
+
+    try:
+        yield
     except (OSError, ValueError, LookupError, pa.ArrowException) as error:
-        raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
+        raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
 
 
 def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:

@@ -1,8 +1,8 @@
-"""Files in a folder or in an object store: the few things that the pipeline does with them.
+"""Files in a local folder or in an object store, behind one interface.
 
 A local folder is a `pathlib.Path`. A URL that fsspec knows, such as `s3://bucket/data`, is a
-`RemotePath`, which has those methods of `Path` that are needed here. What differs is said by the
-functions: a local file comes by its name through a rename, a remote one by a single upload.
+`RemotePath`, which has those methods of `Path` that are needed here. A file appears whole: a local
+one by a rename, a remote one by a single upload.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,10 +22,10 @@ from labyrinth_core.data.errors import one_line
 
 
 def folder_at(place: str | Path) -> AnyPath:
-    """Return the folder that a path or a URL means.
+    """Return the folder at a path or a URL.
 
     Raises:
-        ValueError: fsspec knows no such URL, or what it needs for it is not installed.
+        ValueError: fsspec knows no such URL, or needs a library for it that is not installed.
     """
     text = str(place)
     if text.startswith("file://"):
@@ -45,26 +45,11 @@ def folder_at(place: str | Path) -> AnyPath:
 
 @lru_cache(maxsize=8)
 def _filesystem(protocol: str) -> Any:
-    """Return the file system of a protocol; credentials are where its library looks for them."""
+    """Return the file system of a protocol; its library finds the credentials."""
     import fsspec
 
-    # A listing that is remembered would hide what other processes write.
+    # A cached listing would hide what other processes write.
     return fsspec.filesystem(protocol, use_listings_cache=False)
-
-
-@contextmanager
-def _os_errors(url: str) -> Iterator[None]:
-    """Make an OSError, with the URL, of whatever a store raises within."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # Of any kind: each store has its own, such as botocore's.
-        if isinstance(error, OSError) and error.filename:
-            raise
-        number = getattr(error, "errno", None) or errno.EIO
-        reason = f"{type(error).__name__}: {one_line(error)}"
-        raise OSError(number, reason, url) from error
 
 
 @dataclass(frozen=True)
@@ -90,33 +75,33 @@ class RemotePath:
     def parent(self) -> RemotePath:
         return RemotePath(self.url.rpartition("/")[0])
 
-    @property
-    def _at(self) -> tuple[Any, str]:
-        """The file system and the path in it."""
-        filesystem = _filesystem(self.url.partition("://")[0])
-        return filesystem, filesystem._strip_protocol(self.url)
+    def _ask(self, question: Callable[[Any, str], Any]) -> Any:
+        """Return what a function returns for the file system and the path in it."""
+        try:
+            store = _filesystem(self.url.partition("://")[0])
+            return question(store, store._strip_protocol(self.url))
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # Of any kind: each store has its own, such as botocore's.
+            if isinstance(error, OSError) and error.filename:
+                raise
+            number = getattr(error, "errno", None) or errno.EIO
+            reason = f"{type(error).__name__}: {one_line(error)}"
+            raise OSError(number, reason, self.url) from error
 
     def exists(self) -> bool:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bool(filesystem.exists(path))
+        return bool(self._ask(lambda store, path: store.exists(path)))
 
     def is_dir(self) -> bool:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bool(filesystem.isdir(path))
+        return bool(self._ask(lambda store, path: store.isdir(path)))
 
     def is_file(self) -> bool:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bool(filesystem.isfile(path))
+        return bool(self._ask(lambda store, path: store.isfile(path)))
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            found = filesystem.glob(f"{path}/{pattern}")
-        for each in sorted(found):
-            yield self / each[len(path) + 1 :]
+        base = self._ask(lambda _, path: path)
+        for each in sorted(self._ask(lambda store, path: store.glob(f"{path}/{pattern}"))):
+            yield self / each[len(base) + 1 :]
 
     def iterdir(self) -> Iterator[RemotePath]:
         return self.glob("*")
@@ -126,52 +111,40 @@ class RemotePath:
 
     def open(self, mode: str) -> BinaryIO:
         """Open for reading, mode "rb"."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return cast("BinaryIO", filesystem.open(path, mode))
+        return cast("BinaryIO", self._ask(lambda store, path: store.open(path, mode)))
 
     def read_bytes(self) -> bytes:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            return bytes(filesystem.cat_file(path))
+        return bytes(self._ask(lambda store, path: store.cat_file(path)))
 
     def read_text(self, encoding: str) -> str:
         return self.read_bytes().decode(encoding)
 
     def write_bytes(self, content: bytes) -> None:
         """Upload a file, whole or not at all."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            filesystem.pipe_file(path, content)
+        self._ask(lambda store, path: store.pipe_file(path, content))
 
     def upload(self, local: Path) -> None:
         """Upload a local file under this name, whole or not at all."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            filesystem.put_file(str(local), path)
+        self._ask(lambda store, path: store.put_file(str(local), path))
 
     def download(self, local: Path) -> None:
         """Copy the file to a local one."""
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            filesystem.get_file(path, str(local))
+        self._ask(lambda store, path: store.get_file(path, str(local)))
 
     def unlink(self, *, missing_ok: bool = False) -> None:
-        filesystem, path = self._at
-        with _os_errors(self.url):
-            if not missing_ok or filesystem.exists(path):
-                filesystem.rm_file(path)
+        if not missing_ok or self.exists():
+            self._ask(lambda store, path: store.rm_file(path))
 
 
 AnyPath = Path | RemotePath
 
 
 def write_bytes(path: AnyPath, content: bytes) -> None:
-    """Write a file so that it is never half there."""
+    """Write a file, whole or not at all."""
     if isinstance(path, RemotePath):
         path.write_bytes(content)
         return
-    # Not the name that another process would use that makes the same file.
+    # Another process that makes the same file uses another name.
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:12]}.tmp")
     try:
         temporary.write_bytes(content)
@@ -181,7 +154,7 @@ def write_bytes(path: AnyPath, content: bytes) -> None:
 
 
 def write_text(path: AnyPath, text: str) -> None:
-    """Write a text file so that it is never half there."""
+    """Write a text file in UTF-8, whole or not at all."""
     write_bytes(path, text.encode())
 
 
@@ -196,7 +169,7 @@ def file_sha256(path: AnyPath) -> str:
 
 @contextmanager
 def local_copy(path: AnyPath) -> Iterator[Path]:
-    """Lend a local file with the content of a path: itself, or a download that is then removed."""
+    """Lend a local file with the content of a path: itself, or a temporary download."""
     if isinstance(path, Path):
         yield path
         return
@@ -208,12 +181,12 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
 
 @contextmanager
 def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
-    """Lend the name of a local file to be made; at the end it is moved or uploaded to a path.
+    """Lend the name of a local file to be made, which is then moved or uploaded to a path.
 
     Args:
-        path: Where it comes to lie, whole or not at all.
-        scratch: Folder on the same disk, for a local path: a process that was given up may still
-            be writing while another makes the same file, or moves its folder.
+        path: The final place of the file, where it appears whole or not at all.
+        scratch: Folder for the temporary file, on the same disk as a local path. A process that
+            was given up may still write there while another makes the same file.
     """
     place = scratch if isinstance(scratch, Path) else None
     with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:

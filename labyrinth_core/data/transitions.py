@@ -1,9 +1,9 @@
-"""What a loaded dataset is made of: episodes, and transitions (s, a, s') for learning."""
+"""The contents of a loaded dataset: episodes, and transitions (s, a, s') for learning."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, overload
 
 import numpy as np
@@ -15,19 +15,19 @@ from labyrinth_core.data.mapped import MappedArray, as_received, as_sent
 
 @dataclass(frozen=True, eq=False)
 class LoadedEpisode:
-    """One episode as it was read."""
+    """One episode of a dataset."""
 
     labyrinth_id: int
     info: str
     """The labyrinth in the text language."""
     observations: NDArray[Any]
-    """Of the T + 1 states: uint8 (T + 1, size, size, 3), or int32 (T + 1, length) vectors."""
+    """Observations of the T + 1 states: uint8 (T + 1, size, size, 3) or int32 (T + 1, length)."""
     actions: NDArray[np.int64]
-    """Shape (T,)."""
+    """Actions taken, shape (T,)."""
     rewards: NDArray[np.float32]
-    """Shape (T,)."""
+    """Rewards received, shape (T,)."""
     terminated: bool
-    """Whether it ends on the goal or on ice, instead of being cut."""
+    """Whether the episode ends on the goal or on ice, instead of being cut."""
 
     def __len__(self) -> int:
         """Return the number of transitions."""
@@ -43,7 +43,7 @@ class Transition(NamedTuple):
 
 
 class TransitionBatch(NamedTuple):
-    """Some steps, the first axis of each array going over them."""
+    """Several steps, along the first axis of each array."""
 
     observation: NDArray[Any]
     action: NDArray[np.int64]
@@ -54,23 +54,22 @@ class TransitionBatch(NamedTuple):
 class Transitions:
     """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
 
-    Each state is kept once, so that a state and the next share their memory with the pairs before
-    and after. Arrays that are a file of the cache are read-only, and other processes are sent
-    the name of the file instead of what is in it.
+    Each state is kept once, and consecutive transitions share it. Arrays in a file of the cache are
+    read-only, and are sent to other processes as the name of the file.
     """
 
     frames: NDArray[Any]
-    """Observations of all states, shape (M, ...), of all episodes one after the other."""
+    """Observations of all states of all episodes, one after the other, shape (M, ...)."""
     rows: NDArray[np.int64]
-    """Where in `frames` each transition begins, shape (N,); it leads to the frame after."""
+    """Index in `frames` of each transition's state, shape (N,); the next state follows it."""
     actions: NDArray[np.int64]
-    """Shape (N,)."""
+    """Actions taken, shape (N,)."""
     rewards: NDArray[np.float32]
-    """Shape (N,)."""
+    """Rewards received, shape (N,)."""
     dones: NDArray[np.bool_]
     """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
     labyrinth_ids: NDArray[np.int64]
-    """The labyrinth each is from, shape (N,); `f"{id:016x}"` is its id elsewhere."""
+    """The id of each transition's labyrinth, shape (N,); elsewhere it is `f"{id:016x}"`."""
 
     def __len__(self) -> int:
         """Return the number of transitions, N."""
@@ -78,12 +77,12 @@ class Transitions:
 
     @property
     def observations(self) -> NDArray[Any]:
-        """The states acted in, shape (N, ...); a new array."""
+        """The observations before the actions, shape (N, ...); a new array."""
         return self.frames.take(self.rows, axis=0)
 
     @property
     def next_observations(self) -> NDArray[Any]:
-        """The states that the actions led to, shape (N, ...); a new array."""
+        """The observations after the actions, shape (N, ...); a new array."""
         return self.frames.take(self.rows + 1, axis=0)
 
     @overload
@@ -95,7 +94,7 @@ class Transitions:
     def __getitem__(
         self, index: int | slice | Sequence[int] | NDArray[np.int64]
     ) -> Transition | TransitionBatch:
-        """Return one transition, its arrays views of `frames`, or a batch in arrays of its own."""
+        """Return one transition as views of `frames`, or a batch as new arrays."""
         rows = self.rows[index]
         if isinstance(rows, np.ndarray):
             return TransitionBatch(
@@ -106,9 +105,9 @@ class Transitions:
         return Transition(self.frames[rows], int(self.actions[index]), self.frames[rows + 1])
 
     def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
-        """Return several transitions, as a `DataLoader` asks for a batch, in memory of their own.
+        """Return several transitions in new memory; a `DataLoader` calls this for a batch.
 
-        Arrays that are read-only, as those of a cache file, are nothing for a tensor.
+        The read-only arrays of a cache file cannot become tensors.
         """
         batch = self[np.asarray(indices, np.int64)]
         steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
@@ -119,7 +118,7 @@ class Transitions:
         return (self[index] for index in range(len(self)))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Say how another process gets the same transitions: arrays of a file by its name."""
+        """Return how to pickle the transitions: arrays of a file by its name."""
         return _received, tuple(as_sent(getattr(self, field.name)) for field in fields(self))
 
 
@@ -130,38 +129,33 @@ def _received(*arrays: NDArray[Any] | MappedArray) -> Transitions:
 def gather(
     episodes: Iterable[LoadedEpisode], keep: Callable[[NDArray[Any]], None]
 ) -> dict[str, NDArray[Any]]:
-    """Return the fields of `Transitions` but for its frames, which go to `keep` in order.
+    """Return the fields of `Transitions` except the frames, which are passed to `keep` in order.
 
     Args:
-        episodes: Their transitions follow one another.
-        keep: Is given the observations of each episode.
+        episodes: The episodes, one or more.
+        keep: Called with the observations of each episode.
 
     Raises:
         DatasetError: There is no episode.
     """
-    actions: list[NDArray[np.int64]] = []
-    rewards: list[NDArray[np.float32]] = []
-    terminated: list[bool] = []
-    ids: list[int] = []
+    kept: list[LoadedEpisode] = []
     for episode in episodes:
         keep(episode.observations)
-        actions.append(episode.actions)
-        rewards.append(episode.rewards)
-        terminated.append(episode.terminated)
-        ids.append(episode.labyrinth_id)
-    if not ids:
+        kept.append(replace(episode, info="", observations=episode.observations[:0]))
+    if not kept:
         raise DatasetError("there is no episode in the split")
-    lengths = np.array([len(of_episode) for of_episode in actions], np.int64)
+    lengths = np.array([len(episode) for episode in kept], np.int64)
     count = int(lengths.sum())
     dones = np.zeros(count, np.bool_)
-    dones[np.cumsum(lengths) - 1] = terminated
+    dones[np.cumsum(lengths) - 1] = [episode.terminated for episode in kept]
+    ids = np.array([episode.labyrinth_id for episode in kept], np.int64)
     return {
-        # An episode has a state more than it has transitions.
+        # An episode has one state more than it has transitions.
         "rows": np.arange(count) + np.repeat(np.arange(len(lengths)), lengths),
-        "actions": np.concatenate(actions),
-        "rewards": np.concatenate(rewards),
+        "actions": np.concatenate([episode.actions for episode in kept]),
+        "rewards": np.concatenate([episode.rewards for episode in kept]),
         "dones": dones,
-        "labyrinth_ids": np.repeat(np.array(ids, np.int64), lengths),
+        "labyrinth_ids": np.repeat(ids, lengths),
     }
 
 

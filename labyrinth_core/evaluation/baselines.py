@@ -1,6 +1,6 @@
-"""What needs no learning: a random policy, the usual action, a fixed path, and the optimum.
+"""Baselines without learning: random actions, the most frequent action, a fixed route, the optimum.
 
-They say what a figure is worth. All are settled by the dataset.
+They give the figures of a policy a scale. They depend on the dataset alone.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ BASELINES = {
     "fixed_path": "the demonstrated route that solves most of train, walked blindly",
     "oracle": "an optimal action in every state",
 }
-"""What each baseline does, whatever the picture shows."""
+"""Baseline -> what it does."""
 
-MOST_PATHS = 500
-"""Demonstrated routes that are tried as fixed paths, the most frequent first."""
+MOST_ROUTES = 500
+"""The largest number of demonstrated routes that are tried everywhere, the most frequent first."""
 
 
-def compare(train: LabyrinthArrays, worlds: LabyrinthArrays) -> dict[str, dict[str, float]]:
+def compare(train: LabyrinthArrays, arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
     """Return the figures of each baseline on a split.
 
     Args:
         train: The labyrinths whose demonstrations the baselines know.
-        worlds: The labyrinths to act in.
+        arrays: The labyrinths of the split.
     """
     return {
-        "random": random_figures(worlds),
-        "majority": _figures(follow(worlds, majority_actions(train)[worlds.position])),
-        "fixed_path": _figures(walk(worlds, fixed_path(train))),
-        "oracle": _figures(follow(worlds, worlds.optimal.argmax(axis=1))),
+        "random": random_figures(arrays),
+        "majority": _figures(follow(arrays, majority_actions(train)[arrays.position])),
+        "fixed_path": _figures(follow_route(arrays, best_route(train))),
+        "oracle": _figures(follow(arrays, arrays.optimal.argmax(axis=1))),
     }
 
 
@@ -52,7 +52,7 @@ def _figures(episodes: Episodes) -> dict[str, float]:
 
 
 def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the action most often demonstrated in each cell, or anywhere where none is."""
+    """Return the action demonstrated most often in each cell, or in all cells if in it none is."""
     counts = np.zeros((train.cells, 4), np.int64)
     np.add.at(counts, train.position, train.demonstrated)
     unseen = counts.sum(axis=1) == 0
@@ -61,49 +61,49 @@ def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
     return actions
 
 
-def fixed_path(train: LabyrinthArrays) -> tuple[int, ...]:
-    """Return the demonstrated actions that solve most labyrinths if done in every one."""
-    routes = Counter(tuple(route.tolist()) for route in train.routes)
-    paths = [path for path, _ in routes.most_common(MOST_PATHS)]
-    return max(paths, key=lambda path: walk(train, path).solved.sum())
+def best_route(train: LabyrinthArrays) -> tuple[int, ...]:
+    """Return the demonstrated route that solves most labyrinths if taken in every one."""
+    counts = Counter(tuple(route.tolist()) for route in train.routes)
+    routes = [route for route, _ in counts.most_common(MOST_ROUTES)]
+    return max(routes, key=lambda route: follow_route(train, route).solved.sum())
 
 
-def walk(worlds: LabyrinthArrays, path: Sequence[int]) -> Episodes:
-    """Return the episodes in which the agent does the same actions in every labyrinth.
+def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
+    """Return the results of the episodes in which the agent takes one route in every labyrinth.
 
-    After the last it stays where it is until it is cut.
+    After the last action it stays where it is until the episode is cut.
     """
-    state = worlds.initial
+    state = arrays.initial
     moves = np.zeros(len(state), np.int64)
-    for action in path:
-        moves += ~worlds.terminal[state]
-        state = worlds.next_state[state, action]
-    ended = worlds.terminal[state]
-    outcomes = np.select([worlds.goal[state], ended], ["solved", "ice"], "cut")
-    return Episodes(outcomes, np.where(ended, moves, worlds.step_limit), worlds.cells)
+    for action in route:
+        moves += ~arrays.terminal[state]
+        state = arrays.next_state[state, action]
+    ended = arrays.terminal[state]
+    outcomes = np.select([arrays.goal[state], ended], ["solved", "ice"], "cut")
+    return Episodes(outcomes, np.where(ended, moves, arrays.step_limit), arrays.cells)
 
 
-def random_figures(worlds: LabyrinthArrays) -> dict[str, float]:
-    """Return what is to be expected of uniformly random actions, exactly.
+def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
+    """Return the exact expectations of uniformly random actions.
 
-    The probabilities of being in each state are carried on from step to step up to the limit;
-    what reaches an end leaves them with the return that it has then.
+    The distribution over the states is propagated step by step up to the limit; probability that
+    reaches a terminal state leaves it, with the return of that step.
     """
-    count, labyrinths = worlds.next_state.shape[0], len(worlds.initial)
+    count, labyrinths = arrays.next_state.shape[0], len(arrays.initial)
     here = np.repeat(np.arange(count), 4)
-    onward, ends = ~worlds.done.ravel(), worlds.done.ravel() & ~worlds.terminal[here]
-    sources, targets = here[onward], worlds.next_state.ravel()[onward]
-    last, paid = here[ends], worlds.rewards.ravel()[ends].astype(np.float64)
-    penalty = STEP_PENALTY / worlds.cells
-    alive = np.bincount(worlds.initial, np.full(labyrinths, 1 / labyrinths), count)
+    onward, ends = ~arrays.done.ravel(), arrays.done.ravel() & ~arrays.terminal[here]
+    sources, targets = here[onward], arrays.next_state.ravel()[onward]
+    last, paid = here[ends], arrays.rewards.ravel()[ends].astype(np.float64)
+    penalty = STEP_PENALTY / arrays.cells
+    alive = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
     solved = mean = square = 0.0
-    for step in range(worlds.step_limit):
+    for step in range(arrays.step_limit):
         ending, returns = alive[last] / 4, paid - penalty * step
         solved += float(ending[paid > 0].sum())
         mean += float(ending @ returns)
         square += float(ending @ returns**2)
         alive = np.bincount(targets, alive[sources] / 4, count)
-    left, cut = float(alive.sum()), -penalty * worlds.step_limit
+    left, cut = float(alive.sum()), -penalty * arrays.step_limit
     mean, square = mean + left * cut, square + left * cut**2
     deviation = max(square - mean**2, 0.0) ** 0.5
     return {"sr": solved, "aer": mean, "aer_std": deviation}

@@ -1,42 +1,56 @@
-"""How the episodes of a policy go, by look-ups in `LabyrinthArrays`."""
+"""Greedy episodes of a policy: by look-ups in `LabyrinthArrays`, or state by state.
+
+The look-ups need all states of a labyrinth; large labyrinths are seen only where they are visited.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import GOAL_REWARD, ICE_REWARD, STEP_PENALTY
-
-if TYPE_CHECKING:
-    from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.evaluation.policy import Policy
+from labyrinth_core.world.dynamics import (
+    GOAL_REWARD,
+    ICE_REWARD,
+    STEP_PENALTY,
+    State,
+    initial,
+    is_terminal,
+    transition,
+)
+from labyrinth_core.world.labyrinth import Labyrinth
 
 OUTCOMES = {
     "solved": "the goal is reached",
-    "loop": "the agent goes round between cells until it is cut",
-    "wall": "the agent walks into a wall or a locked door until it is cut",
+    "loop": "the agent goes round between cells until the episode is cut",
+    "wall": "the agent walks into a wall or a locked door until the episode is cut",
     "ice": "the agent steps on ice",
-    "cut": "a fixed path ends elsewhere than on the goal",
+    "cut": "a fixed route ends elsewhere than on the goal",
 }
-"""How an episode may end."""
+"""Outcome of an episode -> what happens."""
 
 SEEN_TOGETHER = 1024
-"""States that a policy is shown at once, at most."""
+"""The largest number of states that a policy is shown at once."""
+
+DRAWN_TOGETHER = 64
+"""The largest number of pictures that are drawn at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """One episode in each of L labyrinths."""
+    """The results of one episode in each of L labyrinths."""
 
     outcomes: NDArray[np.str_]
     """Keys of `OUTCOMES`, shape (L,)."""
     moves: NDArray[np.int64]
-    """Steps taken, into walls too, shape (L,)."""
+    """Numbers of steps, those into walls included, shape (L,)."""
     cells: int
-    """Of each labyrinth."""
+    """The number of cells of a labyrinth."""
 
     @property
     def solved(self) -> NDArray[np.bool_]:
@@ -46,50 +60,94 @@ class Episodes:
 
     @property
     def returns(self) -> NDArray[np.float64]:
-        """Sum of the rewards, shape (L,); exactly -4 for an episode that is cut.
+        """Sums of the rewards, shape (L,); exactly -4 for an episode that is cut.
 
-        Added up at once, since a thousand small numbers one after the other leave a rest.
+        Computed as a product, since a sum of many small penalties gathers rounding errors.
         """
         ends = np.select([self.solved, self.outcomes == "ice"], [GOAL_REWARD, ICE_REWARD])
         returns: NDArray[np.float64] = ends - STEP_PENALTY * (self.moves - (ends != 0)) / self.cells
         return returns
 
 
-def greedy_actions(policy: Policy, worlds: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return what a policy does in each state, shape (S,); 0 where nothing can be done any more.
+def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
+    """Return the action with the highest score in each state, shape (S,); 0 in terminal states.
 
-    Of actions with the same score it is the first.
+    Of actions with the same score the first is taken.
     """
-    actions = np.zeros(len(worlds.terminal), np.int64)
-    acting = np.flatnonzero(~worlds.terminal)
+    actions = np.zeros(len(arrays.terminal), np.int64)
+    acting = np.flatnonzero(~arrays.terminal)
     for begin in range(0, len(acting), SEEN_TOGETHER):
         states = acting[begin : begin + SEEN_TOGETHER]
-        actions[states] = policy.logits(worlds.observations[states]).argmax(axis=1)
+        actions[states] = policy.logits(arrays.observations[states]).argmax(axis=1)
     return actions
 
 
-def follow(worlds: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
-    """Return how the episodes go in which each state has its action.
+def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
+    """Return the results of the episodes of a deterministic policy.
 
     Args:
-        worlds: The labyrinths.
-        actions: Of each state, shape (S,).
+        arrays: The labyrinths.
+        actions: The policy's action in each state, shape (S,).
     """
-    after = np.take_along_axis(worlds.next_state, actions[:, None], axis=1)[:, 0]
-    state = worlds.initial
+    after = np.take_along_axis(arrays.next_state, actions[:, None], axis=1)[:, 0]
+    state = arrays.initial
     moves = np.zeros(len(state), np.int64)
-    # Whoever is under way for longer than a labyrinth has states was somewhere twice, and so
-    # does the same over and over until the episode is cut.
-    for _ in range(np.bincount(worlds.labyrinth).max()):
-        moves += ~worlds.terminal[state]
+    # An episode with more steps than states has been in one state twice, and so repeats itself
+    # until it is cut.
+    for _ in range(np.bincount(arrays.labyrinth).max()):
+        moves += ~arrays.terminal[state]
         state = after[state]
-    ended = worlds.terminal[state]
+    ended = arrays.terminal[state]
     outcomes = np.select(
-        [worlds.goal[state], ended, after[state] == state], ["solved", "ice", "wall"], "loop"
+        [arrays.goal[state], ended, after[state] == state], ["solved", "ice", "wall"], "loop"
     )
-    return Episodes(outcomes, np.where(ended, moves, worlds.step_limit), worlds.cells)
+    return Episodes(outcomes, np.where(ended, moves, arrays.step_limit), arrays.cells)
 
 
-def success_rate(policy: Policy, worlds: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a greedy episode of a policy solves."""
-    return float(follow(worlds, greedy_actions(policy, worlds)).solved.mean())
+def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
+    """Return the share of labyrinths that a policy, acting greedily, solves."""
+    return float(follow(arrays, greedy_actions(policy, arrays)).solved.mean())
+
+
+@dataclass(frozen=True)
+class GreedyEpisode:
+    """A greedy episode, up to the goal, to ice, or to a state that was visited before."""
+
+    labyrinth: Labyrinth
+    states: tuple[State, ...]
+
+    @property
+    def solved(self) -> bool:
+        """Whether the episode ends on the goal."""
+        return self.states[-1].agent == self.labyrinth.goal
+
+
+def greedy_episodes(
+    policy: Policy, labyrinths: Sequence[Labyrinth], image_size: int
+) -> list[GreedyEpisode]:
+    """Return one greedy episode in each labyrinth, of which only the visited states are drawn.
+
+    A policy without memory that comes back to a state never reaches the goal.
+
+    Args:
+        policy: The policy, which is shown pictures.
+        labyrinths: Labyrinths of one size.
+        image_size: Pixels on each side of the pictures.
+    """
+    spec = ObservationSpec("image", image_size, draw=True)
+    visited = [[initial(labyrinth)] for labyrinth in labyrinths]
+    running = list(range(len(visited)))
+    while running:
+        for begin in range(0, len(running), DRAWN_TOGETHER):
+            some = running[begin : begin + DRAWN_TOGETHER]
+            pictures = [spec.look(labyrinths[each], [visited[each][-1]])[0] for each in some]
+            actions = policy.logits(np.stack(pictures)).argmax(axis=1)
+            for each, action in zip(some, actions.tolist(), strict=True):
+                visited[each].append(transition(labyrinths[each], visited[each][-1], action))
+        running = [
+            each
+            for each in running
+            if visited[each][-1] not in visited[each][:-1]
+            and not is_terminal(labyrinths[each], visited[each][-1])
+        ]
+    return [GreedyEpisode(*each) for each in zip(labyrinths, map(tuple, visited), strict=True)]

@@ -1,8 +1,8 @@
-"""How far a mean over labyrinths, and over seeds, could be another one by chance.
+"""Confidence intervals of means over labyrinths and seeds.
 
-The percentile bootstrap (Efron 1979; Efron and Tibshirani 1993, chapter 13): labyrinths are drawn
-again with replacement, and so are seeds where there are several; every seed is judged on the same
-labyrinths, so the two are drawn independently of each other.
+The percentile bootstrap (Efron 1979; Efron and Tibshirani 1993, chapter 13): labyrinths are
+resampled with replacement, and so are seeds where there are several. As every seed is evaluated on
+the same labyrinths, the two are resampled independently of each other.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ _TOGETHER = 100
 def interval(
     values: NDArray[np.float64], minus: NDArray[np.float64] | None = None
 ) -> tuple[float, float]:
-    """Return the bounds within which the mean lies with the probability `CONFIDENCE`.
+    """Return the bounds of the interval of the mean at the level `CONFIDENCE`.
 
-    The same values have the same bounds. Of values that are all the same they are that value,
-    which is too narrow; with few seeds they are too narrow as well.
+    The same values give the same bounds. The interval of equal values is that value alone, which
+    is too narrow; with few seeds it is too narrow as well.
 
     Args:
-        values: One a seed and labyrinth, shape (seeds, labyrinths).
-        minus: Those of the same seeds on other labyrinths, whose mean is subtracted.
+        values: A value for each seed and labyrinth, shape (seeds, labyrinths).
+        minus: Values of the same seeds on other labyrinths, whose mean is subtracted.
     """
     rng = np.random.default_rng(0)
     means = [_resampled(values, minus, rng) for _ in range(RESAMPLES // _TOGETHER)]

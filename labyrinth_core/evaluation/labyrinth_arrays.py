@@ -1,9 +1,7 @@
-"""The labyrinths of a split as one array world: to act in it is to look up, to see it an index.
+"""The labyrinths of a split as arrays, in which every state of every labyrinth has a number.
 
-A policy whose outputs are known in all states is known altogether. So states are numbered through
-all labyrinths of a split, and evaluating, labelling and rolling out need neither the environment
-nor pictures drawn one by one. All of it comes of the column `info` and of the actions; pictures
-are drawn, and are those of `obs` to the last bit.
+Evaluation, labelling and rollouts are then look-ups, without the environment. The arrays follow
+from the column `info` and from the actions; pictures are drawn, and equal those of `obs`.
 """
 
 from __future__ import annotations
@@ -31,45 +29,45 @@ from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
 class LabyrinthArrays:
     """L labyrinths of one size and task, and the S states that episodes in them can visit.
 
-    A state is left out if no episode gets there: behind the goal, behind ice, on the door before
-    it is open. Goal and ice are states too; whatever is done in them leads back to them, pays
-    nothing and is done, so that look-ups need no exception for an end.
+    States that no episode reaches are left out: those behind the goal or ice, and those on the
+    door before it is open. Goal and ice are terminal states: every action in them leads back to
+    them with reward 0 and ends the episode, so that look-ups need no special case.
     """
 
     observations: NDArray[Any]
-    """Of each state: uint8 (S, size, size, 3), or int32 (S, length) vectors."""
+    """The observation of each state: uint8 (S, size, size, 3), or int32 vectors (S, length)."""
     labyrinth: NDArray[np.int64]
-    """Which labyrinth each state is of, from 0 to L - 1, ascending, shape (S,)."""
+    """The number of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     position: NDArray[np.int64]
     """The agent's cell, shape (S,)."""
     terminal: NDArray[np.bool_]
-    """Whether it is goal or ice, shape (S,)."""
+    """Whether the state is goal or ice, shape (S,)."""
     goal: NDArray[np.bool_]
-    """Whether it is the goal, shape (S,)."""
+    """Whether the state is the goal, shape (S,)."""
     next_state: NDArray[np.int64]
     """The state that each action leads to, shape (S, 4); a wall leads back."""
     rewards: NDArray[np.float32]
-    """What each action pays, shape (S, 4)."""
+    """The reward of each action, shape (S, 4)."""
     done: NDArray[np.bool_]
-    """Whether the episode has ended after it, on the goal or on ice, shape (S, 4)."""
+    """Whether each action ends the episode, on the goal or on ice, shape (S, 4)."""
     optimal: NDArray[np.bool_]
-    """Which actions begin a shortest route, shape (S, 4); none in goal and ice."""
+    """Whether each action begins a shortest route, shape (S, 4); none does in goal and ice."""
     demonstrated: NDArray[np.int64]
     """How often the episodes of the dataset take each action, shape (S, 4)."""
     initial: NDArray[np.int64]
     """The state in which each labyrinth's episode begins, shape (L,)."""
     distance: NDArray[np.int64]
-    """Moves on a shortest route, shape (L,)."""
+    """The number of moves on a shortest route, shape (L,)."""
     labyrinth_ids: NDArray[np.int64]
-    """Shape (L,), in the order of the dataset; `f"{id:016x}"` is the id elsewhere."""
+    """The ids in the order of the dataset, shape (L,); elsewhere they are `f"{id:016x}"`."""
     routes: tuple[NDArray[np.int64], ...]
     """The actions of each episode of the dataset, in its order."""
     labyrinths: tuple[Labyrinth, ...]
-    """The labyrinths themselves, L of them."""
+    """The L labyrinths."""
     spec: ObservationSpec
-    """How their states are observed."""
+    """How the states are observed."""
     cells: int
-    """Of a labyrinth."""
+    """The number of cells of a labyrinth."""
 
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
@@ -79,7 +77,7 @@ class LabyrinthArrays:
 
     @property
     def step_limit(self) -> int:
-        """After how many steps an episode is cut."""
+        """The number of steps after which an episode is cut."""
         return STEP_LIMIT * self.cells
 
 
@@ -93,12 +91,12 @@ def load_arrays(
     resize: str = "area",
     revision: str | None = None,
 ) -> LabyrinthArrays:
-    """Return the labyrinths of a split, its states numbered, seen and solved.
+    """Return the labyrinths of a split as arrays.
 
     Args:
         source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
-        config: Such as `5x5` or `5x5-key_and_door`.
-        split: Such as `train`.
+        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
+        split: Name of the split, such as `train`.
         observation: "image" or "vector".
         image_size: Pixels on each side of the pictures.
         resize: How pictures become small; one of `labyrinth_core.data.observations.RESIZES`.
@@ -113,7 +111,7 @@ def load_arrays(
     rows = read_rows(folder, Manifest.read(folder).of(split), pictures=False)
     tables: dict[int, LabyrinthTables] = {}
     episodes: list[tuple[int, NDArray[np.int64]]] = []
-    # Vectors cost least; the states are looked at below, each once.
+    # Vectors cost least here; each state is observed once, below.
     for episode in episodes_of(rows, ObservationSpec("vector", image_size)):
         if episode.labyrinth_id not in tables:
             tables[episode.labyrinth_id] = tabulate(parse_info(episode.info)[0])
@@ -128,40 +126,39 @@ def _stack(
     episodes: Sequence[tuple[int, NDArray[np.int64]]],
     spec: ObservationSpec,
 ) -> LabyrinthArrays:
-    stacked = list(tables.values())
-    visited = [_visitable(each) for each in stacked]
-    counts = np.array([len(states) for states in visited])
-    first = (np.cumsum(counts) - counts).tolist()
-    columns = [_columns(*each) for each in zip(stacked, visited, first, strict=True)]
-    joined = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
-    begins = {
-        number: first[place] + visited[place].index(each.initial)
-        for place, (number, each) in enumerate(tables.items())
-    }
+    parts: list[dict[str, NDArray[Any]]] = []
+    initial: dict[int, int] = {}
+    count = 0
+    for number, each in tables.items():
+        states = _visitable(each)
+        initial[number] = count + states.index(each.initial)
+        seen = spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
+        part = _columns(each, states, count)
+        parts.append(part | {"observations": seen, "labyrinth": np.full(len(states), len(parts))})
+        count += len(states)
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    after, demonstrated = joined["next_state"].tolist(), np.zeros((count, 4), np.int64)
+    for number, actions in episodes:
+        state = initial[number]
+        for action in actions.tolist():
+            demonstrated[state, action] += 1
+            state = after[state][action]
+    labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
-        observations=np.concatenate(
-            [
-                spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
-                for each, states in zip(stacked, visited, strict=True)
-            ]
-        ),
-        labyrinth=np.repeat(np.arange(len(stacked)), counts),
-        demonstrated=_count_steps(
-            joined["next_state"], [(begins[number], actions) for number, actions in episodes]
-        ),
-        initial=np.array(list(begins.values())),
-        distance=np.array([each.distances[each.initial] for each in stacked]),
+        demonstrated=demonstrated,
+        initial=np.array(list(initial.values())),
+        distance=np.array([each.distances[each.initial] for each in tables.values()]),
         labyrinth_ids=np.array(list(tables), np.int64),
         routes=tuple(actions for _, actions in episodes),
-        labyrinths=tuple(each.labyrinth for each in stacked),
+        labyrinths=labyrinths,
         spec=spec,
-        cells=stacked[0].labyrinth.structure.cells,
+        cells=labyrinths[0].structure.cells,
         **joined,
     )
 
 
 def _visitable(tables: LabyrinthTables) -> list[int]:
-    """Return the numbers of the states that an episode can visit, ascending."""
+    """Return the numbers of the states that an episode can visit, in ascending order."""
     transitions, terminal = tables.transitions.tolist(), tables.terminal.tolist()
     found, queue = {tables.initial}, [tables.initial]
     for state in queue:
@@ -173,7 +170,7 @@ def _visitable(tables: LabyrinthTables) -> list[int]:
 
 
 def _columns(tables: LabyrinthTables, states: list[int], first: int) -> dict[str, NDArray[Any]]:
-    """Return the arrays of one labyrinth; its states have the numbers from `first` on."""
+    """Return the arrays of one labyrinth, whose states have the numbers from `first` on."""
     place = np.full(len(tables.terminal), -1)
     place[states] = np.arange(first, first + len(states))
     after, ends = tables.transitions[states], tables.terminal[states, None]
@@ -186,15 +183,3 @@ def _columns(tables: LabyrinthTables, states: list[int], first: int) -> dict[str
         "done": ends | tables.terminal[after],
         "optimal": tables.optimal_actions[states],
     }
-
-
-def _count_steps(
-    next_state: NDArray[np.int64], episodes: Sequence[tuple[int, NDArray[np.int64]]]
-) -> NDArray[np.int64]:
-    """Return how often episodes, each from a state on, take each action, shape (S, 4)."""
-    after, counts = next_state.tolist(), np.zeros_like(next_state)
-    for state, actions in episodes:
-        for action in actions.tolist():
-            counts[state, action] += 1
-            state = after[state][action]
-    return counts

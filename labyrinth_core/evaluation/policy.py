@@ -1,4 +1,4 @@
-"""What acts: the interface that every policy has."""
+"""The interface of a policy."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 
 class Policy(Protocol):
-    """What is evaluated; the action is that of the highest score."""
+    """A policy, which takes the action with the highest score."""
 
     def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
-        """Return scores of the actions, shape (B, 4).
+        """Return the scores of the four actions, shape (B, 4).
 
         Args:
             observations: uint8 (B, size, size, 3), or vectors (B, length).

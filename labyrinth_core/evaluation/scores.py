@@ -1,10 +1,11 @@
-"""What a policy achieved on a split: how each episode went, and the figures that follow."""
+"""The scores of a policy on a split: the results of its episodes, and the figures that follow."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,28 +13,25 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-
-if TYPE_CHECKING:
-    from labyrinth_core.evaluation.policy import Policy
-
+from labyrinth_core.evaluation.policy import Policy
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
-"""The five evaluations."""
+"""The splits that a policy is evaluated on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """One episode in each of L labyrinths, and how good the actions are in all states."""
+    """The results of one episode in each of L labyrinths, and the accuracy in all their states."""
 
     episodes: Episodes
     labyrinth_ids: NDArray[np.int64]
-    """Shape (L,)."""
+    """The id of each labyrinth, shape (L,)."""
     distance: NDArray[np.int64]
-    """Moves on a shortest route, shape (L,)."""
+    """The number of moves on a shortest route, shape (L,)."""
     accuracy_on_demonstrations: float | None
-    """Share of the states in which the dataset's episodes act, whose action is an optimal one."""
+    """The share of optimal actions in the states in which the dataset's episodes act."""
     accuracy_elsewhere: float | None
-    """Share of the other states with an optimal action; None if there are none."""
+    """The share of optimal actions in the other states; None if there are none."""
 
     @property
     def sr(self) -> float:
@@ -47,17 +45,18 @@ class Scores:
 
     @property
     def path_efficiency(self) -> float | None:
-        """Moves on a shortest route by moves taken, the mean over labyrinths that were solved."""
+        """Moves on a shortest route divided by moves taken, averaged over the solved labyrinths."""
         solved = self.episodes.solved
         if not solved.any():
             return None
         return float((self.distance[solved] / self.episodes.moves[solved]).mean())
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, and what each episode was, in plain types.
+        """Return the figures and the results of each episode in plain types.
 
         `outcomes` has the first letter of each labyrinth's outcome, in the order of the dataset.
-        `by_distance` has, by moves on a shortest route, how many were solved, and of how many.
+        `by_distance` has the numbers of solved and of all labyrinths for each number of moves on a
+        shortest route.
         """
         episodes, solved = self.episodes, self.episodes.solved
         ids = [f"{number:016x}" for number in self.labyrinth_ids[~solved].tolist()]
@@ -78,7 +77,7 @@ class Scores:
             },
             "by_distance": {
                 str(moves): [int(solved[self.distance == moves].sum()), count]
-                for moves, count in zip(*map(list, _counted(self.distance)), strict=True)
+                for moves, count in sorted(Counter(self.distance.tolist()).items())
             },
             "outcomes": "".join(name[0] for name in episodes.outcomes.tolist()),
             "moves": episodes.moves.tolist(),
@@ -86,22 +85,22 @@ class Scores:
         }
 
 
-def evaluate(policy: Policy, worlds: LabyrinthArrays) -> Scores:
+def evaluate(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     """Return the scores of a policy on a split, acting greedily."""
-    actions = greedy_actions(policy, worlds)
-    right = np.take_along_axis(worlds.optimal, actions[:, None], axis=1)[:, 0]
-    solvable, shown = worlds.optimal.any(axis=1), worlds.on_demonstration
+    actions = greedy_actions(policy, arrays)
+    right = np.take_along_axis(arrays.optimal, actions[:, None], axis=1)[:, 0]
+    solvable, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
     return Scores(
-        episodes=follow(worlds, actions),
-        labyrinth_ids=worlds.labyrinth_ids,
-        distance=worlds.distance,
+        episodes=follow(arrays, actions),
+        labyrinth_ids=arrays.labyrinth_ids,
+        distance=arrays.distance,
         accuracy_on_demonstrations=_share(right[solvable & shown]),
         accuracy_elsewhere=_share(right[solvable & ~shown]),
     )
 
 
 def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
-    """Return the episodes of which `Scores.to_json` told; raises for anything else."""
+    """Return the episodes that `Scores.to_json` described; raise an error for anything else."""
     if len(figures["outcomes"]) != len(figures["moves"]):
         raise ValueError("there are not as many outcomes as moves")
     names = {name[0]: name for name in OUTCOMES}
@@ -111,8 +110,3 @@ def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
 
 def _share(right: NDArray[np.bool_]) -> float | None:
     return float(right.mean()) if right.size else None
-
-
-def _counted(values: NDArray[np.int64]) -> tuple[list[int], list[int]]:
-    found, counts = np.unique(values, return_counts=True)
-    return found.tolist(), counts.tolist()

@@ -1,4 +1,4 @@
-"""What a person sees while the pipeline runs and when it is done."""
+"""The output on the terminal: progress bars and the summary of a dataset."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def say(text: str) -> None:
 
 
 def progress() -> Progress:
-    """Return a context in which stages show their progress bars."""
+    """Return a context manager that shows the progress bars of a stage."""
     return Progress(
         TextColumn("{task.description:>9}"),
         BarColumn(),
@@ -45,9 +45,9 @@ def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> 
     """Yield items under a progress bar.
 
     Args:
-        items: Each with how much of the total it completes.
+        items: Pairs of the amount that an item completes, and the item.
         description: The word before the bar.
-        total: The total amount.
+        total: The sum of all amounts.
     """
     with progress() as bars:
         bar = bars.add_task(description, total=total)
@@ -57,7 +57,7 @@ def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> 
 
 
 def summary(manifest: Manifest) -> Table:
-    """Return the table of a dataset: what each split holds."""
+    """Return the table of a dataset, with a row of figures for each split."""
     table = Table(title=f"{manifest.config.name}, seed {manifest.config.seed}")
     table.add_column("split")
     for heading in ("labyrinths", "episodes", "rows", "mean moves", "longest", "MB"):

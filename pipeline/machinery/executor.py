@@ -1,6 +1,6 @@
-"""An ordered map over pieces of work: in this process, in several, or on a cluster.
+"""An ordered map over items: in this process, in several, or on a cluster.
 
-joblib does the work: its own processes, or its backends for Dask and Ray. Within `cluster`, every
+It runs on joblib's process pool, or on its backends for Dask and Ray. Within `cluster`, every
 `ordered_map` runs on that cluster.
 """
 
@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from contextvars import ContextVar
 from itertools import islice
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
@@ -23,10 +23,10 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 LOSSES = 3
-"""Times in a row that workers may be lost before the map gives up."""
+"""The number of times in a row that workers may be lost before the map gives up."""
 
 AHEAD = 4
-"""Items for each worker that a backend without a stream of results is given at a time."""
+"""The number of items a worker that Ray, which cannot stream results, is given at a time."""
 
 _backend: ContextVar[str] = ContextVar("backend", default="local")
 
@@ -37,12 +37,12 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
 
     Args:
         executor: local, dask or ray.
-        workers: Processes of a cluster that is started for the time of the context.
-        address: Of a running cluster, to be used instead. It has to see the same folder, under
-            the same name.
+        workers: The number of processes of a cluster that is started for the context.
+        address: The address of a running cluster to use instead, which has to see the same folder
+            under the same name.
 
     Raises:
-        ConfigError: The executor is not installed, or its cluster is not to be had.
+        ConfigError: The executor is not installed, or its cluster cannot be reached.
     """
     if executor == "local":
         yield
@@ -67,7 +67,7 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
 def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     import distributed
 
-    # Each coming and going of a worker is news to it.
+    # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
     place: Any = address
     if place is None:
@@ -84,7 +84,7 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]
 
 def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    if address and ":" in address:  # Ray itself would try for minutes.
+    if address and ":" in address:  # Checked here, since Ray would try for minutes.
         host, _, port = address.rpartition(":")
         host = host.removeprefix("ray://").strip("[]")
         socket.create_connection((host, int(port)), timeout=10).close()
@@ -102,84 +102,67 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     return {}
 
 
-class _Feed(Generic[Item]):
-    """Items that are handed out one by one, and again if those who had them are lost.
-
-    An error of their source ends them, and is kept: joblib asks for items in a thread of its own,
-    where an error would be lost.
-    """
-
-    def __init__(self, items: Iterable[Item]) -> None:
-        self._items = iter(items)
-        self._again: deque[Item] = deque()
-        self._out: deque[Item] = deque()
-        """Those handed out of which no result has come, in order."""
-        self.error: BaseException | None = None
-
-    def __iter__(self) -> Iterator[Item]:
-        return self
-
-    def __next__(self) -> Item:
-        try:
-            item = self._again.popleft() if self._again else next(self._items)
-        except StopIteration:
-            raise
-        except BaseException as error:
-            self.error = error
-            raise StopIteration from error
-        self._out.append(item)
-        return item
-
-    def finish_first(self) -> None:
-        """Forget the first of those that are out: its result is there."""
-        self._out.popleft()
-
-    def take_back(self) -> None:
-        """Begin again with those that are out."""
-        self._again, self._out = self._out + self._again, deque()
-
-
 def ordered_map(
-    function: Callable[[Item], Result], items: Iterable[Item], workers: int
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    workers: int,
+    *,
+    losses: int = LOSSES,
 ) -> Iterator[Result]:
     """Yield `function(item)` for each item, in their order, as they become ready.
 
-    What a lost worker had to do is done by another.
+    The items of a lost worker are done by another.
 
     Args:
         function: Picklable, and pure: it may run in another process, and again.
-        items: What to call it with; taken from when a worker is free.
+        items: Its arguments; each is taken when a worker is free.
         workers: Processes; with 1, and no cluster, everything happens in this one.
+        losses: Times in a row that workers may be lost.
 
     Raises:
-        DatasetError: Workers were lost again and again.
+        DatasetError: Workers were lost more often.
     """
     backend = _backend.get()
     if backend == "local" and workers == 1:
         yield from map(function, items)
         return
-    feed = _Feed(items)
+    source = iter(items)
+    again: deque[Item] = deque()  # Taken back from lost workers.
+    out: deque[Item] = deque()  # Given to workers, no result yet.
+    errors: list[Exception] = []
+
+    def feed() -> Iterator[Item]:
+        try:
+            while again:
+                out.append(again.popleft())
+                yield out[-1]
+            for item in source:
+                out.append(item)
+                yield item
+        except Exception as error:  # joblib, which asks in a thread of its own, would lose it.
+            errors.append(error)
+
     lost = _losses(backend)
-    losses = 0
+    lost_in_a_row = 0
     while True:
         try:
-            with closing(_results(function, feed, workers, backend)) as results:
+            with closing(_results(function, feed(), workers, backend)) as results:
                 for result in results:
-                    feed.finish_first()
-                    losses = 0
+                    out.popleft()
+                    lost_in_a_row = 0
                     yield result
+            break
         except lost as error:
-            losses += 1
-            if losses > LOSSES:
+            lost_in_a_row += 1
+            if lost_in_a_row > losses:
                 raise DatasetError(
-                    f"workers were lost {losses} times in a row, killed perhaps for want of "
+                    f"workers were lost {lost_in_a_row} times in a row, killed perhaps for want of "
                     "memory: the same command goes on from what is finished; try fewer workers"
                 ) from error
-            feed.take_back()
-            continue
-        if feed.error is not None:
-            raise feed.error
-        return
+            again.extendleft(reversed(out))
+            out.clear()
+    if errors:
+        raise errors[0]
 
 
 def _results(
@@ -187,7 +170,7 @@ def _results(
 ) -> Generator[Result]:
     from joblib import Parallel, delayed
 
-    if backend == "ray":  # It gives no result before it has all.
+    if backend == "ray":  # It returns no result before all are there.
         with Parallel(n_jobs=workers, batch_size=1) as parallel:
             while part := list(islice(feed, AHEAD * workers)):
                 yield from parallel(delayed(function)(item) for item in part)
@@ -198,7 +181,7 @@ def _results(
 
 
 def _losses(backend: str) -> tuple[type[Exception], ...]:
-    """Return what a backend raises when a worker is gone."""
+    """Return the errors that a backend raises when a worker is lost."""
     if backend == "dask":
         from distributed import KilledWorker
 

@@ -1,50 +1,43 @@
-"""Folders in which one process at a time changes something."""
+"""Locks on folders, so that one process at a time changes them."""
 
 from __future__ import annotations
 
-import os
-import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.storage import AnyPath, RemotePath
+from pipeline.machinery.console import console
 
 
 @contextmanager
 def held(folder: AnyPath, name: str) -> Iterator[None]:
-    """Be the only process that changes something in a folder; wait for another, and say which.
+    """Hold the lock of a file or folder in a folder; wait for another process, and say which.
 
-    An object store has no locks, nor have some file systems; there nobody waits.
+    Object stores and some file systems have no locks; there nobody waits.
 
     Args:
-        folder: Made if need be, and removed again if it is empty at the end.
-        name: Of what is changed; what `storage.write_bytes` left of it unfinished is removed.
+        folder: The folder, which is made if need be, and removed if it is empty at the end.
+        name: The name of what is changed; unfinished files of `storage.write_bytes` are removed.
     """
     if isinstance(folder, RemotePath):
         yield
         return
-    path = folder / f".{name}.lock"
-    made = [each for each in [folder, *folder.parents] if not each.exists()]
 
-    def say_who() -> None:
-        from pipeline.machinery.console import console
-
-        holder = path.read_text(encoding="utf-8", errors="replace") or "another process"
+    def say_who(holder: str) -> None:
         console.print(f"waiting for {holder}, which works on {folder / name}", highlight=False)
 
     with ExitStack() as stack:
-        for each in reversed(made):  # Callbacks are called last one first.
-            stack.callback(_remove_if_empty, each)
-        with suppress(OSError):  # Whoever cannot make a file here will soon say so.
+        # Callbacks are called last one first: the innermost folder is removed before the others.
+        for each in [*reversed(folder.parents), folder]:
+            if not each.exists():
+                stack.callback(_remove_if_empty, each)
+        with suppress(OSError):  # A folder that cannot be written is reported by the caller.
             folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(locked(path, say_who))
-            stack.callback(path.unlink, missing_ok=True)
-            for left in folder.glob(f".{name}.*.tmp"):  # By one that was killed while it wrote.
+            stack.enter_context(locked(folder / f".{name}.lock", say_who))
+            for left in folder.glob(f".{name}.*.tmp"):  # Left by a process that was killed.
                 left.unlink()
-            file.truncate(0)
-            os.write(file.fileno(), f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
 
 

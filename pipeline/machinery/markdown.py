@@ -1,4 +1,4 @@
-"""Small pieces of Markdown."""
+"""Markdown tables, and numbers with their nouns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From demonstrations to a policy: networks, methods, training, evaluation."""
+"""Imitation learning from demonstrations: networks, methods, training, evaluation."""
 
 from importlib.util import find_spec
 

@@ -1,77 +1,72 @@
-"""The state of a training run in one file, so that a run that was killed goes on exactly.
+"""The state of a training run in one file, from which an interrupted run continues exactly.
 
-Tensors and arrays are entries of a safetensors file, all else is one JSON text in its header. One
-file is replaced as a whole, so weights, optimizers, randomness and history always fit together.
+Tensors and arrays are entries of a safetensors file; everything else is one JSON text in its
+header. The file is replaced as a whole, so that weights, optimizer states, random states and
+history always belong together.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.training.methods.method import Learner
-from pipeline.training.tensor_files import save_tensors
+from pipeline.training.record import differences
+from pipeline.training.tensor_files import load_tensors, save_tensors
 
 Tensors = dict[str, Tensor]
 
 
 @dataclass
 class Progress:
-    """How far a run is."""
+    """What a run has done so far."""
 
     epoch: int = 0
     seconds: float = 0.0
-    """Spent on training, before and after interruptions."""
+    """The time spent training, summed over interruptions."""
     history: list[dict[str, float]] = field(default_factory=list)
     """The figures of each epoch."""
     best: dict[str, float] | None = None
-    """Those of the epoch whose policy is kept."""
+    """The figures of the epoch whose policy is kept."""
     stale: int = 0
-    """Evaluations since validation SR was last better than ever before."""
+    """The number of evaluations since the SR on validation last improved."""
     weights: Tensors = field(default_factory=dict)
-    """Of the policy that is kept."""
+    """The weights of the policy that is kept."""
 
 
 def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str, Any]) -> None:
-    """Write a checkpoint, all or nothing.
-
-    Args:
-        path: Of the file.
-        learner: Its state, and that of the randomness it draws from.
-        progress: So far.
-        identity: What the run is; another one will not go on from here.
-    """
+    """Write a checkpoint, from which only a run with the same identity continues, atomically."""
     tensors, plain = state_of(learner)
     tensors |= {f"best/{name}": tensor for name, tensor in progress.weights.items()}
-    tensors |= _random_states(learner)
-    told = asdict(progress)
-    del told["weights"]
+    tensors["random/cpu"] = torch.get_rng_state()
+    device = learner.problem.device
+    if device.type == "cuda":
+        tensors["random/cuda"] = torch.cuda.get_rng_state(device)
+    done = {name: value for name, value in vars(progress).items() if name != "weights"}
     rng = learner.problem.rng.bit_generator.state
-    state = {"learner": plain, "progress": told, "rng": rng, "run": dict(identity)}
+    state = {"learner": plain, "progress": done, "rng": rng, "run": dict(identity)}
     save_tensors(path, tensors, {"state": json.dumps(state)})
 
 
 def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
-    """Bring a learner to the state of a checkpoint and return how far it was.
+    """Restore a learner and the random states from a checkpoint; return the run's progress.
 
     Raises:
-        DatasetError: The file cannot be read, or is of another run.
+        DatasetError: The file cannot be read, or belongs to another run.
     """
-    device = str(learner.problem.observations.device)
     try:
-        with safe_open(path, framework="pt", device="cpu") as file:
-            state = json.loads((file.metadata() or {})["state"])
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        tensors, metadata = load_tensors(path)
+        state = json.loads(metadata["state"])
     except (OSError, SafetensorError, KeyError, ValueError) as error:
         reason = one_line(error)
         raise DatasetError(f"{path} is no checkpoint: {reason}; remove it to begin anew") from error
@@ -85,34 +80,15 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])
     if "random/cuda" in tensors:
-        torch.cuda.set_rng_state(tensors["random/cuda"], device)
-    progress = Progress(**state["progress"])
-    progress.weights = _within(tensors, "best")
-    return progress
-
-
-def differences(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return in words where what a run is differs from what it is to be; empty if nowhere."""
-    there, wanted = _flat(there), _flat(wanted)
-    return "; ".join(
-        f"{name}={there.get(name)}, not {wanted.get(name)}"
-        for name in {**wanted, **there}
-        if there.get(name) != wanted.get(name)
-    )
-
-
-def _flat(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a run is, its method's settings by the names that they have as options."""
-    settings = identity.get("settings", {})
-    rest = {name: value for name, value in identity.items() if name != "settings"}
-    return rest | {f"method.{name}": value for name, value in settings.items()}
+        torch.cuda.set_rng_state(tensors["random/cuda"], str(learner.problem.device))
+    return Progress(**state["progress"], weights=_within(tensors, "best"))
 
 
 def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
-    """Return all that a learner changes, as tensors and as plain values.
+    """Return everything that a learner changes, as tensors and as plain values.
 
     Raises:
-        TypeError: One of its attributes is of a kind that is not kept.
+        TypeError: An attribute is of a type that checkpoints do not support.
     """
     tensors: Tensors = {}
     plain: dict[str, Any] = {}
@@ -157,17 +133,6 @@ def _attributes(learner: Learner) -> Iterator[tuple[str, Any]]:
 
 
 def _within(tensors: Tensors, name: str) -> Tensors:
-    """Return the tensors under a name, called by what comes after it."""
-    return {
-        key.removeprefix(f"{name}/"): tensor
-        for key, tensor in tensors.items()
-        if key.startswith(f"{name}/")
-    }
-
-
-def _random_states(learner: Learner) -> Tensors:
-    device = learner.problem.observations.device
-    states = {"random/cpu": torch.get_rng_state()}
-    if device.type == "cuda":
-        states["random/cuda"] = torch.cuda.get_rng_state(device)
-    return states
+    """Return the tensors whose names begin with `name/`, without that prefix."""
+    start = f"{name}/"
+    return {key[len(start) :]: each for key, each in tensors.items() if key.startswith(start)}

@@ -1,26 +1,22 @@
-"""The stage `evaluate`: the policy of a run on all five splits, written into the run's folder.
+"""The stage `evaluate`: evaluates the policy of a run on all five splits, in the run's folder.
 
-Nothing is chosen here, and nothing learnt: one greedy episode for every labyrinth.
+Nothing is selected or learnt here: the policy acts in one greedy episode per labyrinth.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, compare
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.policy import Policy
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, evaluate
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
@@ -28,7 +24,7 @@ from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.results.evaluations import EVALUATION, FORMAT
-from pipeline.training.train import choose_device, locate_dataset, spec_of, worlds_of
+from pipeline.training.train import choose_device, loader_of, locate_dataset, spec_of
 
 
 def run(run: Run) -> None:
@@ -36,8 +32,8 @@ def run(run: Run) -> None:
 
     Raises:
         ConfigError: There is no such device, or a folder is given with a revision.
-        DatasetError: There is no finished run, or it is of another dataset than the one that is
-            there; or the dataset lacks a split.
+        DatasetError: There is no finished run, it was trained on another dataset than the one that
+            exists now, or the dataset lacks a split.
     """
     folder = run.training_folder
     record = read_record(folder)
@@ -55,28 +51,18 @@ def run(run: Run) -> None:
         )
     scores: dict[str, Scores] = {}
     baselines: dict[str, Any] = {}
-    splits = ((1, each) for each in evaluate_splits(policy, worlds_of(run)))
-    for split, worlds, found in tracked(splits, "evaluate", total=len(EVALUATED_SPLITS)):
+    load, total = loader_of(run), len(EVALUATED_SPLITS)
+    for split in tracked(((1, split) for split in EVALUATED_SPLITS), "evaluate", total):
+        arrays = load(split)
         if split == "train":
-            train = worlds
-        scores[split] = found
-        baselines[split] = compare(train, worlds)
+            train = arrays
+        scores[split] = evaluate(policy, arrays)
+        baselines[split] = compare(train, arrays)
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
     console.print(summary(run.training_name, content))
     console.print(baseline_summary(content))
-
-
-def evaluate_splits(
-    policy: Policy, load: Callable[[str], LabyrinthArrays]
-) -> Iterator[tuple[str, LabyrinthArrays, Scores]]:
-    """Yield the five splits, train first, with what a policy achieves; the next loads meanwhile."""
-    with closing(
-        prefetched(((split, load(split)) for split in EVALUATED_SPLITS), ahead=1)
-    ) as loaded:
-        for split, worlds in loaded:
-            yield split, worlds, evaluate(policy, worlds)
 
 
 def describe(
@@ -85,13 +71,10 @@ def describe(
     baselines: Mapping[str, Any],
     computed: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return all that is kept of an evaluation, in plain types.
+    """Return the content of `evaluation.json`, in plain types.
 
-    Args:
-        record: `run.json` of the run.
-        scores: By split.
-        baselines: By split and name.
-        computed: Where it was evaluated.
+    `record` is the content of `run.json`; `scores` and the figures of `baselines` are by split;
+    `computed` tells the device and the versions of libraries.
     """
     solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
     return {
@@ -110,7 +93,7 @@ def describe(
 
 
 def as_text(content: Mapping[str, Any]) -> str:
-    """Return JSON with a line for each entry of the first two levels, so that it can be read."""
+    """Return readable JSON: one line for each entry of the first two levels."""
     lines = []
     for key, value in content.items():
         text = json.dumps(value)
@@ -122,11 +105,10 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 
 def summary(name: str, content: Mapping[str, Any]) -> Table:
-    """Return the table of an evaluation."""
-    table = Table(title=f"{name}, one greedy episode a labyrinth")
-    table.add_column("split")
-    for heading in ("SR", "95%", "AER", "optimal*", "failures"):
-        table.add_column(heading, justify="right")
+    """Return the table of the policy's scores."""
+    table = _table(
+        f"{name}, one greedy episode per labyrinth", "SR", "95%", "AER", "optimal*", "failures"
+    )
     for split, figures in content["splits"].items():
         low, high = figures["sr_interval"]
         shares = [figures[f"accuracy_{where}"] for where in ("on_demonstrations", "elsewhere")]
@@ -138,16 +120,18 @@ def summary(name: str, content: Mapping[str, Any]) -> Table:
             " / ".join("-" if share is None else f"{share:.0%}" for share in shares),
             ", ".join(f"{count} {name}" for name, count in figures["failures"].items()) or "none",
         )
-    table.caption = "*of the actions, on the demonstrations' states / in all others"
+    table.caption = "*share of optimal actions, in the demonstrations' states / in all others"
     return table
 
 
 def baseline_summary(content: Mapping[str, Any]) -> Table:
-    """Return the table of what needs no learning."""
-    table = Table(title="SR without learning")
-    table.add_column("split")
-    for name in BASELINES:
-        table.add_column(name.replace("_", " "), justify="right")
+    """Return the table of the baselines."""
+    table = _table("SR without learning", *(name.replace("_", " ") for name in BASELINES))
     for split, figures in content["baselines"].items():
         table.add_row(split, *(f"{figures[name]['sr']:.1%}" for name in BASELINES))
     return table
+
+
+def _table(title: str, *headings: str) -> Table:
+    columns = (Column(heading, justify="right") for heading in headings)
+    return Table("split", *columns, title=title)

@@ -1,4 +1,4 @@
-"""The training loop, the same for every method: an epoch, a look at validation, the best kept."""
+"""The training loop of all methods: an epoch, an evaluation on validation, the best policy kept."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pipeline.training.methods.method import Learner
 from pipeline.training.policy import NetworkPolicy
 
 CHECKPOINT_SECONDS = 30.0
-"""Of training that an interruption costs at most, and an epoch."""
+"""The least time between two checkpoints."""
 
 Judge = Callable[[Policy], dict[str, float]]
-"""Returns the success rates of a policy, `validation_sr` among them."""
+"""Returns the success rates of a policy, among them `validation_sr`."""
 
 
 def fit(
@@ -28,28 +28,33 @@ def fit(
     path: Path,
     identity: Mapping[str, Any],
     report: Callable[[Progress], None],
+    *,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Progress:
-    """Train until the epochs are over, or the protocol says so; go on from a checkpoint.
+    """Train until the last epoch, or until the protocol stops; continue from a checkpoint.
 
-    The policy that is kept is the one with the best SR on validation, of several the last.
+    The policy that is kept is the one with the best SR on validation; on a tie, the latest.
 
     Args:
-        learner: Fresh.
-        judge: Tries the policy, every `evaluate_every` epochs and after the last.
+        learner: A fresh learner.
+        judge: Evaluates the policy every `evaluate_every` epochs, and after the last epoch.
         protocol: When to stop.
-        path: Of the checkpoint, of an earlier run if it is there.
-        identity: What the run is.
-        report: Is told after every epoch.
+        path: The file of the checkpoint; if it exists, training continues from there.
+        identity: What determines the run.
+        report: Called after every epoch.
+        checkpoint_seconds: The least time between two checkpoints; they are written after epochs.
     """
     progress = checkpoint.load(path, learner, identity) if path.exists() else Progress()
-    settings = learner.settings
-    every = protocol.evaluate_every or settings.evaluate_every
+    epochs = learner.settings.epochs
+    every = protocol.evaluate_every or learner.settings.evaluate_every
     saved = time.perf_counter()
     began = saved - progress.seconds
-    while progress.epoch < settings.epochs and not _is_over(progress, protocol):
+    while progress.epoch < epochs:
+        if protocol.patience is not None and progress.stale >= protocol.patience:
+            break
         figures = learner.epoch()
         progress.epoch += 1
-        if progress.epoch % every == 0 or progress.epoch == settings.epochs:
+        if progress.epoch % every == 0 or progress.epoch == epochs:
             figures |= judge(NetworkPolicy(learner.policy))
         now = time.perf_counter()
         progress.seconds = now - began
@@ -58,19 +63,15 @@ def fit(
         )
         if "validation_sr" in figures:
             _select(learner, progress)
-        if now - saved >= CHECKPOINT_SECONDS:
+        if now - saved >= checkpoint_seconds:
             checkpoint.save(path, learner, progress, identity)
             saved = now
         report(progress)
     return progress
 
 
-def _is_over(progress: Progress, protocol: Protocol) -> bool:
-    return protocol.patience is not None and progress.stale >= protocol.patience
-
-
 def _select(learner: Learner, progress: Progress) -> None:
-    """Keep the policy if no earlier one was better on validation."""
+    """Keep the current policy unless an earlier one was better on validation."""
     figures = progress.history[-1]
     best = -1.0 if progress.best is None else progress.best["validation_sr"]
     progress.stale = 0 if figures["validation_sr"] > best else progress.stale + 1

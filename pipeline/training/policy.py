@@ -4,32 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.training.networks.network import MOMENTUM, Network, NetworkSpec
-from pipeline.training.tensor_files import save_tensors
+from pipeline.training.record import differences
+from pipeline.training.tensor_files import load_tensors, save_tensors
 
 BATCH = 256
-"""Observations that a policy looks at together, at most."""
+"""The number of observations in a forward pass without gradients."""
 
 
 def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
-    """Return what a network gives when nothing is learnt: no dropout, running statistics.
+    """Return a network's outputs in evaluation mode: no dropout, running statistics, no gradient.
 
-    All that acts, labels or judges during training goes through here. The network is left in the
-    mode that it was in.
-
-    Args:
-        network: Takes a batch of observations.
-        observations: Any number of them, on the network's device.
+    Whatever acts, labels or judges during training calls this function, with any number of
+    observations on the network's device. It leaves the network in the mode in which it was.
     """
     training = network.training
     network.eval()
@@ -41,19 +39,15 @@ def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
 
 
 def settle(network: nn.Module, observations: Tensor) -> None:
-    """Give a network's normalisation the statistics of observations, and leave it in that mode.
+    """Set batch normalisation's running statistics from observations; end in evaluation mode.
 
-    For methods that learn with the network as it acts: a fresh network's running statistics are
-    those of nothing.
-
-    Args:
-        network: Takes a batch of observations; is in evaluation mode afterwards.
-        observations: Any number of them, on the network's device.
+    For methods that train in evaluation mode, where the statistics of a fresh network would stay
+    at their initial values. The observations are on the network's device.
     """
     normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
     for layer in normalising:
         layer.reset_running_stats()
-        layer.momentum = None  # The mean over all batches, each counting alike.
+        layer.momentum = None  # The mean over all batches, weighted equally.
     network.train()
     with torch.no_grad():
         for batch in observations.split(BATCH):
@@ -77,8 +71,8 @@ class NetworkPolicy:
 
 
 def save_policy(path: Path, tensors: dict[str, Tensor], spec: NetworkSpec) -> None:
-    """Write the weights of a policy and the shape of its network, all or nothing."""
-    save_tensors(path, tensors, {"network": json.dumps(spec.to_json(), sort_keys=True)})
+    """Write the weights of a policy and the shape of its network, atomically."""
+    save_tensors(path, tensors, {"network": json.dumps(asdict(spec), sort_keys=True)})
 
 
 def load_policy(
@@ -90,18 +84,17 @@ def load_policy(
     """Return the policy of a file.
 
     Args:
-        path: As `save_policy` wrote it.
-        spec: The network that is expected.
-        device: Where it is to be computed.
+        path: A file that `save_policy` wrote.
+        spec: The shape of the network that is expected.
+        device: The device to compute on.
         make: Returns the network, with any weights: `Learner.make` of the method.
 
     Raises:
         DatasetError: There is no such file, or it holds the policy of another network.
     """
     try:
-        with safe_open(path, framework="pt", device=str(device)) as file:
-            there = json.loads((file.metadata() or {}).get("network", "{}"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        tensors, metadata = load_tensors(path, device)
+        actual = json.loads(metadata.get("network", "{}"))
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is not there: stages=[train] makes it") from error
     except (OSError, SafetensorError, ValueError) as error:
@@ -109,14 +102,9 @@ def load_policy(
         raise DatasetError(
             f"{path} cannot be read: {reason}; remove it, and stages=[train] makes it anew"
         ) from error
-    wanted = spec.to_json()
-    if there != wanted:
-        differing = [
-            f"{key}={there.get(key)}, not {value}"
-            for key, value in wanted.items()
-            if there.get(key) != value
-        ]
-        raise DatasetError(f"{path} is a policy with {'; '.join(differing) or there}")
+    differing = differences(actual, asdict(spec))
+    if differing:
+        raise DatasetError(f"{path} is a policy with {differing}")
     network = make(spec).to(device)
     try:
         network.load_state_dict(tensors)

@@ -1,20 +1,23 @@
-"""What a finished run says of itself: `run.json`, written last, and the picture of its curves."""
+"""The record of a finished run: `run.json`, written last, and the plot of its learning curves."""
 
 from __future__ import annotations
 
+import io
 import json
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from labyrinth_core import __version__
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import write_bytes, write_text
 from pipeline.config.errors import ConfigError
-from pipeline.training.checkpoint import Progress
+
+if TYPE_CHECKING:
+    from pipeline.training.checkpoint import Progress
 
 RECORD = "run.json"
 POLICY = "policy.safetensors"
@@ -25,24 +28,18 @@ FORMAT = 1
 
 
 def current_versions() -> dict[str, str]:
-    """Return the versions of what shapes weights in this process."""
+    """Return the versions of this package, of Python and of the libraries that affect weights."""
     libraries = {name: version(name) for name in ("numpy", "safetensors", "torch")}
     return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
 
 
 def write_record(
-    folder: Path,
-    identity: Mapping[str, Any],
-    progress: Progress,
-    computed: Mapping[str, Any],
+    folder: Path, identity: Mapping[str, Any], progress: Progress, computed: Mapping[str, Any]
 ) -> None:
-    """Write `run.json` into a run's folder, all or nothing.
+    """Write `run.json` into a run's folder, atomically.
 
-    Args:
-        folder: Of the run.
-        identity: What the run is: method, settings, encoder, seed, dataset, ...
-        progress: The whole history.
-        computed: Where it was computed: device and threads.
+    `identity` determines the run (method, settings, encoder, seed, dataset, ...); `computed` tells
+    the device and the number of threads.
     """
     content = {
         "format": FORMAT,
@@ -57,10 +54,10 @@ def write_record(
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
-    """Return `run.json` of a folder, None if no run is finished there.
+    """Return the content of `run.json`, or None if the folder holds no finished run.
 
     Raises:
-        DatasetError: It cannot be read.
+        DatasetError: The file cannot be read.
     """
     path = folder / RECORD
     try:
@@ -74,8 +71,25 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
+def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """Return in words how two descriptions of a run or a policy differ; empty if they agree."""
+    actual, wanted = _by_option(actual), _by_option(wanted)
+    return "; ".join(
+        f"{name}={actual.get(name)}, not {wanted.get(name)}"
+        for name in {**wanted, **actual}
+        if actual.get(name) != wanted.get(name)
+    )
+
+
+def _by_option(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a description with the method's settings named as options: `method.epochs`."""
+    options = dict(identity)
+    settings = options.pop("settings", {})
+    return options | {f"method.{name}": value for name, value in settings.items()}
+
+
 class Board:
-    """The figures of a run for TensorBoard, in `tensorboard/` of its folder, epoch by epoch.
+    """The figures of a run for TensorBoard, written epoch by epoch to the folder `tensorboard/`.
 
     Raises:
         ConfigError: TensorBoard is not installed.
@@ -92,7 +106,7 @@ class Board:
         self._written = 0
 
     def write(self, history: Sequence[Mapping[str, float]]) -> None:
-        """Write the epochs that were not written yet, also those before an interruption."""
+        """Write the epochs not written yet, including those before an interruption."""
         for row in history[self._written :]:
             for name, value in row.items():
                 if name != "epoch":
@@ -102,13 +116,12 @@ class Board:
 
 
 def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]) -> None:
-    """Draw losses and success rates by epoch into `curves.png`."""
+    """Plot losses and success rates by epoch into `curves.png`."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.5), layout="constrained")
     left, right = figure.subplots(1, 2)
-    names = sorted({name for row in history for name in row} - {"epoch", "seconds"})
-    for name in names:
+    for name in sorted({name for row in history for name in row} - {"epoch", "seconds"}):
         axes = right if name.endswith("_sr") else left
         rows = [row for row in history if name in row]
         axes.plot([row["epoch"] for row in rows], [row[name] for row in rows], label=name)
@@ -117,6 +130,6 @@ def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]
     for axes in (left, right):
         axes.legend(frameon=False)
         axes.spines[["top", "right"]].set_visible(False)
-    temporary = folder / f".{CURVES}.tmp"
-    figure.savefig(temporary, format="png", dpi=120, metadata={"Software": None})
-    temporary.replace(folder / CURVES)
+    png = io.BytesIO()
+    figure.savefig(png, format="png", dpi=120, metadata={"Software": None})
+    write_bytes(folder / CURVES, png.getvalue())

@@ -1,4 +1,4 @@
-"""What a dataset's episodes are made of, as numbers of states: s, a, s'."""
+"""The transitions of a dataset's episodes, as numbers of states: s, a, s'."""
 
 from __future__ import annotations
 
@@ -14,46 +14,37 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 
 
 class Steps(NamedTuple):
-    """Steps in the labyrinths of `LabyrinthArrays`; the last state of an episode begins none."""
+    """N transitions; states are numbered as in `LabyrinthArrays`."""
 
     states: NDArray[np.int64]
-    """Number of the state acted in, shape (N,)."""
+    """The state acted in, shape (N,)."""
     actions: NDArray[np.int64]
-    """Shape (N,)."""
+    """The action taken, shape (N,)."""
     next_states: NDArray[np.int64]
-    """Number of the state that the action led to, shape (N,)."""
-
-
-def steps_from(worlds: LabyrinthArrays, first: int, actions: NDArray[np.int64]) -> Steps:
-    """Return the steps of an episode that begins in a state."""
-    states = [first]
-    for action in actions.tolist():
-        states.append(int(worlds.next_state[states[-1], action]))
-    numbers = np.array(states)
-    return Steps(numbers[:-1], actions, numbers[1:])
+    """The state that the action led to, shape (N,)."""
 
 
 def load_steps(
     source: str | Path,
     config: str,
     split: str,
-    worlds: LabyrinthArrays,
+    arrays: LabyrinthArrays,
     *,
     revision: str | None = None,
 ) -> Steps:
-    """Return the steps of all episodes of a split, in order.
+    """Return the transitions of all episodes of a split, in order.
 
     Args:
         source: Folder with the dataset, or its id on the Hub.
         config: Such as `5x5`.
-        split: One whose labyrinths are those of `worlds`: train, or random beside train.
-        worlds: Where the steps are made.
+        split: A split whose labyrinths are in `arrays`: `train`, or `random` for those of `train`.
+        arrays: The labyrinths, with their states numbered.
         revision: Branch, tag or commit on the Hub.
 
     Raises:
-        DatasetError: There is no such split, or a labyrinth of it is not in `worlds`.
+        DatasetError: There is no such split, or one of its labyrinths is not in `arrays`.
     """
-    first = dict(zip(worlds.labyrinth_ids.tolist(), worlds.initial.tolist(), strict=True))
+    first = dict(zip(arrays.labyrinth_ids.tolist(), arrays.initial.tolist(), strict=True))
     found = []
     for episode in load_episodes(
         source, config, split=split, observation="vector", revision=revision
@@ -62,5 +53,8 @@ def load_steps(
             raise DatasetError(
                 f"split={split}: labyrinth {episode.labyrinth_id:016x} is none of those trained on"
             )
-        found.append(steps_from(worlds, first[episode.labyrinth_id], episode.actions))
+        states = [first[episode.labyrinth_id]]
+        for action in episode.actions.tolist():
+            states.append(int(arrays.next_state[states[-1], action]))
+        found.append((np.array(states[:-1]), episode.actions, np.array(states[1:])))
     return Steps(*map(np.concatenate, zip(*found, strict=True)))

@@ -1,7 +1,7 @@
-"""The stage `train`: a policy from a dataset, in a folder of its own, whole or not finished.
+"""The stage `train`: trains a policy on a dataset, in a folder of its own.
 
-The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. While the run goes on it holds a
-checkpoint; when it is over, `policy.safetensors`, `curves.png` and, written last, `run.json`.
+The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It holds a checkpoint while the
+run is in progress, and afterwards `policy.safetensors`, `curves.png` and, written last, `run.json`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from rich.progress import Progress as Bars
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
@@ -27,8 +28,8 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
-from pipeline.training.checkpoint import Progress, differences
-from pipeline.training.loop import Judge, fit
+from pipeline.training.checkpoint import Progress
+from pipeline.training.loop import CHECKPOINT_SECONDS, Judge, fit
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import save_policy
@@ -36,6 +37,7 @@ from pipeline.training.record import (
     CHECKPOINT,
     POLICY,
     Board,
+    differences,
     draw_curves,
     read_record,
     write_record,
@@ -43,12 +45,12 @@ from pipeline.training.record import (
 from pipeline.training.steps import Steps, load_steps
 
 
-def run(run: Run) -> None:
-    """Train the policy of a run, unless it is there already; go on where a run was stopped.
+def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
+    """Train the policy of a run, unless it is finished; continue an interrupted run.
 
     Raises:
         ConfigError: A setting or the device is impossible, or an extra is missing.
-        DatasetError: The dataset is missing or has no split that the method needs, or the folder
+        DatasetError: The dataset is missing or lacks a split that the method needs, or the folder
             holds another run.
     """
     options = run.options
@@ -66,27 +68,32 @@ def run(run: Run) -> None:
         if options.overwrite:
             shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True, exist_ok=True)
-        done = _train(learner, judge, options, folder, identity)
-    save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    draw_curves(folder, run.training_name, done.history)
-    computed = {"device": device.type, "threads": torch.get_num_threads()}
-    write_record(folder, identity, done, computed)
-    (folder / CHECKPOINT).unlink(missing_ok=True)
-    _tell(run, done)
+        with progress() as bars:
+            report = _reporter(bars, options, learner.settings.epochs, folder)
+            done = fit(
+                learner,
+                judge,
+                PROTOCOLS[options.protocol],
+                folder / CHECKPOINT,
+                identity,
+                report,
+                checkpoint_seconds=checkpoint_seconds,
+            )
+    _finish(folder, identity, run.training_name, learner, done)
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
-    """Return the device to compute on, and settle how many threads do.
+    """Return the device to compute on; set the number of threads.
 
     Raises:
         ConfigError: There is no such device.
     """
     if options.threads is not None:
         torch.set_num_threads(options.threads)
-    there = torch.cuda.is_available()
-    if options.device == "cuda" and not there:
+    available = torch.cuda.is_available()
+    if options.device == "cuda" and not available:
         raise ConfigError("device=cuda: there is none here; choose cpu or auto")
-    return torch.device("cuda" if there and options.device != "cpu" else "cpu")
+    return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 
 def locate_dataset(run: Run) -> AnyPath:
@@ -108,7 +115,7 @@ def locate_dataset(run: Run) -> AnyPath:
 
 
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
-    """Return all that determines the weights of a run, in plain types.
+    """Return everything that determines the weights of a run, in plain types.
 
     Raises:
         ConfigError: As for `locate_dataset`.
@@ -130,8 +137,8 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
-def worlds_of(run: Run) -> Callable[[str], LabyrinthArrays]:
-    """Return what loads a split as the policy of a run sees it."""
+def loader_of(run: Run) -> Callable[[str], LabyrinthArrays]:
+    """Return a function that loads a split, observed as the policy of a run observes it."""
     options = run.options
     return partial(
         load_arrays,
@@ -145,7 +152,7 @@ def worlds_of(run: Run) -> Callable[[str], LabyrinthArrays]:
 
 
 def spec_of(run: Run) -> NetworkSpec:
-    """Return the shape of the network of a run's policy."""
+    """Return the specification of the network of a run's policy."""
     options = run.options
     return NetworkSpec(
         encoder=options.network,
@@ -159,12 +166,12 @@ def spec_of(run: Run) -> NetworkSpec:
 def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Judge]:
-    """Return a fresh learner, and what tries its policy on train and validation."""
+    """Return a fresh learner, and what evaluates its policy on train and validation."""
     options = run.options
-    load = worlds_of(run)
+    load = loader_of(run)
     train, validation = load("train"), load("validation")
     source, config = run.source, run.dataset.name
-    steps = partial(load_steps, source, config, worlds=train, revision=options.revision)
+    steps = partial(load_steps, source, config, arrays=train, revision=options.revision)
 
     def exploration() -> Steps:
         try:
@@ -174,7 +181,7 @@ def prepare(
             raise DatasetError(f"{reason}: {error}") from error
 
     problem = Problem(
-        worlds=train,
+        arrays=train,
         observations=torch.tensor(train.observations, device=device),
         demonstrations=steps("train"),
         exploration=exploration,
@@ -204,42 +211,38 @@ def _is_finished(folder: Path, identity: dict[str, Any]) -> bool:
     return (folder / POLICY).is_file()
 
 
-def _train(
-    learner: Learner,
-    judge: Judge,
-    options: TrainingOptions,
-    folder: Path,
-    identity: dict[str, Any],
-) -> Progress:
+def _reporter(
+    bars: Bars, options: TrainingOptions, epochs: int, folder: Path
+) -> Callable[[Progress], None]:
+    """Return the function that shows and logs the progress of a run after every epoch."""
     board = Board(folder) if options.tensorboard else None
-    with progress() as bars:
-        bar = bars.add_task(options.method_name, total=learner.settings.epochs)
+    bar = bars.add_task(options.method_name, total=epochs)
 
-        def report(done: Progress) -> None:
-            figures = done.history[-1]
-            best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
-            told = f"{options.method_name} loss {figures['loss']:.3f}{best}"
-            bars.update(bar, completed=done.epoch, description=told)
-            if board is not None:
-                board.write(done.history)
+    def report(done: Progress) -> None:
+        best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
+        loss = f"{options.method_name} loss {done.history[-1]['loss']:.3f}"
+        bars.update(bar, completed=done.epoch, description=loss + best)
+        if board is not None:
+            board.write(done.history)
 
-        return fit(
-            learner,
-            judge,
-            PROTOCOLS[options.protocol],
-            folder / CHECKPOINT,
-            identity,
-            report,
-        )
+    return report
 
 
-def _tell(run: Run, done: Progress) -> None:
+def _finish(
+    folder: Path, identity: dict[str, Any], name: str, learner: Learner, done: Progress
+) -> None:
+    """Write what a run leaves, its record last, and print its success rates."""
+    problem = learner.problem
+    save_policy(folder / POLICY, done.weights, problem.spec)
+    draw_curves(folder, name, done.history)
+    computed = {"device": problem.device.type, "threads": torch.get_num_threads()}
+    write_record(folder, identity, done, computed)
+    (folder / CHECKPOINT).unlink(missing_ok=True)
     best = done.best
-    assert best is not None  # The last epoch is always judged.
+    assert best is not None  # The policy is always evaluated after the last epoch.
     console.print(
-        f"{run.training_name}: SR {best['validation_sr']:.1%} on validation, "
-        f"{best['train_sr']:.1%} on train, after epoch {best['epoch']} of "
-        f"{done.epoch}; {done.seconds:.0f} s. {run.training_folder}",
+        f"{name}: SR {best['validation_sr']:.1%} on validation, {best['train_sr']:.1%} on "
+        f"train, after epoch {best['epoch']} of {done.epoch}; {done.seconds:.0f} s. {folder}",
         highlight=False,
         soft_wrap=True,
     )

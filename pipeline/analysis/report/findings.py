@@ -15,11 +15,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 EVALUATIONS = "*/*/evaluation.json"
 """The files of the stage `evaluate`, in the folder of the runs."""
@@ -28,8 +28,6 @@ MOST_NAMED = 20
 """The most labyrinths shared by two splits that are named, of each kind."""
 MOST_FAILED = 2_000
 """The most labyrinths of a split that are named because a run failed on them."""
-EVALUATED = [split for split in SPLITS if split != "random"]
-"""Splits on which policies are evaluated."""
 _SOLVED = next(iter(OUTCOMES))[0]
 """The letter of an episode that reached the goal, the first letter of its outcome."""
 
@@ -132,7 +130,7 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
     if manifest is None or manifest.fingerprint != run["fingerprint"]:
         return None
     seed, told, solved, failed = int(run["seed"]), {}, {}, {}
-    for split in EVALUATED:
+    for split in EVALUATED_SPLITS:
         scores = content["splits"][split]
         solved[split] = np.array([letter == _SOLVED for letter in scores["outcomes"]], np.float64)
         failed[split] = scores["failed"]
@@ -148,7 +146,7 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
 def _method(runs: Sequence[_Run]) -> dict[str, Any]:
     """Return the data of the page on a method: means over its runs, and each run."""
     splits = {}
-    for split in EVALUATED:
+    for split in EVALUATED_SPLITS:
         told = [run.told["splits"][split] for run in runs]
         solved = np.stack([run.solved[split] for run in runs])
         by_all = set.intersection(*(set(run.failed[split]) for run in runs))

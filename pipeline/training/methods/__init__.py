@@ -1,1 +1,1 @@
-"""The methods of learning; each is a module with `Settings` and `Method`."""
+"""The methods of imitation learning; each is a module with `Settings` and `Method`."""

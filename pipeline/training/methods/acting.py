@@ -1,4 +1,4 @@
-"""Acting in all training labyrinths at once, by look-up: what a policy does is known as a table."""
+"""Acting in all training labyrinths in lock-step, by look-up in a table of action probabilities."""
 
 from __future__ import annotations
 
@@ -12,17 +12,22 @@ from torch import Tensor
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 
 
-class Walk(NamedTuple):
-    """T steps of N walkers, each array of shape (T, N)."""
+class Rollout(NamedTuple):
+    """T steps of N agents, each array of shape (T, N)."""
 
     states: NDArray[np.int64]
     actions: NDArray[np.int64]
     next_states: NDArray[np.int64]
-    """Where the action led; a walker whose episode is over begins anew after that."""
+    """The state that the action led to; where the episode is over, the next one begins after it."""
     over: NDArray[np.bool_]
-    """Whether the episode was over then: at its end, or cut at the step limit."""
+    """Whether the step was the last of its episode: terminated, or truncated at the step limit."""
     done: NDArray[np.bool_]
-    """Whether it ended, on the goal or on ice."""
+    """Whether the episode terminated, on the goal or on ice."""
+
+    @property
+    def transitions(self) -> NDArray[np.int64]:
+        """The steps as rows of s, a, s', shape (T * N, 3)."""
+        return np.stack([self.states, self.actions, self.next_states], axis=2).reshape(-1, 3)
 
 
 def softmax(scores: Tensor) -> NDArray[np.float64]:
@@ -32,39 +37,39 @@ def softmax(scores: Tensor) -> NDArray[np.float64]:
 
 
 def draw(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return one class for each row of probabilities, shape (N,)."""
+    """Return one class drawn from each row of probabilities, shape (N,)."""
     below = np.cumsum(probabilities[:, :-1], axis=1) <= rng.random((len(probabilities), 1))
     drawn: NDArray[np.int64] = below.sum(axis=1)
     return drawn
 
 
-def walk(
-    worlds: LabyrinthArrays,
+def roll_out(
+    arrays: LabyrinthArrays,
     probabilities: NDArray[np.float64],
     where: NDArray[np.int64],
     taken: NDArray[np.int64],
     steps: int,
     rng: np.random.Generator,
-) -> Walk:
-    """Let one walker in each labyrinth go on, and from the start when its episode is over.
+) -> Rollout:
+    """Let one agent in each labyrinth act, beginning a new episode whenever one is over.
 
     Args:
-        worlds: The labyrinths.
-        probabilities: Of the actions in each state, shape (S, 4).
-        where: The state each walker is in, shape (L,); changed in place.
-        taken: Steps it took in its episode, shape (L,); changed in place.
-        steps: How many each takes.
+        arrays: The labyrinths.
+        probabilities: The probability of each action in each state, shape (S, 4).
+        where: The state that each agent is in, shape (L,); changed in place.
+        taken: The number of steps of each agent's current episode, shape (L,); changed in place.
+        steps: The number of steps that each agent takes.
         rng: Draws the actions.
     """
     rows = []
     for _ in range(steps):
         states = where.copy()
         actions = draw(probabilities[states], rng)
-        after = worlds.next_state[states, actions]
-        done = worlds.done[states, actions]
+        after = arrays.next_state[states, actions]
+        done = arrays.done[states, actions]
         taken += 1
-        over = done | (taken >= worlds.step_limit)
-        where[:] = np.where(over, worlds.initial, after)
+        over = done | (taken >= arrays.step_limit)
+        where[:] = np.where(over, arrays.initial, after)
         taken[over] = 0
-        rows.append(Walk(states, actions, after, over, done))
-    return Walk(*map(np.stack, zip(*rows, strict=True)))
+        rows.append(Rollout(states, actions, after, over, done))
+    return Rollout(*map(np.stack, zip(*rows, strict=True)))

@@ -2,10 +2,10 @@
 
 The loss is the cross-entropy of the demonstrated action, -log pi(a | s), over all pairs (s, a).
 
-Departures: Adam and the networks of the supplement instead of the paper's; pairs in random order.
+Departures: Adam and the supplement's networks instead of the paper's; pairs in random order.
 
-Three ingredients that are no part of it, and off, can be added; `planner` has them by default, and
-here they show what they are worth without its network.
+Three ingredients that are not part of the method can be switched on. `planner` uses them by
+default; here they show what they contribute without its network.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from pipeline.training.methods.method import BaseSettings, Learner, setting
 from pipeline.training.networks.network import Network, NetworkSpec
-from pipeline.training.networks.turning import Averaged, turn_examples
+from pipeline.training.networks.symmetry import Averaged, transform_examples
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Settings(BaseSettings):
 
 
 class Method(Learner):
-    """The policy alone."""
+    """Behavioural cloning; its only state is the policy and its optimizer."""
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
@@ -43,7 +43,7 @@ class Method(Learner):
 
     @classmethod
     def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network that looks at a picture in one way."""
+        """Return a fresh network without the averaging over symmetries."""
         return Network(spec)
 
     def epoch(self) -> dict[str, float]:
@@ -53,21 +53,21 @@ class Method(Learner):
         return {"loss": self.clone(self.policy, self.optimizer, (steps.states,), steps.actions)}
 
     def learn_drawn(self, *, whole: bool = False) -> float:
-        """Learn from as many pictures as an epoch draws; return the mean loss of the batches.
+        """Train on an epoch's number of drawn pictures; return the mean loss of the batches.
 
         Args:
-            whole: Whether all cells of a route are labelled in each picture.
+            whole: Whether each picture is labelled with the actions in all cells of the route.
         """
         settings = self.settings
         losses: list[float] = []
         self.policy.train()
         for batch in self.batches(settings.pictures):
-            examples = self.problem.routes.draw(
+            examples = self.problem.examples.draw(
                 len(batch), self.problem.rng, relabel=settings.relabel, whole=whole
             )
             pictures, labels = (self.tensor(each) for each in examples)
             if settings.augment:
-                pictures, labels = turn_examples(pictures, labels)
+                pictures, labels = transform_examples(pictures, labels)
             loss = self.loss(pictures, labels)
             self.optimizer.zero_grad()
             loss.backward()
@@ -76,9 +76,9 @@ class Method(Learner):
         return sum(losses) / len(losses)
 
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
-        """Return the loss of examples."""
+        """Return the mean loss of some examples."""
         return functional.cross_entropy(self.policy(pictures), labels)
 
     def step(self, share: float) -> None:  # noqa: ARG002
-        """Take a gradient step, with a share of the epoch over."""
+        """Update the weights; `share` is the part of the epoch that is over."""
         self.optimizer.step()

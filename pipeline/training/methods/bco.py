@@ -1,18 +1,18 @@
 """Behavioural cloning from observation, BCO(alpha) (Torabi, Warnell and Stone 2018).
 
 Algorithm 1 of the paper: an inverse dynamics model M(a | s, s') is fitted by maximum likelihood to
-the steps I_pre of a random policy, here the split `random`; it labels the pairs of states of the
-demonstrations, whose actions are never looked at; the policy is fitted to the labels. Then, round
-by round, the policy takes alpha |I_pre| steps of its own, which are added to I, the model is
-fitted to I, the demonstrations are labelled anew, and the policy is fitted again. Labels are the
-most likely actions. The policy acts by its probabilities, from where its last round ended.
+the steps I_pre of a random policy, here the split `random`. It labels the pairs of states of the
+demonstrations, whose actions are never used, and the policy is fitted to the labels. Then, in each
+round, the policy takes alpha |I_pre| steps of its own, which are added to I; the model is fitted to
+I, the demonstrations are relabelled, and the policy is fitted again. Labels are the most likely
+actions. The policy samples its actions and continues where its last round ended.
 
-Steps into walls, of which s' = s tells no action but that there is a wall, stay in I as the paper
-has no reason to leave them out, and are counted apart (`stayed`).
+Steps into walls, where s' = s reveals only that there is a wall, remain in I, since the paper gives
+no reason to exclude them; they are counted separately (`stayed`).
 
-Departures: the model looks at both pictures one over the other, six channels, through the run's
-encoder, where the paper has vectors; model and policy go on from their last weights; the number of
-passes is fixed where the paper waits for convergence.
+Departures: the model sees both pictures stacked to six channels, through the run's encoder, where
+the paper has vectors; model and policy continue from their last weights; the number of passes is
+fixed where the paper waits for convergence.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.training.methods.acting import softmax, walk
+from pipeline.training.methods.acting import roll_out, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 from pipeline.training.networks.network import ACTIONS
 from pipeline.training.policy import outputs_of
@@ -50,8 +50,8 @@ class Method(Learner):
         self.model_optimizer = self.adam(self.model)
         self.before = np.stack(problem.exploration(), axis=1)
         self.experience = self.before
-        worlds = problem.worlds
-        self.where, self.taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
+        arrays = problem.arrays
+        self.where, self.taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
         self.scores = np.zeros((len(problem.demonstrations.states), ACTIONS))
         self.epochs = 0
         self.model_loss = 0.0
@@ -73,21 +73,17 @@ class Method(Learner):
         }
 
     def explore(self) -> None:
-        """Let the policy take its steps, and add them to I."""
-        self.experience = np.concatenate([self.experience, self.steps_taken()])
-
-    def steps_taken(self) -> NDArray[np.int64]:
-        """Return new steps of the policy, an array (N, 3)."""
-        worlds, count = self.problem.worlds, self.settings.alpha * len(self.before)
-        steps = -(-round(count) // len(worlds.initial))
-        if not steps:  # BCO(0): the model learns from the random policy alone.
-            return self.before[:0]
+        """Let the policy act, and add its steps to I."""
+        arrays, count = self.problem.arrays, self.settings.alpha * len(self.before)
+        steps = -(-round(count) // len(arrays.initial))
+        if not steps:  # BCO(0): the model is fitted to the random policy's steps alone.
+            return
         probabilities = softmax(self.outputs(self.policy))
-        taken = walk(worlds, probabilities, self.where, self.taken, steps, self.problem.rng)
-        return np.stack([taken.states, taken.actions, taken.next_states], axis=2).reshape(-1, 3)
+        own = roll_out(arrays, probabilities, self.where, self.taken, steps, self.problem.rng)
+        self.experience = np.concatenate([self.experience, own.transitions])
 
     def fit_model(self) -> None:
-        """Fit the model to I, and look with it at the demonstrations' pairs of states."""
+        """Fit the model to I; compute its scores for the demonstrations' pairs of states."""
         states, actions, after = self.experience.T
         for _ in range(self.settings.model_epochs):
             self.model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)

@@ -1,14 +1,14 @@
-"""DAgger (Ross, Gordon and Bagnell 2011): the learner acts, the expert says what was right.
+"""DAgger (Ross, Gordon and Bagnell 2011): the learner acts, and the expert labels its states.
 
-Algorithm 3.1 of the paper with beta_1 = 1 and beta_i = 0 from then on, the choice that it calls
+Algorithm 3.1 of the paper with beta_1 = 1 and beta_i = 0 afterwards, the choice that it calls
 parameter-free: D begins as the demonstrations; in each round the policy acts once in every
-training labyrinth, the expert labels the states it came to, D becomes D and those, and the policy
-is fitted to D by cross-entropy. The expert is the solver: any optimal action, drawn once a state.
+training labyrinth, the expert labels the states visited, these are added to D, and the policy is
+fitted to D by cross-entropy. The expert is the solver: any optimal action, drawn once per state.
 
-Departures: D is a set, so a state that is in it already is not added again; an episode ends where
-the policy comes back to a state, since from there on it would only repeat itself; the policy
-goes on from its last weights instead of being fitted anew; of its iterations the one that is best
-on validation is kept, as the paper has it, but every few epochs instead of every round.
+Departures: D is a set, so that a state is added only once; an episode ends where the policy returns
+to a state, because from there on it would only repeat itself; the policy continues from its last
+weights instead of being fitted from scratch; the iteration that is best on validation is kept, as
+in the paper, but evaluated every few epochs instead of every round.
 """
 
 from __future__ import annotations
@@ -48,20 +48,20 @@ class Method(Learner):
         return {"loss": loss, "aggregated": len(self.states)}
 
     def visited(self) -> NDArray[np.int64]:
-        """Return the states in which the policy acts in one greedy episode a labyrinth."""
-        worlds = self.problem.worlds
+        """Return the states in which the policy acts in one greedy episode per labyrinth."""
+        arrays = self.problem.arrays
         actions = self.outputs(self.policy).argmax(1).cpu().numpy()
-        seen = np.zeros(len(worlds.observations), np.bool_)
-        where = worlds.initial
+        seen = np.zeros(len(arrays.observations), np.bool_)
+        where = arrays.initial
         while len(where):
             seen[where] = True
-            where = worlds.next_state[where, actions[where]]
-            where = where[~seen[where] & ~worlds.terminal[where]]
+            where = arrays.next_state[where, actions[where]]
+            where = where[~seen[where] & ~arrays.terminal[where]]
         return np.flatnonzero(seen)
 
     def aggregate(self, visited: NDArray[np.int64]) -> None:
-        """Add the states that are not in D yet, with the expert's labels."""
-        optimal = self.problem.worlds.optimal
+        """Add states that are not in D yet, with the expert's labels."""
+        optimal = self.problem.arrays.optimal
         new = np.setdiff1d(visited, self.states)
         choices = optimal[new] / optimal[new].sum(axis=1, keepdims=True)
         self.states = np.concatenate([self.states, new])

@@ -1,24 +1,24 @@
 """Generative adversarial imitation learning, GAIL (Ho and Ermon 2016), with PPO for the policy.
 
-A discriminator D(s, a), the probability that a step is a demonstration's, is fitted to the
-demonstrations and to the policy's last steps by cross-entropy (equation 17 and Algorithm 1 of the
+A discriminator D(s, a), the probability that a step is from the demonstrations, is fitted to the
+demonstrations and to the policy's latest steps by cross-entropy (equation 17 and Algorithm 1 of the
 paper, with the roles of 0 and 1 exchanged), and the policy is improved on the reward
 
     r(s, a) = log D(s, a),
 
-which is negative everywhere. -log(1 - D), as common, is positive everywhere: it pays for every
-step, so that staying alive is worth more than reaching the goal. Where all steps cost, a bad end
-must not be a way out: ice counts as absorbing, and earns for ever what the step onto it did.
+which is negative everywhere. The common -log(1 - D) is positive everywhere: it rewards every step,
+so that staying alive is worth more than reaching the goal. Where every step costs, failing must not
+be a way out: ice counts as absorbing, and earns the reward of the step onto it for ever.
 
-The policy's step is PPO (Schulman et al. 2017, equation 7, clipped at 1 +- `clip`, with advantages
-by equation 11) where the paper has TRPO: what they share is that a policy moves but a little from
-the one that acted. It has an entropy bonus, as the paper's lambda H(pi).
+The policy is updated by PPO (Schulman et al. 2017, equation 7, clipped at 1 +- `clip`, with
+advantages by equation 11) where the paper has TRPO; both keep the new policy close to the one that
+acted. There is an entropy bonus, the paper's lambda H(pi).
 
-Departures: PPO; the value of a state is one more output beside the policy's last layer; the agent
-acts in all training labyrinths in lock-step; the loss of a batch is computed once for each state in
-it, however often it was visited, which gives the same gradient. Learning uses the network as it
-acts, without dropout and with the running statistics of its normalisation, which are settled once,
-before it begins, on all states: the ratio of PPO compares probabilities of the same network.
+Departures: PPO; the critic is one more output of the policy's network; the agent acts in all
+training labyrinths in lock-step; the loss of a batch is computed once for each state in it, however
+often the state was visited, which gives the same gradient. The network is trained in evaluation
+mode, without dropout and with running statistics that are computed once, at the beginning, from all
+states, because the ratio of PPO has to compare probabilities of the same network.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipeline.training.methods.acting import Walk, softmax, walk
+from pipeline.training.methods.acting import Rollout, roll_out, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 from pipeline.training.networks.network import ACTIONS, WIDTH, Discriminator, Network
 from pipeline.training.policy import settle
 
 VALUE_WEIGHT = 0.5
-"""Of the critic's squared error beside the policy's loss."""
+"""The weight of the critic's loss."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,9 @@ class ActorCritic(nn.Module):
     """A policy's network with one more output, the value of the state.
 
     Args:
-        policy: What the critic shares all but the last layer with.
-        unit: Of the values; its error counts in it, so as not to drown the policy's.
+        policy: The network, of which the critic shares all but the last layer.
+        unit: The unit of the values, in which the critic's loss is computed, too, so that it does
+            not outweigh the policy's.
     """
 
     def __init__(self, policy: Network, unit: float) -> None:
@@ -80,14 +81,14 @@ class ActorCritic(nn.Module):
 
 
 class Samples(NamedTuple):
-    """Steps of the policy, and how they are judged, each of shape (N,)."""
+    """Steps of the policy with the targets of PPO, each array of shape (N,)."""
 
     states: NDArray[np.int64]
     actions: NDArray[np.int64]
     advantages: NDArray[np.float64]
     returns: NDArray[np.float64]
     log_probabilities: NDArray[np.float64]
-    """Of the actions, by the policy that took them."""
+    """The logarithm of each action's probability under the policy that took it."""
 
 
 class Method(Learner):
@@ -98,42 +99,36 @@ class Method(Learner):
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
-        self.actor = ActorCritic(self.policy, 1 / (1 - settings.gamma)).to(
-            problem.observations.device
-        )
+        self.actor = ActorCritic(self.policy, 1 / (1 - settings.gamma)).to(problem.device)
         settle(self.actor, problem.observations)
         self.optimizer = self.adam(self.actor)
-        self.discriminator = Discriminator(problem.spec).to(problem.observations.device)
+        self.discriminator = Discriminator(problem.spec).to(problem.device)
         self.judge_optimizer = self.adam(self.discriminator)
-        self.where = problem.worlds.initial.copy()
+        self.where = problem.arrays.initial.copy()
         self.taken = np.zeros_like(self.where)
 
     def epoch(self) -> dict[str, float]:
         problem, settings = self.problem, self.settings
         outputs = self.outputs(self.actor).double()
         probabilities = softmax(outputs[:, :-1])
-        walked = walk(
-            problem.worlds, probabilities, self.where, self.taken, settings.steps, problem.rng
+        rollout = roll_out(
+            problem.arrays, probabilities, self.where, self.taken, settings.steps, problem.rng
         )
-        judged = self.discriminate(walked)
+        loss = self.discriminate(rollout)
         rewards = reward_of(self.outputs(self.discriminator)).cpu().numpy()
-        fatal = walked.done & ~problem.worlds.goal[walked.next_states]
-        samples = sample(walked, outputs.cpu().numpy(), rewards, fatal, settings)
+        fatal = rollout.done & ~problem.arrays.goal[rollout.next_states]
+        samples = sample(rollout, outputs.cpu().numpy(), rewards, fatal, settings)
         losses = [self.improve(samples) for _ in range(settings.policy_passes)]
         return {
-            "loss": judged,
+            "loss": loss,
             "policy_loss": float(np.mean(losses)),
-            "reward": float(rewards[walked.states, walked.actions].mean()),
+            "reward": float(rewards[rollout.states, rollout.actions].mean()),
         }
 
-    def discriminate(self, walked: Walk) -> float:
-        """Fit the discriminator by one pass over all states of both kinds; return its loss."""
-        shares = np.stack(
-            [
-                shares_of(steps.states, steps.actions, len(self.problem.observations))
-                for steps in (self.problem.demonstrations, walked)
-            ]
-        )
+    def discriminate(self, rollout: Rollout) -> float:
+        """Fit the discriminator to demonstrations and rollout in one pass; return its loss."""
+        both, count = (self.problem.demonstrations, rollout), len(self.problem.observations)
+        shares = np.stack([shares_of(each.states, each.actions, count) for each in both])
         there = np.flatnonzero(shares.any(axis=(0, 2)))
         self.discriminator.train()
         total = 0.0
@@ -142,14 +137,12 @@ class Method(Learner):
             logits = self.discriminator(self.see(there[batch]))
             expert, own = self.tensor(shares[:, there[batch]]).float()
             loss = (expert * functional.softplus(-logits) + own * functional.softplus(logits)).sum()
-            self.judge_optimizer.zero_grad()
-            (loss * len(batches)).backward()
-            self.judge_optimizer.step()
+            self.descend(self.judge_optimizer, loss * len(batches))
             total += loss.item()
         return total
 
     def improve(self, samples: Samples) -> float:
-        """Take the gradient steps of one pass over the states visited; return the mean loss."""
+        """Update the policy in one pass over the visited states; return the mean loss."""
         visited, of_visited = np.unique(samples.states, return_inverse=True)
         batches = self.batches(len(visited))
         total = 0.0
@@ -162,46 +155,44 @@ class Method(Learner):
             chosen = [self.tensor(each[mine]) for each in samples[1:]]
             losses = policy_loss(self.settings, outputs, *chosen)
             loss = losses.sum() / len(samples.states)
-            self.optimizer.zero_grad()
-            (loss * len(batches)).backward()
-            self.optimizer.step()
+            self.descend(self.optimizer, loss * len(batches))
             total += loss.item()
         return total
 
 
 def reward_of(logits: Tensor) -> Tensor:
-    """Return log D, which is below 0, from the discriminator's logits."""
+    """Return the reward log D, which is negative, from the discriminator's logits."""
     return functional.logsigmoid(logits.double())
 
 
 def shares_of(
     states: NDArray[np.int64], actions: NDArray[np.int64], count: int
 ) -> NDArray[np.float64]:
-    """Return the share of each state and action in some steps, shape (count, 4)."""
+    """Return the share of the steps with each state and action, shape (count, 4)."""
     numbers = np.ravel(states) * ACTIONS + np.ravel(actions)
     shares: NDArray[np.float64] = np.bincount(numbers, minlength=count * ACTIONS) / len(numbers)
     return shares.reshape(count, ACTIONS)
 
 
 def sample(
-    walked: Walk,
+    rollout: Rollout,
     outputs: NDArray[np.float64],
     rewards: NDArray[np.float64],
     fatal: NDArray[np.bool_],
     settings: Settings,
 ) -> Samples:
-    """Return the steps of walkers with their advantages (Schulman et al. 2017, equation 11).
+    """Return the steps of a rollout with their advantages (Schulman et al. 2017, equation 11).
 
     Args:
-        walked: T steps of N walkers.
-        outputs: Of the actor in all states, before it learns, shape (S, 5).
-        rewards: Of each action in each state, shape (S, 4).
+        rollout: T steps of N agents.
+        outputs: The outputs of the actor that acted, in all states, shape (S, 5).
+        rewards: The reward of each action in each state, shape (S, 4).
         fatal: Which steps end on ice, shape (T, N).
         settings: gamma and lambda.
     """
-    states, actions, after, over, done = walked
+    states, actions, after, over, done = rollout
     values, earned = outputs[:, -1], rewards[states, actions]
-    # An episode that was cut is worth what comes after; one that has ended is over.
+    # Only a terminal state is worth nothing; a truncated episode would go on.
     worth_after = np.where(done, 0, values[after])
     worth_after = np.where(fatal, earned / (1 - settings.gamma), worth_after)
     surprise = earned + settings.gamma * worth_after - values[states]
@@ -228,13 +219,8 @@ def policy_loss(
 ) -> Tensor:
     """Return PPO's loss for each sample, shape (N,).
 
-    Args:
-        settings: Clipping, and the weight of entropy.
-        outputs: Of the actor in the samples' states, shape (N, 5).
-        actions: As the others, a field of `Samples`.
-        advantages: See there.
-        returns: See there.
-        log_probabilities: See there.
+    `outputs` are the actor's outputs in the states of the samples, shape (N, 5); the arguments
+    after it are fields of `Samples`.
     """
     logs = torch.log_softmax(outputs[:, :-1], 1)
     ratio = torch.exp(logs.gather(1, actions[:, None])[:, 0] - log_probabilities)

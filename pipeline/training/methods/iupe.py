@@ -2,22 +2,23 @@
 
 Three things differ from BCO (`bco.py`), as in the paper:
 
-- Labels of the demonstrations are drawn from the inverse dynamics model's probabilities instead of
-  being its most likely actions, anew for every pass.
-- So are the policy's actions, when it acts for new experience (in ours, BCO does that too).
+- Labels of the demonstrations are drawn from the inverse dynamics model's probabilities, anew for
+  every pass, instead of being its most likely actions.
+- The policy's actions are drawn as well, when it acts for new experience (our BCO does that, too).
 - The model is not fitted to all steps together, but to a sample I_s that depends on how often the
-  policy reached the goal. With E the policy's episodes of a round, P(g | E) the share of them that
-  reached the goal, P(A | E; I_pos) the distribution of actions in those, each episode counting
-  alike, and P(A | I_pre) that of the random policy, I_s consists of actions distributed as
+  policy reached the goal. Let E be the policy's episodes of a round, P(g | E) the share of them
+  that reached the goal, P(A | E; I_pos) the distribution of actions in those, with equal weights of
+  the episodes, and P(A | I_pre) that of the random policy. Then I_s consists of actions distributed
+  as
 
       P(g | E) P(A | E; I_pos)  drawn from the successful episodes, and
       (1 - P(g | E)) P(A | I_pre)  drawn from the random steps.
 
-So a policy that never succeeds teaches the model nothing, and one that always does, everything.
+So the model learns nothing from a policy that never succeeds, and only from one that always does.
 
 Departures: those of BCO; no self-attention in the networks, whose layers are those of the
-supplement's Table 1; |I_s| = |I_pre|, as the paper gives no number. Each round is one episode in
-every training labyrinth, cut after `episode_steps`.
+supplement's Table 1; |I_s| = |I_pre|, since the paper gives no number. A round is one episode in
+every training labyrinth, truncated after `episode_steps`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.training.methods import bco
-from pipeline.training.methods.acting import draw, softmax, walk
+from pipeline.training.methods.acting import draw, roll_out, softmax
 from pipeline.training.methods.method import Problem, setting
 
 
@@ -54,23 +55,22 @@ class Method(bco.Method):
         return super().epoch() | {"reached": self.reached}
 
     def explore(self) -> None:
-        """Let the policy act for an episode a labyrinth, and compose I_s."""
+        """Let the policy act for one episode in each labyrinth, and compose I_s."""
         steps, episodes = self.successes()
-        self.reached = len(set(episodes.tolist())) / len(self.problem.worlds.initial)
+        self.reached = len(set(episodes.tolist())) / len(self.problem.arrays.initial)
         self.experience = compose(self.before, steps, episodes, self.reached, self.problem.rng)
 
     def successes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return steps of episodes that reach the goal, (N, 3), and the episode of each, (N,)."""
-        worlds = self.problem.worlds
+        """Return the steps of successful episodes, (N, 3), and the episode of each, (N,)."""
+        arrays = self.problem.arrays
         probabilities = softmax(self.outputs(self.policy))
-        where, taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
+        where, taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
         steps = self.settings.episode_steps
-        walked = walk(worlds, probabilities, where, taken, steps, self.problem.rng)
-        first: NDArray[np.bool_] = np.cumsum(walked.over, axis=0) - walked.over == 0
-        reached = walked.done & (worlds.rewards[walked.states, walked.actions] > 0)
+        rollout = roll_out(arrays, probabilities, where, taken, steps, self.problem.rng)
+        first: NDArray[np.bool_] = np.cumsum(rollout.over, axis=0) - rollout.over == 0
+        reached = arrays.goal[rollout.next_states]
         kept = first & (first & reached).any(axis=0)
-        steps_kept = [walked.states[kept], walked.actions[kept], walked.next_states[kept]]
-        return np.stack(steps_kept, axis=1), np.nonzero(kept)[1]
+        return rollout.transitions[kept.ravel()], np.nonzero(kept)[1]
 
     def labels(self) -> NDArray[np.int64]:
         return draw(softmax(self.tensor(self.scores)), self.problem.rng)
@@ -83,19 +83,19 @@ def compose(
     reached: float,
     rng: np.random.Generator,
 ) -> NDArray[np.int64]:
-    """Return I_s, as many steps as there are in I_pre.
+    """Return I_s, with as many steps as I_pre.
 
     Args:
         before: I_pre, shape (N, 3).
-        steps: Of the successful episodes of I_pos, shape (M, 3).
-        episodes: The episode of each, shape (M,).
+        steps: The steps of the successful episodes, I_pos, shape (M, 3).
+        episodes: The episode of each of these steps, shape (M,).
         reached: P(g | E).
-        rng: Draws.
+        rng: Draws the sample.
     """
     wanted = round(reached * len(before))
     ours = steps[:0]
     if wanted:
-        # Any episode, then any step of it: their actions are distributed as P(A | E; I_pos).
+        # A random episode, then a random step of it, has an action distributed as P(A | E; I_pos).
         weights = 1 / np.bincount(episodes)[episodes]
         ours = steps[rng.choice(len(steps), wanted, p=weights / weights.sum())]
     others = before[rng.permutation(len(before))[: len(before) - wanted]]

@@ -1,7 +1,7 @@
-"""What a method is: settings, and a learner that is asked for one epoch after the other.
+"""The interface of a method: its settings, and a learner that trains one epoch at a time.
 
 A method is a module of this package with two classes, `Settings` and `Method`, and a file of the
-same name in `conf/method/`. docs/new-method.md shows one.
+same name in `conf/method/`. docs/new-method.md shows an example.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.option import check_options, frozen, option
 from pipeline.config.training import usual_settings
-from pipeline.training.methods.relabelling import Routes
+from pipeline.training.methods.relabelling import ExampleSampler
 from pipeline.training.networks.network import ACTIONS, Network, NetworkSpec
 from pipeline.training.policy import outputs_of
 from pipeline.training.steps import Steps
@@ -56,73 +56,83 @@ class BaseSettings:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All that a method may learn from, and what it computes with."""
+    """Everything that a method may learn from and compute with."""
 
-    worlds: LabyrinthArrays
-    """The training labyrinths; never those of another split."""
+    arrays: LabyrinthArrays
+    """The labyrinths of the split train, and of no other."""
     observations: Tensor
-    """Those of `worlds`, on the device, shape (S, ...)."""
+    """The observations of `arrays`, on the device, shape (S, ...)."""
     demonstrations: Steps
     exploration: Callable[[], Steps]
-    """Returns the steps of the random policy; DatasetError where the dataset has none."""
+    """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
     spec: NetworkSpec
     rng: np.random.Generator
-    """Of all that is drawn, but for weights and dropout, which are torch's."""
+    """The source of all randomness but that of weights and dropout, which is torch's."""
+
+    @property
+    def device(self) -> torch.device:
+        """The device to compute on."""
+        return self.observations.device
 
     @cached_property
-    def routes(self) -> Routes:
-        """The demonstrations, to draw relabelled pictures of them."""
-        return Routes(self.worlds, self.demonstrations)
+    def examples(self) -> ExampleSampler:
+        """The source of pictures drawn from the demonstrations, as they are or relabelled."""
+        return ExampleSampler(self.arrays, self.demonstrations)
 
 
 class Learner(ABC):
-    """A method at work.
+    """A method during training.
 
-    Its attributes that are networks, optimizers, arrays and numbers are its state: checkpoints
-    keep them, and nothing else may change between epochs.
+    Its attributes are its state, which checkpoints keep: networks, optimizers, arrays and numbers.
+    Nothing else may change between epochs.
     """
 
     policy: nn.Module
-    """What is evaluated and kept; its highest output is the action."""
+    """The network that is evaluated and kept; its highest output is the action."""
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         self.problem = problem
         self.settings = settings
-        self.policy = self.make(problem.spec, settings).to(problem.observations.device)
+        self.policy = self.make(problem.spec, settings).to(problem.device)
         self.optimizer = self.adam(self.policy)
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network for the policy; another one than `Network` for some methods."""
+        """Return a fresh network for the policy; some methods have another one than `Network`."""
         return Network(spec)
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:
-        """Learn for an epoch; return figures to show and keep, `loss` among them."""
+        """Train for an epoch; return figures to show and keep, among them `loss`."""
 
     def network(self, outputs: int = ACTIONS, frames: int = 1) -> Network:
         """Return a fresh network with the run's encoder; see `Network`."""
-        return Network(self.problem.spec, outputs, frames).to(self.problem.observations.device)
+        return Network(self.problem.spec, outputs, frames).to(self.problem.device)
 
-    def adam(self, *networks: nn.Module) -> Adam:
-        """Return the optimizer of networks."""
-        weights = [weight for network in networks for weight in network.parameters()]
-        return Adam(weights, lr=self.settings.learning_rate)
+    def adam(self, network: nn.Module) -> Adam:
+        """Return an optimizer for a network."""
+        return Adam(network.parameters(), lr=self.settings.learning_rate)
+
+    def descend(self, optimizer: Adam, loss: Tensor) -> None:
+        """Take a gradient step."""
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
 
     def tensor(self, array: NDArray[Any]) -> Tensor:
-        """Return an array on the device."""
-        return torch.as_tensor(array, device=self.problem.observations.device)
+        """Return an array as a tensor on the device."""
+        return torch.as_tensor(array, device=self.problem.device)
 
     def see(self, *states: NDArray[np.int64]) -> Tensor:
-        """Return the observations of states, of several along the last axis."""
+        """Return the observations of states; of several, concatenated along the last axis."""
         return torch.cat([self.problem.observations[self.tensor(each)] for each in states], -1)
 
     def outputs(self, network: nn.Module) -> Tensor:
-        """Return a network's outputs in all states, for acting and judging, shape (S, outputs)."""
+        """Return a network's outputs in all states, in evaluation mode, shape (S, outputs)."""
         return outputs_of(network, self.problem.observations)
 
     def batches(self, count: int) -> list[NDArray[np.int64]]:
-        """Return the numbers below `count` in random order, in batches."""
+        """Return the numbers below `count` in random order, divided into batches."""
         order = self.problem.rng.permutation(count)
         return np.array_split(order, -(-count // self.settings.batch_size))
 
@@ -133,13 +143,13 @@ class Learner(ABC):
         states: tuple[NDArray[np.int64], ...],
         labels: NDArray[np.int64],
     ) -> float:
-        """Fit a classifier to labels by one pass over them; return the mean cross-entropy.
+        """Fit a classifier to labels in one pass over them; return the mean cross-entropy.
 
         Args:
-            network: Is set to training mode.
-            optimizer: Its own.
-            states: Numbers of states, shape (N,); of several states that it looks at together,
-                several such arrays.
+            network: The classifier, which is set to training mode.
+            optimizer: The classifier's optimizer.
+            states: Numbers of states, shape (N,); several such arrays for a network that sees
+                several states at once.
             labels: The classes, shape (N,).
         """
         network.train()
@@ -147,19 +157,18 @@ class Learner(ABC):
         for batch in self.batches(len(labels)):
             scores = network(self.see(*(each[batch] for each in states)))
             loss = functional.cross_entropy(scores, self.tensor(labels[batch]))
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
+            self.descend(optimizer, loss)
             total += loss.item() * len(batch)
         return total / len(labels)
 
 
 def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSettings]:
-    """Return a method and its settings, by the name of its module in this package.
+    """Return a method and its settings.
 
     Args:
-        name: An identifier, such as `bc`.
-        values: The values of some settings; conf/method/ has the others.
+        name: The name of the method's module in this package, such as `bc`.
+        values: The values of some settings; the file of the method in conf/method/ has
+            the others.
 
     Raises:
         ConfigError: There is no such method or setting, or a value that is not allowed.

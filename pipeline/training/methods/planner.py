@@ -1,24 +1,25 @@
-"""A planner: it learns to see what steps cost, and plans with that; its network is `planning`.
+"""A planner, which learns to see the costs of steps and plans with them; its network: `planning`.
 
-It stands on value iteration networks (Tamar et al. 2016), which plan inside a network that is
+It builds on value iteration networks (Tamar et al. 2016), which plan inside a network that is
 trained by imitation, and on value propagation (Nardelli et al. 2019), which learns where values
-pass; on recurrent networks that are trained on small mazes and think longer on larger ones, with
-tied weights and a recall of the input (Schwarzschild et al. 2021; Bansal et al. 2022); on
-relabelling in hindsight (Andrychowicz et al. 2017); on averaging over symmetries, as Cohen and
-Welling (2016) build into weights. The loss is that of behavioural cloning.
+pass; on recurrent networks that are trained on small mazes and iterate longer on larger ones, with
+tied weights and recall of the input (Schwarzschild et al. 2021; Bansal et al. 2022); on hindsight
+relabelling (Andrychowicz et al. 2017); and on averaging over symmetries, which Cohen and Welling
+(2016) build into the weights. The loss is that of behavioural cloning.
 
 It learns from the demonstrations of the split train and from nothing else: no steps of its own, no
-solver, no other labyrinths. But it is given what the other methods are not, and each gift can be
-taken away:
+solver, no other labyrinths. But it has prior knowledge that the other methods do not have, each
+piece of which can be switched off:
 
-- `augment`: a turned labyrinth is solved by turned actions.
-- `relabel`: a part of a route is a route, also backwards, and can be drawn (`relabelling`).
-- `average`: when acting it looks at a picture in all eight ways.
-- `path_prior`: costs of steps add up, and the cheapest way is taken. Without, planning is a gated
-  convolution that is iterated.
-- `grid_prior`: how many pixels a cell has, so that the internal grid has one position a cell.
-- `colour_prior`: the agent's colour, to find it by. Without, attention to find it is learnt. With
-  both, the actions of all states on a route are learnt from each picture of one of them.
+- `augment`: a transformed labyrinth is solved by transformed actions (`symmetry`).
+- `relabel`: a part of a route is a route, also in reverse, and can be drawn (`relabelling`).
+- `average`: the policy's outputs are averaged over the eight symmetries of the picture.
+- `path_prior`: the costs of steps add up, and the cheapest path is taken. Without it, planning is
+  an iterated gated convolution.
+- `grid_prior`: the number of pixels of a cell, so that the internal grid has one position per cell.
+- `colour_prior`: the agent's colour, by which it is found. Without it, attention learns to find the
+  agent. With both `grid_prior` and `colour_prior`, the actions of all states on a route are learnt
+  from each picture of one of them.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.networks.planning import Planner
 
 RISE, FALL = 0.05, 0.5
-"""Shares of the training over which the learning rate rises at first, and falls at last."""
+"""The shares of the training in which the learning rate rises and falls, at its two ends."""
 MAX_GRADIENT = 1.0
-"""To which the norm of a gradient is clipped; many iterations make some of them large."""
+"""The norm to which gradients are clipped; many iterations make some of them large."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Settings(bc.Settings):
 
 
 class Method(bc.Method):
-    """The policy, and how many epochs are over."""
+    """The policy, and the number of epochs that are over."""
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
@@ -102,12 +103,8 @@ class Method(bc.Method):
 
     def step(self, share: float) -> None:
         over = (self.epochs + share) / self.settings.epochs
+        factor = min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)
         for group in self.optimizer.param_groups:
-            group["lr"] = self.settings.learning_rate * _rate(over)
+            group["lr"] = self.settings.learning_rate * factor
         clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
         super().step(share)
-
-
-def _rate(over: float) -> float:
-    """Return the share of the learning rate after a share of the training is over."""
-    return min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)

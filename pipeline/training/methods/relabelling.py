@@ -1,11 +1,12 @@
-"""Examples from routes, as they are or relabelled: any two states of a route, start and goal.
+"""Training examples from demonstrated episodes, as they are or relabelled.
 
-A part of a shortest route is a shortest route, so it demonstrates the way between its ends
-(hindsight: Kaelbling 1993; Andrychowicz et al. 2017). Where every move can be undone, so does the
-part walked backwards. With a door it cannot: there nothing is reversed, and a part is taken only
-if it is a whole episode of the labyrinth with its ends, the start before the key and the goal
-behind the door. The picture with the new start and goal is drawn from `info`, which adds nothing
-that the demonstration's own pictures do not show.
+Relabelling takes any two states of an episode as start and goal: a part of a shortest route is a
+shortest route, so it demonstrates the way between its ends (hindsight: Kaelbling 1993; Andrychowicz
+et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. With a door
+it is not: there nothing is reversed, and a part is taken only if it is a complete episode of the
+labyrinth with the new start and goal, from before the key to behind the door. The picture with the
+new start and goal is drawn from `info`, which adds nothing that the demonstration's own pictures do
+not show.
 """
 
 from __future__ import annotations
@@ -25,44 +26,39 @@ NO_LABEL = -1
 
 
 class Examples(NamedTuple):
-    """N pictures, and what is demonstrated in them."""
+    """N pictures with the actions that are demonstrated in them."""
 
     pictures: NDArray[np.uint8]
     """Shape (N, size, size, 3)."""
     labels: NDArray[np.int64]
-    """Actions, shape (N,); or of every cell, shape (N, height, width), rows from the top,
-    `NO_LABEL` where nothing is demonstrated."""
+    """The agent's action, shape (N,); or the action in every cell, shape (N, height, width), rows
+    from the top, with `NO_LABEL` where none is demonstrated."""
 
 
-class Routes:
-    """The demonstrated routes, to draw examples from."""
+class ExampleSampler:
+    """Draws examples from the demonstrated episodes."""
 
-    def __init__(self, worlds: LabyrinthArrays, demonstrations: Steps) -> None:
-        """Replay the routes.
-
-        Args:
-            worlds: Their labyrinths.
-            demonstrations: The routes of `worlds`, one after the other.
-        """
-        self._worlds = worlds
-        firsts = np.cumsum([0, *map(len, worlds.routes)])[:-1]
-        places = worlds.labyrinth[demonstrations.states[firsts]].tolist()
+    def __init__(self, arrays: LabyrinthArrays, demonstrations: Steps) -> None:
+        """Replay the episodes; `demonstrations` are the steps of `arrays.routes`, in order."""
+        self._spec = arrays.spec
+        firsts = np.cumsum([0, *map(len, arrays.routes)])[:-1]
+        numbers = arrays.labyrinth[demonstrations.states[firsts]].tolist()
         self._episodes = [
-            replay(worlds.labyrinths[place], route.tolist())
-            for place, route in zip(places, worlds.routes, strict=True)
+            replay(arrays.labyrinths[number], route.tolist())
+            for number, route in zip(numbers, arrays.routes, strict=True)
         ]
         self._parts = [_parts(episode) for episode in self._episodes]
 
     def draw(self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool) -> Examples:
-        """Return examples: a route, a part of it, and a place of the agent on it, at random.
+        """Return examples: an episode, a part of it, and the agent's state on it, at random.
 
         Args:
-            count: How many, at least one.
+            count: The number of examples, at least 1.
             rng: Draws them.
-            relabel: Whether any two states of a route are start and goal, or its ends only.
-            whole: Whether all cells of the part are labelled, or the agent's action is the label.
-                Cells are so only as far as they are seen, and in the agent's phase: with or
-                without the key.
+            relabel: Whether the part is between any two states of the episode, or all of it.
+            whole: Whether the labels are the actions in all cells of the part, or the agent's
+                action alone. Cells are labelled only if the agent can see them, and with the
+                actions taken with the key if the agent has it, else with those without it.
         """
         drawn = [self._example(rng, relabel, whole) for _ in range(count)]
         pictures, labels = zip(*drawn, strict=True)
@@ -77,22 +73,22 @@ class Routes:
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
         state, labyrinth = episode.states[agent], _with_ends(episode, first, last)
-        picture: NDArray[np.uint8] = self._worlds.spec.look(labyrinth, [state])[0]
+        picture: NDArray[np.uint8] = self._spec.look(labyrinth, [state])[0]
         if not whole:
             return picture, np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
         hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
-        for place in [agent] if hidden else range(first, last, step):
-            there = episode.states[place]
+        for index in [agent] if hidden else range(first, last, step):
+            there = episode.states[index]
             if there[1:] == state[1:]:
-                labels[there.agent] = _action(episode, place, step)
+                labels[there.agent] = _action(episode, index, step)
         return picture, labels.reshape(structure.height, structure.width)[::-1]
 
 
-def _action(episode: Episode, place: int, step: int) -> int:
-    """Return the action at a place of a route, or the one that leads back from it."""
-    return int(episode.actions[place] if step > 0 else (episode.actions[place - 1] + 2) % 4)
+def _action(episode: Episode, index: int, step: int) -> int:
+    """Return the action in a state of an episode, or the one back to the state before it."""
+    return int(episode.actions[index] if step > 0 else (episode.actions[index - 1] + 2) % 4)
 
 
 def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
@@ -101,16 +97,16 @@ def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
 
 
 def _parts(episode: Episode) -> list[tuple[int, int]]:
-    """Return the places on a route that are start and goal of examples, in this order."""
-    places = range(len(episode) + 1)
-    pairs = [(first, last) for first in places for last in places if first != last]
+    """Return the pairs of indices of states that can be start and goal of an example."""
+    indices = range(len(episode) + 1)
+    pairs = [(first, last) for first in indices for last in indices if first != last]
     if episode.labyrinth.door is None:
         return pairs
     return [pair for pair in pairs if pair[0] < pair[1] and _is_episode(episode, *pair)]
 
 
 def _is_episode(episode: Episode, first: int, last: int) -> bool:
-    """Return whether a part of a route is an episode of the labyrinth with its ends."""
+    """Return whether a part is a complete episode of the labyrinth with the part's ends."""
     try:
         part = replay(_with_ends(episode, first, last), episode.actions[first:last].tolist())
     except ValueError:

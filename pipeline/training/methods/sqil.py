@@ -1,23 +1,23 @@
 """Soft Q imitation learning, SQIL (Reddy, Dragan and Levine 2020).
 
-Off-policy soft Q-learning on a buffer of demonstrations, whose steps are rewarded with 1, and of
-the learner's own steps, rewarded with 0; each batch holds as many of one as of the other. The loss
-is the mean of (Q(s, a) - y)^2 (Algorithm 1, with lambda_samp = 1), where
+Off-policy soft Q-learning on a buffer of demonstrations, whose steps have the reward 1, and of the
+learner's own steps, whose reward is 0; half of each batch is from either. The loss is the mean of
+(Q(s, a) - y)^2 (Algorithm 1, with lambda_samp = 1), where
 
     y = r + gamma V(s'),    V(s) = tau log sum_a exp(Q(s, a) / tau),
 
 and the policy acts by softmax(Q / tau). The policy that is evaluated takes the highest Q.
 
-The goal is absorbing: an expert that reached it stays there and goes on being rewarded with 1, so
-that V(goal) = (1 + tau log 4) / (1 - gamma), whoever reached it. With V(goal) = 0 instead, staying
-away from the goal would pay best, as no reward is below 0. Ice is absorbing, too, and worth
-nothing, as no expert is ever there.
+The goal is absorbing: an expert that has reached it stays there and keeps receiving the reward 1,
+so that V(goal) = (1 + tau log 4) / (1 - gamma), whoever reached it. If V(goal) were 0, avoiding the
+goal would be optimal, since no reward is negative. Ice is absorbing, too, and worth nothing, since
+no expert is ever there.
 
-Departures: V(s') comes from a copy of the network, renewed once an epoch and looked up in a table
-of all states; the agent acts in all training labyrinths in lock-step; the temperature tau, 1 in
-the paper, is a setting. Learning uses the network as it acts, without dropout and with the running
-statistics of its normalisation, which are settled once, before it begins, on all states: targets
-from a network in the one mode for a network in the other would not agree.
+Departures: V(s') is from a target network, a table of the values of all states that is recomputed
+once per epoch; the agent acts in all training labyrinths in lock-step; the temperature tau, 1 in
+the paper, is a setting. The network is trained in evaluation mode, without dropout and with running
+statistics that are computed once, at the beginning, from all states, so that the targets are from
+the network in the mode in which it is trained.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from pipeline.training.methods.acting import softmax, walk
+from pipeline.training.methods.acting import roll_out, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 from pipeline.training.networks.network import ACTIONS
 from pipeline.training.policy import settle
@@ -58,10 +58,10 @@ class Method(Learner):
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
         settle(self.policy, problem.observations)
-        worlds = problem.worlds
-        self.where, self.taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
+        arrays = problem.arrays
+        self.where, self.taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
         self.own = np.zeros((0, 3), np.int64)
-        self.values = np.zeros(len(worlds.observations))
+        self.values = np.zeros(len(arrays.observations))
 
     def epoch(self) -> dict[str, float]:
         q = self.outputs(self.policy)
@@ -72,22 +72,21 @@ class Method(Learner):
 
     def soft_values(self, q: Tensor) -> NDArray[np.float64]:
         """Return V of all states, shape (S,), from Q of all states, shape (S, 4)."""
-        settings, worlds = self.settings, self.problem.worlds
+        settings, arrays = self.settings, self.problem.arrays
         tau = settings.temperature
         values: NDArray[np.float64] = (tau * torch.logsumexp(q.double() / tau, 1)).cpu().numpy()
-        # In an absorbing state all actions do the same, which is what the entropy is worth there.
+        # In an absorbing state all actions are equivalent, so the entropy is log 4 per step.
         forever = (1 + tau * np.log(ACTIONS)) / (1 - settings.gamma)
-        return np.where(worlds.terminal, np.where(worlds.goal, forever, 0), values)
+        return np.where(arrays.terminal, np.where(arrays.goal, forever, 0), values)
 
     def act(self, q: Tensor) -> None:
-        """Take some steps in every labyrinth, and remember them."""
+        """Take some steps in every labyrinth, and add them to the buffer."""
         settings, problem = self.settings, self.problem
         probabilities = softmax(q / settings.temperature)
-        steps = walk(
-            problem.worlds, probabilities, self.where, self.taken, settings.steps, problem.rng
+        rollout = roll_out(
+            problem.arrays, probabilities, self.where, self.taken, settings.steps, problem.rng
         )
-        new = np.stack([steps.states, steps.actions, steps.next_states], 2).reshape(-1, 3)
-        self.own = np.concatenate([self.own, new])[-settings.buffer :]
+        self.own = np.concatenate([self.own, rollout.transitions])[-settings.buffer :]
 
     def update(self) -> float:
         """Take a gradient step and return the loss."""
@@ -102,7 +101,5 @@ class Method(Learner):
         targets = self.tensor(rewards + settings.gamma * self.values[after]).float()
         q = self.policy(self.see(states)).gather(1, self.tensor(actions)[:, None])[:, 0]
         loss = functional.mse_loss(q, targets)
-        self.optimizer.zero_grad()
-        loss.backward()
-        self.optimizer.step()
+        self.descend(self.optimizer, loss)
         return loss.item()

@@ -1,1 +1,1 @@
-"""Networks, and what is particular to their inputs."""
+"""The networks, and the symmetries of their inputs."""

@@ -1,13 +1,12 @@
 """The networks of the benchmark (supplement, Tables 1 and 2), written out.
 
-All take observations as they are, and scale them themselves: pictures as uint8, shape (batch,
-size, size, channels); vectors as integers, shape (batch, length).
+All take observations as they are stored, and scale them themselves: pictures as uint8, shape
+(batch, size, size, channels); vectors as integers, shape (batch, length).
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -21,35 +20,30 @@ ACTIONS = len(Action)
 SLOPE = 0.01
 DROPOUT = 0.3
 MOMENTUM = 0.1
-"""Of the running statistics of normalisation."""
+"""The momentum of the running statistics of batch normalisation."""
 WIDTH = 512
-"""Inputs of every classifier's second layer (Table 1)."""
-CNN_FEATURES = 1024
-"""Of a picture of 64 x 64: 4 x 4 places with 64 channels (Table 1a)."""
+"""The width of every classifier's hidden layers (Table 1)."""
 
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """All that the shape of a policy's network depends on."""
+    """Everything that the shape of a policy's network depends on."""
 
     encoder: str
     """cnn, resnet18 or mlp."""
     pool_stride: int
-    """Of ResNet-18's first pooling: 1 in Table 1, 2 in the original ResNet."""
+    """The stride of ResNet-18's first pooling: 1 in Table 1, 2 in the original ResNet."""
     height: int
-    """Of the labyrinths, in cells; the length of vectors depends on it."""
+    """The height of the labyrinths in cells, on which the length of vectors depends."""
     width: int
     task: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it in plain types."""
-        return asdict(self)
 
 
 class Cnn(nn.Sequential):
     """The encoder of Table 1a, from Deep Q-Networks: 64 x 64 pixels to 1024 features."""
 
-    features = CNN_FEATURES
+    features = 1024
+    """4 x 4 positions with 64 channels."""
 
     def __init__(self, channels: int = 3) -> None:
         super().__init__(
@@ -66,7 +60,7 @@ class Cnn(nn.Sequential):
 
 
 class Block(nn.Module):
-    """The basic block of ResNet-18 (He et al. 2016, figure 2): two convolutions, and a way past."""
+    """The basic block of ResNet-18 (He et al. 2016, figure 2): two convolutions and a shortcut."""
 
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:
         super().__init__()
@@ -94,7 +88,7 @@ class ResNet18(nn.Sequential):
 
     The table's four blocks are the four stages of PyTorch's implementation, which the supplement
     says it follows: two basic blocks each, of 64, 128, 256 and 512 channels, then the mean over
-    all places. Weights are drawn as there.
+    all positions. Weights are initialised as there.
     """
 
     features = 512
@@ -120,9 +114,9 @@ class ResNet18(nn.Sequential):
 
 
 class Mlp(nn.Module):
-    """An encoder of ours for vectors, the wall grid as it is and positions one-hot: 512 features.
+    """Our encoder for vectors, of which the supplement has none: 512 features.
 
-    The supplement has none. A position is a number of a place, not an amount.
+    The wall grid is an input as it is; positions are one-hot, since they number places.
     """
 
     features = WIDTH
@@ -135,9 +129,9 @@ class Mlp(nn.Module):
         self.layer = nn.Linear(inputs, WIDTH)
 
     def forward(self, vectors: Tensor) -> Tensor:
-        """Return the features of vectors, those of several frames being one after the other."""
+        """Return the features of vectors; several frames are concatenated in a vector."""
         frames = vectors.long().reshape(len(vectors), -1, self.tiles + self.grid)
-        # -1 is a key or a door that is gone.
+        # -1 stands for a key or a door that is gone.
         places = functional.one_hot(frames[:, :, : self.tiles] + 1, self.grid + 1)
         walls = frames[:, :, self.tiles :]
         inputs = torch.cat([places.flatten(1), walls.flatten(1)], 1).float()
@@ -145,7 +139,7 @@ class Mlp(nn.Module):
 
 
 def make_encoder(spec: NetworkSpec, frames: int = 1) -> Cnn | ResNet18 | Mlp:
-    """Return a fresh encoder for observations, or for several one after the other."""
+    """Return a fresh encoder for one observation, or for several concatenated frames."""
     if spec.encoder == "mlp":
         return Mlp(spec, frames)
     if spec.encoder == "resnet18":
@@ -154,9 +148,9 @@ def make_encoder(spec: NetworkSpec, frames: int = 1) -> Cnn | ResNet18 | Mlp:
 
 
 def as_input(observations: Tensor) -> Tensor:
-    """Return what an encoder takes: pictures scaled to [0, 1], channels first; vectors as they are.
+    """Return the input of an encoder: pictures scaled to [0, 1], channels first; or plain vectors.
 
-    Pictures keep their layout in memory, which is the one that convolutions like best.
+    Pictures keep their layout in memory (channels last), which is the fastest for convolutions.
     """
     if observations.dtype == torch.uint8:
         return observations.permute(0, 3, 1, 2).float().div_(255)
@@ -166,8 +160,8 @@ def as_input(observations: Tensor) -> Tensor:
 class Network(nn.Module):
     """An encoder and the classifier of Table 1: layers 9 to 15 for the CNN, 12 to 18 for ResNet.
 
-    The policy of every method has four outputs. With `frames=2` it looks at a state and the next,
-    along the last axis: the inverse dynamics model of BCO and IUPE.
+    With `frames=2` it sees a state and its successor, concatenated along the last axis: the inverse
+    dynamics model of BCO and IUPE.
     """
 
     def __init__(self, spec: NetworkSpec, outputs: int = ACTIONS, frames: int = 1) -> None:
@@ -189,7 +183,7 @@ class Network(nn.Module):
         return outputs
 
     def hidden(self, observations: Tensor) -> Tensor:
-        """Return what the last layer is given, shape (batch, WIDTH)."""
+        """Return the input of the last layer, shape (batch, WIDTH)."""
         features: Tensor = self.classifier[:-1](self.encoder(as_input(observations)))
         return features
 
@@ -197,8 +191,8 @@ class Network(nn.Module):
 class Discriminator(nn.Module):
     """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
 
-    Its own encoder has the shape of the CNN without normalisation. Vectors have none in the
-    source; they are encoded by `Mlp`.
+    It has its own encoder, the CNN without batch normalisation. For vectors, which the source does
+    not have, the encoder is `Mlp`.
     """
 
     def __init__(self, spec: NetworkSpec) -> None:
@@ -208,7 +202,7 @@ class Discriminator(nn.Module):
             self.encoder, features = Mlp(spec), Mlp.features
         else:
             layers = [layer for layer in Cnn() if not isinstance(layer, nn.BatchNorm2d)]
-            self.encoder, features = nn.Sequential(*layers), CNN_FEATURES
+            self.encoder, features = nn.Sequential(*layers), Cnn.features
         self.classifier = nn.Sequential(
             nn.Linear(features + ACTIONS, 256),
             nn.LeakyReLU(SLOPE),

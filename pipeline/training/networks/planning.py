@@ -1,14 +1,15 @@
-"""The network of `method=planner`: a picture into a map of costs, the map into shortest ways.
+"""The network of `method=planner`: a picture becomes a map of costs, the map shortest paths.
 
-A small stem of convolutions, alike everywhere, says for each position of an internal grid what
-leaving it in each direction costs, and what it costs to end there. Planning is then the iteration
-of Bellman and Ford, with tied weights because it has none:
+A small convolutional stem predicts, for each position of an internal grid, the cost of a step in
+each direction and the cost of ending there. Planning is then the Bellman-Ford iteration, which has
+no weights of its own:
 
     d(s) <- min(end(s), min over a of step(s, a) + d(s after a))
 
-which sees the costs again in every iteration and comes to rest by itself, after more iterations in
-larger labyrinths. The scores of the actions are -(step + d), where the agent is. All is
-differentiable, so what a wall, a goal or ice looks like is learnt from demonstrated actions alone.
+It uses the costs again in every iteration and converges by itself, after more iterations in larger
+labyrinths. The scores of the actions are -(step + d), where the agent is. Everything is
+differentiable, so that the appearance of walls, goal and ice is learnt from the demonstrated
+actions alone.
 """
 
 from __future__ import annotations
@@ -23,33 +24,33 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from pipeline.training.networks.network import ACTIONS, as_input
 
 FAR = 1e9
-"""What ending outside of the picture costs."""
+"""The cost of ending outside the picture."""
 FIRST_END = 3.0
-"""Logarithm of what ending costs at first, as much as a way of twenty cells."""
+"""The initial logarithm of the cost of ending, which is that of a path of twenty cells."""
 POSITION_PIXELS = 4
-"""Of the side of a position, without `grid_prior`."""
+"""The side of a position in pixels, without `grid_prior`."""
 FINE_POSITIONS = 3.2
-"""As how many on the side of a cell these are taken without `grid_prior`, so many as at 5x5: how
-long planning goes on while learning, and how dear ending is at first, depend on it."""
+"""The number of positions on the side of a cell that is assumed without `grid_prior`, which is that
+of 5x5: the iterations in training and the initial cost of ending are scaled by it."""
 FINE_SHARPNESS = 1.25
-"""Of `Bellman`, when acting, without `grid_prior`: a way through a cell then has several positions,
-dear and cheap ones, and high powers of their costs add up to other ways. Chosen among 1, 1.25, 1.5
-and 1.75 on structures of the split validation of 5x5."""
+"""The sharpness of `Bellman` in evaluation mode without `grid_prior`, where a path through a cell
+has several positions of different costs, so that high powers of the costs change the cheapest path.
+Chosen from 1, 1.25, 1.5 and 1.75 on structures of the split validation of 5x5."""
 PIXELS = 16
-"""To which the picture of a cell is brought, with `grid_prior`."""
+"""The side in pixels to which the picture of a cell is resized, with `grid_prior`."""
 SAME_COLOUR = 0.1
-"""Difference in each channel, of 1, up to which a pixel has the agent's colour."""
+"""The difference in each channel, of 1, up to which a pixel counts as the agent's colour."""
 
 
 class Bellman(nn.Module):
-    """The prior that costs add up along a way, and that the cheapest way is taken."""
+    """Planning with the prior that costs add up along a path, and that the cheapest is taken."""
 
     def __init__(
         self, channels: int, iterations: int, sharpness: float, first_end: float = FIRST_END
     ) -> None:
         super().__init__()
         self.costs = nn.Conv2d(channels, ACTIONS + 1, 1)
-        # At first it is dear to end anywhere, so that there is a way to learn about.
+        # Ending is expensive at first, so that the cheapest paths have steps to learn from.
         nn.init.constant_(self.costs.bias[ACTIONS:], first_end)  # type: ignore[index]
         self.iterations = iterations
         self.sharpness = sharpness
@@ -58,43 +59,44 @@ class Bellman(nn.Module):
         """Return the scores of the actions at each position, shape (N, 4, rows, columns)."""
         logarithms: Tensor = self.costs(scene)
         if self.training:
-            ways = self.ways(logarithms.exp(), self.iterations)
+            paths = self.path_costs(logarithms.exp(), self.iterations)
         else:
-            # Double, since a wall costs far more than a step; as many iterations as there are
-            # positions are the longest way.
+            # Double precision, since a wall costs far more than a step. No cheapest path has more
+            # steps than there are positions.
             sharp = (self.sharpness * logarithms.double()).exp()
-            ways = self.ways(sharp, logarithms[0, 0].numel())
-            ways = (ways - ways.amin(1, keepdim=True)).float()
-        return -ways
+            paths = self.path_costs(sharp, logarithms[0, 0].numel())
+            paths = (paths - paths.amin(1, keepdim=True)).float()
+        return -paths
 
-    def ways(self, costs: Tensor, iterations: int) -> Tensor:
-        """Return what the cheapest way costs that begins with each action, until it rests.
+    def path_costs(self, costs: Tensor, iterations: int) -> Tensor:
+        """Return the cost of the cheapest path that begins with each action.
 
         Args:
-            costs: Of the four steps, and of ending, at each position, shape (N, 5, ...).
-            iterations: At most.
+            costs: The costs of the four steps, and of ending, at each position, shape (N, 5, ...).
+            iterations: The greatest number of iterations; in evaluation mode, they stop when the
+                costs have converged.
         """
         step, end = costs[:, :ACTIONS], costs[:, ACTIONS]
         distance = end
         for _ in range(iterations):
-            nearer = torch.minimum(end, (step + _beside(distance)).amin(1))
+            nearer = torch.minimum(end, (step + _neighbours(distance)).amin(1))
             if not self.training and torch.equal(nearer, distance):
                 break
             distance = nearer
-        return step + _beside(distance)
+        return step + _neighbours(distance)
 
 
-def _beside(distance: Tensor) -> Tensor:
-    """Return what is above, right, below and left of each position, shape (N, 4, ...)."""
+def _neighbours(distance: Tensor) -> Tensor:
+    """Return the distances above, right, below and left of each position, shape (N, 4, ...)."""
     around = functional.pad(distance, (1, 1, 1, 1), value=FAR)
     sides = (around[:, :-2, 1:-1], around[:, 1:-1, 2:], around[:, 2:, 1:-1], around[:, 1:-1, :-2])
     return torch.stack(sides, 1)
 
 
 class Gated(nn.Module):
-    """What takes the place of `Bellman` without that prior: a convolution, again and again.
+    """Planning without the prior of `Bellman`: an iterated gated convolution.
 
-    It sees the scene again in every iteration (recall: Bansal et al. 2022).
+    Its input includes the scene in every iteration (recall: Bansal et al. 2022).
     """
 
     def __init__(self, channels: int, iterations: int) -> None:
@@ -115,7 +117,7 @@ class Gated(nn.Module):
 
 
 class Planner(nn.Module):
-    """Stem, planning, and a look at what is planned where the agent is."""
+    """The stem, the planning, and the choice of the agent's position from the plan."""
 
     def __init__(
         self,
@@ -131,12 +133,12 @@ class Planner(nn.Module):
         """Draw the weights.
 
         Args:
-            cell_pixels: Of the side of a cell, in pictures; told by `grid_prior` alone.
-            channels: Features of a position.
-            iterations: Of planning, in cells.
-            sharpness: Of `Bellman`, when acting, with `grid_prior`.
+            cell_pixels: The side of a cell in pixels; used with `grid_prior` alone.
+            channels: The number of features of a position.
+            iterations: The number of iterations in training, in cells.
+            sharpness: The sharpness of `Bellman` in evaluation mode; used with `grid_prior` alone.
             path_prior: Whether planning is `Bellman`, or else `Gated`.
-            grid_prior: Whether the internal grid has one position a cell, or else one every
+            grid_prior: Whether the internal grid has one position per cell, or else one every
                 `POSITION_PIXELS`.
             colour_prior: Whether the agent is found by its colour, or else by learned attention.
         """
@@ -167,7 +169,7 @@ class Planner(nn.Module):
         self.register_buffer("colour", colour, persistent=False)
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Return the logarithms of the actions' probabilities where the agent is, shape (N, 4)."""
+        """Return the logarithms of the agent's action probabilities, shape (N, 4)."""
         image = as_input(pictures)
         scene = self.see(image)
         plan: Tensor = self.planning(scene).log_softmax(1)
@@ -187,7 +189,7 @@ class Planner(nn.Module):
         return scene
 
     def find(self, image: Tensor, scene: Tensor) -> Tensor:
-        """Return the logarithm of the agent's share at each position, shape (N, rows, columns)."""
+        """Return the logarithm of the agent's weight at each position, (N, rows, columns)."""
         shape = scene[:, 0].shape
         if self.attention is not None:
             attention: Tensor = self.attention(scene)

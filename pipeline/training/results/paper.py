@@ -1,7 +1,7 @@
-"""The paper's figures (supplement, Tables 3 to 5), as they are printed, and which cannot be.
+"""The paper's figures as printed (supplement, Tables 3 to 5), and which of them are impossible.
 
 Every episode that fails returns -4, so AER = SR * r + (1 - SR) * (-4), where r is the mean return
-of those that succeed. It is at most that of a shortest route, and many a cell needs more.
+of the episodes that succeed. It is at most that of a shortest route, but many cells imply more.
 """
 
 from __future__ import annotations
@@ -21,22 +21,21 @@ METHODS = {
     "sqil": "SQIL",
     "iupe": "IUPE",
 }
-"""Those of the tables, in their order, and how they are written."""
+"""The methods of the tables, in their order, and their names in print."""
 
 FAILED = -STEP_LIMIT * STEP_PENALTY
-"""Return of an episode that is cut."""
+"""The return of an episode that is truncated."""
 
 _HALF_A_DIGIT = 0.005
-"""Of AER, as printed."""
+"""The rounding error of AER as printed."""
 
 
 @dataclass(frozen=True)
 class PaperFigure:
     """A cell of Tables 3 to 5."""
 
-    table: int
     size: int
-    """Rows and columns of the labyrinths."""
+    """The number of rows and of columns of the labyrinths."""
     split: str
     method: str
     aer: float
@@ -45,42 +44,34 @@ class PaperFigure:
     """A share, not percent."""
 
     @property
-    def implied_return(self) -> float | None:
-        """The mean return of the solved labyrinths that AER and SR imply; None if SR is 0."""
-        return (self.aer - (1 - self.sr) * FAILED) / self.sr if self.sr else None
-
-    @property
     def greatest_return(self) -> float:
-        """What a solved labyrinth can return at most.
+        """The greatest possible return of a solved labyrinth.
 
-        From corner to corner of n x n cells are 2 (n - 1) moves; another start is at least n away
-        from the goal or, where both are others, from each other.
+        From corner to corner of n x n cells there are 2 (n - 1) moves; with another start, start
+        and goal are at least n moves apart.
         """
         moves = self.size if self.split.startswith("s0") else 2 * (self.size - 1)
         return GOAL_REWARD - (moves - 1) * STEP_PENALTY / self.size**2
 
     @property
     def is_possible(self) -> bool:
-        """Whether some policy has this AER with this SR."""
+        """Whether a policy can have this AER together with this SR."""
         most = self.sr * self.greatest_return + (1 - self.sr) * FAILED
         return self.aer <= most + _HALF_A_DIGIT
 
 
 @lru_cache(maxsize=1)
 def paper_figures() -> dict[tuple[str, str, str], PaperFigure]:
-    """Return all cells, by config such as `5x5`, split and method."""
-    figures = {}
-    path = Path(__file__).with_name("paper.csv")
-    with path.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            figure = PaperFigure(
-                table=int(row["table"]),
-                size=int(row["size"].partition("x")[0]),
-                split=row["split"],
-                method=row["method"],
-                aer=float(row["aer"]),
-                aer_std=float(row["aer_std"]),
-                sr=float(row["sr_percent"]) / 100,
-            )
-            figures[row["size"], figure.split, figure.method] = figure
-    return figures
+    """Return all cells, by config (such as `5x5`), split and method."""
+    text = Path(__file__).with_name("paper.csv").read_text(encoding="utf-8")
+    return {
+        (row["size"], row["split"], row["method"]): PaperFigure(
+            size=int(row["size"].partition("x")[0]),
+            split=row["split"],
+            method=row["method"],
+            aer=float(row["aer"]),
+            aer_std=float(row["aer_std"]),
+            sr=float(row["sr_percent"]) / 100,
+        )
+        for row in csv.DictReader(text.splitlines())
+    }

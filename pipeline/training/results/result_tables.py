@@ -6,6 +6,8 @@ import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from statistics import mean
 
@@ -13,11 +15,11 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.markdown import table
-from pipeline.training.results.evaluations import Evaluation, Figures, gap
+from pipeline.training.results.evaluations import BY_METHOD, Evaluation, Figures, gap
 from pipeline.training.results.paper import METHODS, PaperFigure, paper_figures
 
 MARK = "†"
-"""Beside a figure of the paper that its own AER and SR contradict."""
+"""Marks a figure of the paper that is impossible given its AER and SR."""
 
 ABOUT = f"""# Results
 
@@ -37,26 +39,23 @@ COLUMNS = (
     *("path_efficiency", "accuracy_on_demonstrations", "accuracy_elsewhere"),
     *("loop", "wall", "ice", "possible"),
 )
-"""Of the CSV."""
-
-Group = tuple[str, str]
-"""Config and setup."""
+"""The columns of `results.csv`."""
 
 
 def write_tables(
     folder: Path, evaluations: Sequence[Evaluation], figures: Sequence[Figures]
 ) -> None:
     """Write `README.md`, `results.csv` and `results.tex` into a folder."""
-    groups: dict[Group, list[Figures]] = {}
-    for each in figures:
-        groups.setdefault((each.config, each.setup), []).append(each)
-    parts = [ABOUT]
-    for (config, setup), group in groups.items():
-        runs = [each for each in evaluations if (each.config, each.setup) == (config, setup)]
+    key = attrgetter("config", "setup")
+    parts, tex = [ABOUT], []
+    for (config, setup), grouped in groupby(figures, key):
+        group = list(grouped)
+        runs = [each for each in evaluations if key(each) == (config, setup)]
         parts += [f"## {config}, {setup}\n", *(part + "\n" for part in markdown(group, runs))]
+        tex.append(latex(group))
     write_text(folder / "README.md", "\n".join(parts))
     write_text(folder / "results.csv", as_csv(figures))
-    write_text(folder / "results.tex", "\n".join(latex(group) for group in groups.values()))
+    write_text(folder / "results.tex", "\n".join(tex))
 
 
 def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[str]:
@@ -80,54 +79,46 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     )
     yield "SR on train less that on test, in points, and what the runs took:"
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
-    yield table(heading, map(_taken, _by_method(runs)), "lrrrrrl")
+    by_method = (list(group) for _, group in groupby(runs, BY_METHOD))
+    yield table(heading, map(_effort, by_method), "lrrrrrl")
 
 
 def methods_of(group: Sequence[Figures]) -> list[str]:
-    """Return the methods of a table's columns: the paper's, if it has this config, then ours."""
+    """Return the methods of a table's columns: the paper's if it has this config, then ours."""
     in_paper = [name for config, _, name in paper_figures() if config == group[0].config]
     return list(dict.fromkeys([*in_paper, *(each.method for each in group)]))
 
 
 def compared(group: Sequence[Figures], methods: Sequence[str]) -> Iterator[list[str]]:
-    """Yield the rows of a comparison: for each split SR and AER, of the paper and here."""
+    """Yield the rows of a comparison: for each split SR and AER, of the paper and ours."""
     here = {(each.split, each.method): each for each in group}
     paper = paper_figures()
     for split in EVALUATED_SPLITS:
-        printed = [paper.get((group[0].config, split, method)) for method in methods]
-        measured = [here.get((split, method)) for method in methods]
-        for name, told, found in (("SR", paper_sr, our_sr), ("AER", paper_aer, our_aer)):
-            if any(printed):
-                yield [
-                    split,
-                    name,
-                    "paper",
-                    *("" if each is None else told(each) for each in printed),
-                ]
-            yield [split, name, "here", *("" if each is None else found(each) for each in measured)]
+        printed = [_printed(paper.get((group[0].config, split, method))) for method in methods]
+        measured = [_measured(here.get((split, method))) for method in methods]
+        for index, name in enumerate(("SR", "AER")):
+            if any(sr for sr, _ in printed):
+                yield [split, name, "paper", *(each[index] for each in printed)]
+            yield [split, name, "here", *(each[index] for each in measured)]
 
 
-def paper_sr(figure: PaperFigure) -> str:
-    """Return the SR that the paper prints."""
-    return f"{100 * figure.sr:.1f}{'' if figure.is_possible else ' ' + MARK}"
-
-
-def paper_aer(figure: PaperFigure) -> str:
-    """Return the AER that the paper prints."""
+def _printed(figure: PaperFigure | None) -> tuple[str, str]:
+    """Return SR and AER as the paper prints them, marked if they are impossible."""
+    if figure is None:
+        return "", ""
     mark = "" if figure.is_possible else " " + MARK
-    return f"{figure.aer:.2f} ± {figure.aer_std:.2f}{mark}"
+    return f"{100 * figure.sr:.1f}{mark}", f"{figure.aer:.2f} ± {figure.aer_std:.2f}{mark}"
 
 
-def our_sr(figures: Figures) -> str:
-    """Return our SR with its interval."""
-    low, high = figures.sr_interval
-    return f"{100 * figures.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
-
-
-def our_aer(figures: Figures) -> str:
-    """Return our AER with its interval."""
-    low, high = figures.aer_interval
-    return f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{low:.2f}, {high:.2f}]"
+def _measured(figures: Figures | None) -> tuple[str, str]:
+    """Return our SR and AER with their intervals."""
+    if figures is None:
+        return "", ""
+    (low, high), (least, most) = figures.sr_interval, figures.aer_interval
+    return (
+        f"{100 * figures.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]",
+        f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{least:.2f}, {most:.2f}]",
+    )
 
 
 def _baseline_rows(evaluation: Evaluation) -> Iterator[list[str]]:
@@ -159,13 +150,8 @@ def _by_distance(group: Sequence[Figures], lengths: Sequence[int]) -> Iterator[l
         yield [METHODS.get(each.method, each.method), each.split, *cells]
 
 
-def _by_method(runs: Sequence[Evaluation]) -> Iterator[list[Evaluation]]:
-    for method in dict.fromkeys(each.method for each in runs):
-        yield [each for each in runs if each.method == method]
-
-
-def _taken(runs: Sequence[Evaluation]) -> list[str]:
-    """Return a method's gap and what its runs took."""
+def _effort(runs: Sequence[Evaluation]) -> list[str]:
+    """Return a method's gap between train and test, and the effort of its runs."""
     told = [each.content["training"] for each in runs]
     points, low, high = (100 * share for share in gap(runs))
     return [
@@ -184,19 +170,10 @@ def _listed(values: Iterable[object]) -> str:
 
 
 def as_csv(figures: Sequence[Figures]) -> str:
-    """Return all figures, ours and the paper's, one row each; shares, not percent."""
-    rows = [
-        {
-            "config": config,
-            "method": method,
-            "split": split,
-            "source": "paper",
-            "sr": each.sr,
-            "aer": each.aer,
-            "aer_std": each.aer_std,
-            "possible": each.is_possible,
-        }
-        for (config, split, method), each in paper_figures().items()
+    """Return all figures, the paper's and ours, one row each; shares, not percent."""
+    rows: list[dict[str, object]] = [
+        asdict(each) | {"config": config, "source": "paper", "possible": each.is_possible}
+        for (config, _, _), each in paper_figures().items()
     ]
     for figure in figures:
         row = asdict(figure) | figure.failures | {"source": "here", "possible": True}
@@ -213,9 +190,8 @@ def as_csv(figures: Sequence[Figures]) -> str:
 def latex(group: Sequence[Figures]) -> str:
     """Return the comparison of one config and setup as a LaTeX table (package booktabs)."""
     methods = methods_of(group)
-    first = group[0]
     lines = [
-        f"% {first.config}, {first.setup}",
+        f"% {group[0].config}, {group[0].setup}",
         rf"\begin{{tabular}}{{lll{'r' * len(methods)}}}",
         r"\toprule",
         _latex_row(["Split", "", "", *(METHODS.get(method, method) for method in methods)]),

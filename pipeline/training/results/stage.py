@@ -1,31 +1,38 @@
-"""The stage `results`: the evaluations of all runs, in tables beside the paper's figures.
+"""The stage `results`: tables of the evaluations of all runs, beside the paper's figures.
 
-Evaluations are gathered from `run_dir` into `<results_dir>/runs`, where they are kept: they are
-small, and the tables are made of them alone.
+The evaluations are copied from `run_dir` to `<results_dir>/runs`, where they are kept; the tables
+are made from these copies alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console
 from pipeline.machinery.markdown import count
-from pipeline.training.results.evaluations import EVALUATION, Figures, read_all, summarise
+from pipeline.training.results.evaluations import (
+    BY_METHOD,
+    EVALUATION,
+    Figures,
+    read_all,
+    summarise,
+)
 from pipeline.training.results.paper import METHODS
 from pipeline.training.results.result_tables import write_tables
 
 
 def run(run: Run) -> None:
-    """Gather the evaluations, and write tables of them.
+    """Collect the evaluations, and write the tables.
 
     Raises:
-        DatasetError: There are none, or one cannot be read, or two are of other datasets.
+        DatasetError: There are none, one cannot be read, or two cannot be compared.
     """
     results_dir = Path(run.options.results_dir).expanduser()
     gather(Path(run.options.run_dir).expanduser(), results_dir)
@@ -49,16 +56,12 @@ def gather(run_dir: Path, results_dir: Path) -> None:
 
 
 def overview(figures: Sequence[Figures]) -> Table:
-    """Return the table for the terminal: success rates, in percent."""
-    table = Table(title="SR in percent, mean over seeds")
-    for heading in ("dataset", "setup", "method"):
-        table.add_column(heading)
-    for heading in ("seeds", *EVALUATED_SPLITS):
-        table.add_column(heading, justify="right")
-    rows: dict[tuple[str, str, str, str], list[str]] = {}
-    for each in figures:
-        key = (each.config, each.setup, METHODS.get(each.method, each.method), str(each.seeds))
-        rows.setdefault(key, []).append(f"{100 * each.sr:.1f}")
-    for key, rates in rows.items():
-        table.add_row(*key, *rates)
+    """Return the success rates as a table for the terminal."""
+    numbers = (Column(heading, justify="right") for heading in ("seeds", *EVALUATED_SPLITS))
+    table = Table("dataset", "setup", "method", *numbers, title="SR in percent, mean over seeds")
+    for _, grouped in groupby(figures, BY_METHOD):
+        group = list(grouped)
+        name = METHODS.get(group[0].method, group[0].method)
+        rates = (f"{100 * each.sr:.1f}" for each in group)
+        table.add_row(group[0].config, group[0].setup, name, str(group[0].seeds), *rates)
     return table

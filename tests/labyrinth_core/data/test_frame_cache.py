@@ -16,15 +16,15 @@ from labyrinth_core.data import frame_cache, loader, mapped
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
-    Transition,
-    TransitionBatch,
-    Transitions,
     load_episodes,
     load_transitions,
     stream_episodes,
     stream_transitions,
 )
 from labyrinth_core.data.locks import locked
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
+from labyrinth_core.data.transitions import Transition, TransitionBatch, Transitions
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.rollout import replay
@@ -120,11 +120,10 @@ def test_other_shards_have_another_file(data_dir, cache, build, tmp_path):
     assert len(list(cache.iterdir())) == 2
 
 
-def test_other_pixels_have_another_file(data_dir, cache, monkeypatch):
-    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
-    monkeypatch.setattr(loader, "PIXELS", loader.PIXELS + 1)
-    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
-    assert len(list(cache.iterdir())) == 2
+def test_other_pixels_have_another_key(small_dataset):
+    shards = Manifest.read(small_dataset.folder).of("train")
+    spec = ObservationSpec("image", 8)
+    assert loader._key(shards, spec, PICTURES_VERSION + 1) != loader._key(shards, spec)
 
 
 def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, monkeypatch):
@@ -148,8 +147,8 @@ def cut_in_the_frames(content):
     return content[: len(content) // 2]
 
 
-def no_more_than_a_trailer(content):
-    return content[-48:]
+def no_more_than_a_digest(content):
+    return content[-32:]
 
 
 def emptied(_):
@@ -164,8 +163,20 @@ def another_file(_):
     return b"not a cache file at all" * 1000
 
 
-def other_numbers(content):
-    return content[:-48] + b"\xff" * 16 + content[-32:]
+def digest_changed(content):
+    return content[:-1] + bytes([content[-1] ^ 1])
+
+
+def shape_changed(content):
+    return content.replace(b", 8, 8, 3)", b", 8, 4, 6)", 1)
+
+
+def shape_beyond_all_bounds(content):
+    return content.replace(b", 8, 8, 3), }     ", b"1" * 5 + b", 8, 8, 3), }", 1)
+
+
+def objects_instead_of_numbers(content):
+    return content.replace(b"'<i8'", b"'|O8'", 1)
 
 
 def header_changed(content):
@@ -181,11 +192,14 @@ def column_changed(content):
     [
         cut,
         cut_in_the_frames,
-        no_more_than_a_trailer,
+        no_more_than_a_digest,
         emptied,
         longer,
         another_file,
-        other_numbers,
+        digest_changed,
+        shape_changed,
+        shape_beyond_all_bounds,
+        objects_instead_of_numbers,
         header_changed,
         column_changed,
     ],
@@ -292,11 +306,11 @@ def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(data_dir, cach
     killed = start(KILLED + LOAD, data_dir, cache, episodes)
     killed.communicate(timeout=120)
     assert killed.returncode == -signal.SIGKILL
-    left = only_file(cache)
-    assert left.name.endswith(".tmp")
-    # Another split, of which the leftover is none.
+    left = list(cache.iterdir())
+    assert sorted(path.suffix for path in left) == [".holder", ".lock", ".tmp"]
+    # Another split, of which the leftovers are none.
     load_transitions(data_dir, "3x3", split="test", image_size=8, cache_dir=cache)
-    assert not left.exists()
+    assert not any(path.exists() for path in left)
     again = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert_same(again, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
 
@@ -312,9 +326,11 @@ def test_a_leftover_of_the_same_file_is_written_over(data_dir, cache, monkeypatc
 
 def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(data_dir, cache):
     cache.mkdir()
-    with locked(cache / ".3x3-s0-8-0.frames.npy.tmp"):
+    temporary = cache / ".3x3-s0-8-0.frames.npy.tmp"
+    temporary.touch()
+    with locked(temporary.with_suffix(".lock")):
         load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
-        assert len(list(cache.iterdir())) == 2
+        assert temporary.exists()
 
 
 def test_files_of_others_are_left_alone(data_dir, cache):

@@ -17,53 +17,53 @@ from labyrinth_core.world.solver import shortest_routes
 @pytest.mark.parametrize("config", CONFIGS.values())
 @pytest.mark.parametrize("split", ["train", "random", "s0_and_g"])
 def test_walking_in_the_arrays_is_walking_in_the_labyrinths(datasets, config, split):
-    worlds = load_arrays(datasets, config, split, image_size=8)
+    arrays = load_arrays(datasets, config, split, image_size=8)
     labyrinths = labyrinths_of(datasets, config, split)
-    assert worlds.labyrinth_ids.tolist() == list(labyrinths)
+    assert arrays.labyrinth_ids.tolist() == list(labyrinths)
     seen = 0
     for place, labyrinth in enumerate(labyrinths.values()):
-        numbers = {initial(labyrinth): worlds.initial[place]}
+        numbers = {initial(labyrinth): arrays.initial[place]}
         queue = list(numbers)
         for state in queue:
             number = numbers[state]
-            assert worlds.labyrinth[number] == place
-            assert worlds.position[number] == state.agent
-            assert worlds.goal[number] == (state.agent == labyrinth.goal)
-            assert worlds.terminal[number] == is_terminal(labyrinth, state)
-            if worlds.terminal[number]:
-                assert (worlds.next_state[number] == number).all()
-                assert (worlds.rewards[number] == 0).all()
-                assert worlds.done[number].all()
-                assert not worlds.optimal[number].any()
+            assert arrays.labyrinth[number] == place
+            assert arrays.position[number] == state.agent
+            assert arrays.goal[number] == (state.agent == labyrinth.goal)
+            assert arrays.terminal[number] == is_terminal(labyrinth, state)
+            if arrays.terminal[number]:
+                assert (arrays.next_state[number] == number).all()
+                assert (arrays.rewards[number] == 0).all()
+                assert arrays.done[number].all()
+                assert not arrays.optimal[number].any()
                 continue
             for action in range(4):
                 after = transition(labyrinth, state, action)
                 queue += [after] * (after not in numbers)
                 assert (
-                    numbers.setdefault(after, worlds.next_state[number, action])
-                    == (worlds.next_state[number, action])
+                    numbers.setdefault(after, arrays.next_state[number, action])
+                    == (arrays.next_state[number, action])
                 )
-                assert worlds.rewards[number, action] == np.float32(reward(labyrinth, after))
-                assert worlds.done[number, action] == is_terminal(labyrinth, after)
+                assert arrays.rewards[number, action] == np.float32(reward(labyrinth, after))
+                assert arrays.done[number, action] == is_terminal(labyrinth, after)
         assert len(set(numbers.values())) == len(numbers)
         seen += len(numbers)
-    assert seen == len(worlds.labyrinth) == len(worlds.observations)
+    assert seen == len(arrays.labyrinth) == len(arrays.observations)
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_optimal_actions_are_those_of_all_shortest_routes(datasets, config):
-    worlds = load_arrays(datasets, config, "test", image_size=8)
+    arrays = load_arrays(datasets, config, "test", image_size=8)
     for place, labyrinth in enumerate(labyrinths_of(datasets, config, "test").values()):
         routes = shortest_routes(labyrinth)
-        assert worlds.distance[place] == len(routes[0])
-        state = worlds.initial[place]
-        assert set(np.flatnonzero(worlds.optimal[state])) == {route[0] for route in routes}
+        assert arrays.distance[place] == len(routes[0])
+        state = arrays.initial[place]
+        assert set(np.flatnonzero(arrays.optimal[state])) == {route[0] for route in routes}
         for route in routes:
-            state = worlds.initial[place]
+            state = arrays.initial[place]
             for action in route:
-                assert worlds.optimal[state, action]
-                state = worlds.next_state[state, action]
-            assert worlds.goal[state]
+                assert arrays.optimal[state, action]
+                state = arrays.next_state[state, action]
+            assert arrays.goal[state]
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
@@ -78,33 +78,33 @@ def test_optimal_actions_are_those_of_all_shortest_routes(datasets, config):
     ids=str,
 )
 def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
-    worlds = load_arrays(datasets, config, "random", **arguments)
-    place = {number: place for place, number in enumerate(worlds.labyrinth_ids.tolist())}
+    arrays = load_arrays(datasets, config, "random", **arguments)
+    place = {number: place for place, number in enumerate(arrays.labyrinth_ids.tolist())}
     for episode in load_episodes(datasets, config, split="random", **arguments):
-        state = worlds.initial[place[episode.labyrinth_id]]
+        state = arrays.initial[place[episode.labyrinth_id]]
         for step, action in enumerate([*episode.actions, 0]):
-            np.testing.assert_array_equal(worlds.observations[state], episode.observations[step])
-            state = worlds.next_state[state, action]
+            np.testing.assert_array_equal(arrays.observations[state], episode.observations[step])
+            state = arrays.next_state[state, action]
 
 
 @pytest.mark.parametrize("split", SPLITS)
 def test_demonstrations_are_counted_step_by_step(datasets, split):
-    worlds = load_arrays(datasets, "3x4", split, image_size=8)
+    arrays = load_arrays(datasets, "3x4", split, image_size=8)
     episodes = list(load_episodes(datasets, "3x4", split=split, draw=True))
-    assert [route.tolist() for route in worlds.routes] == [
+    assert [route.tolist() for route in arrays.routes] == [
         episode.actions.tolist() for episode in episodes
     ]
-    assert worlds.demonstrated.sum() == sum(map(len, episodes))
-    assert not worlds.on_demonstration[worlds.terminal].any()
-    assert worlds.on_demonstration[worlds.initial].all()
+    assert arrays.demonstrated.sum() == sum(map(len, episodes))
+    assert not arrays.on_demonstration[arrays.terminal].any()
+    assert arrays.on_demonstration[arrays.initial].all()
     if split == "train":  # All simple routes: every optimal action of the first state is there.
-        first = worlds.initial
-        assert (worlds.demonstrated[first] > 0)[worlds.optimal[first]].all()
+        first = arrays.initial
+        assert (arrays.demonstrated[first] > 0)[arrays.optimal[first]].all()
 
 
 def test_a_step_limit_is_forty_times_the_cells(datasets):
-    worlds: LabyrinthArrays = load_arrays(datasets, "3x4", "train", image_size=8)
-    assert (worlds.cells, worlds.step_limit) == (12, 480)
+    arrays: LabyrinthArrays = load_arrays(datasets, "3x4", "train", image_size=8)
+    assert (arrays.cells, arrays.step_limit) == (12, 480)
 
 
 @pytest.mark.parametrize(

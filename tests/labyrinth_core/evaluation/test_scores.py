@@ -9,7 +9,7 @@ import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation.baselines import compare, fixed_path, majority_actions, walk
+from labyrinth_core.evaluation.baselines import best_route, compare, follow_route, majority_actions
 from labyrinth_core.evaluation.following import follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores, episodes_of, evaluate
@@ -18,8 +18,8 @@ from labyrinth_core.evaluation.scores import Scores, episodes_of, evaluate
 class Remembering:
     """A policy that is a table from observations to actions: what is not in it goes up."""
 
-    def __init__(self, worlds, actions):
-        pairs = zip(worlds.observations, actions.tolist(), strict=True)
+    def __init__(self, arrays, actions):
+        pairs = zip(arrays.observations, actions.tolist(), strict=True)
         self.actions = {observation.tobytes(): action for observation, action in pairs}
 
     def logits(self, observations):
@@ -27,11 +27,11 @@ class Remembering:
         return np.eye(4, dtype=np.float32)[chosen]
 
 
-def mistaken(worlds, share, seed=0):
+def mistaken(arrays, share, seed=0):
     """Return optimal actions, but for a share of random ones."""
     rng = np.random.default_rng(seed)
-    wrong = rng.random(len(worlds.terminal)) < share
-    return np.where(wrong, rng.integers(4, size=len(wrong)), worlds.optimal.argmax(axis=1))
+    wrong = rng.random(len(arrays.terminal)) < share
+    return np.where(wrong, rng.integers(4, size=len(wrong)), arrays.optimal.argmax(axis=1))
 
 
 def roll_out(policy, labyrinth, image_size):
@@ -50,9 +50,9 @@ def roll_out(policy, labyrinth, image_size):
 @pytest.mark.parametrize("config", CONFIGS.values())
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_looking_up_is_rolling_out_in_the_environment(datasets, config, share):
-    worlds = load_arrays(datasets, config, "train", image_size=12)
-    policy = Remembering(worlds, mistaken(worlds, share))
-    episodes = follow(worlds, greedy_actions(policy, worlds))
+    arrays = load_arrays(datasets, config, "train", image_size=12)
+    policy = Remembering(arrays, mistaken(arrays, share))
+    episodes = follow(arrays, greedy_actions(policy, arrays))
     returns = episodes.returns
     for place, labyrinth in enumerate(labyrinths_of(datasets, config, "train").values()):
         rewards, terminated = roll_out(policy, labyrinth, 12)
@@ -63,23 +63,23 @@ def test_looking_up_is_rolling_out_in_the_environment(datasets, config, share):
         assert (episodes.outcomes[place] == "ice") == (rewards[-1] == -100)
     if share == 0:
         assert episodes.solved.all()
-        assert (episodes.moves == worlds.distance).all()
+        assert (episodes.moves == arrays.distance).all()
 
 
 def test_a_failed_episode_returns_minus_four_and_says_why(datasets):
-    worlds = load_arrays(datasets, "3x4", "train", image_size=8)
-    up = np.zeros(len(worlds.terminal), np.int64)
-    episodes = follow(worlds, up)
+    arrays = load_arrays(datasets, "3x4", "train", image_size=8)
+    up = np.zeros(len(arrays.terminal), np.int64)
+    episodes = follow(arrays, up)
     assert set(episodes.outcomes) == {"wall"}
     assert (episodes.returns == -4).all()
     # Back from wherever an optimal action leads.
-    onward = worlds.optimal.argmax(axis=1)
-    there = worlds.next_state[worlds.initial, onward[worlds.initial]]
-    onward[there] = (onward[worlds.initial] + 2) % 4
-    round_and_round = follow(worlds, onward)
+    onward = arrays.optimal.argmax(axis=1)
+    there = arrays.next_state[arrays.initial, onward[arrays.initial]]
+    onward[there] = (onward[arrays.initial] + 2) % 4
+    round_and_round = follow(arrays, onward)
     assert set(round_and_round.outcomes) == {"loop"}
     assert (round_and_round.returns == -4).all()
-    assert (round_and_round.moves == worlds.step_limit).all()
+    assert (round_and_round.moves == arrays.step_limit).all()
 
 
 @pytest.mark.parametrize("cells", [9, 12, 16, 25, 100, 899])
@@ -90,8 +90,8 @@ def test_the_step_limit_costs_exactly_four(cells):
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
 def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
-    worlds = load_arrays(datasets, "3x4", "test", image_size=8)
-    scores = evaluate(Remembering(worlds, mistaken(worlds, share)), worlds)
+    arrays = load_arrays(datasets, "3x4", "test", image_size=8)
+    scores = evaluate(Remembering(arrays, mistaken(arrays, share)), arrays)
     returns = scores.episodes.returns
     solved = returns[scores.episodes.solved].mean() if scores.sr else 0.0
     assert scores.aer == pytest.approx(scores.sr * solved + (1 - scores.sr) * -4)
@@ -100,18 +100,18 @@ def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
     assert told["sr_interval"][0] <= scores.sr <= told["sr_interval"][1]
     assert len(told["failed"]) == sum(told["failures"].values()) == round((1 - scores.sr) * 5)
     assert sum(solved for solved, _ in told["by_distance"].values()) == round(scores.sr * 5)
-    again = episodes_of(json.loads(json.dumps(told)), worlds.cells)
+    again = episodes_of(json.loads(json.dumps(told)), arrays.cells)
     assert again.returns.tolist() == returns.tolist()
 
 
 def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
-    worlds = load_arrays(datasets, "3x4-icy_floor", "validation", image_size=8)
-    best = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in worlds.optimal])
-    scores = evaluate(Remembering(worlds, best), worlds)
+    arrays = load_arrays(datasets, "3x4-icy_floor", "validation", image_size=8)
+    best = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in arrays.optimal])
+    scores = evaluate(Remembering(arrays, best), arrays)
     assert (scores.accuracy_on_demonstrations, scores.accuracy_elsewhere) == (1, 1)
     assert scores.path_efficiency == 1
-    worst = np.array([np.flatnonzero(~row)[0] if not row.all() else 0 for row in worlds.optimal])
-    wrong = evaluate(Remembering(worlds, worst), worlds)
+    worst = np.array([np.flatnonzero(~row)[0] if not row.all() else 0 for row in arrays.optimal])
+    wrong = evaluate(Remembering(arrays, worst), arrays)
     assert wrong.accuracy_on_demonstrations < 0.5
     assert (wrong.sr, wrong.path_efficiency) == (0, None)
 
@@ -124,34 +124,34 @@ def test_path_efficiency_is_of_the_labyrinths_that_were_solved():
 
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
-    worlds = load_arrays(datasets, config, "train", image_size=8)
-    told = compare(worlds, worlds)["random"]
+    arrays = load_arrays(datasets, config, "train", image_size=8)
+    told = compare(arrays, arrays)["random"]
     rng = np.random.default_rng(1)
     episodes = 1500
-    state = np.tile(worlds.initial, episodes)
+    state = np.tile(arrays.initial, episodes)
     returns, solved = np.zeros(len(state)), np.zeros(len(state), np.bool_)
-    for _ in range(worlds.step_limit):
+    for _ in range(arrays.step_limit):
         action = rng.integers(4, size=len(state))
-        alive = ~worlds.terminal[state]
-        returns += worlds.rewards[state, action] * alive
-        state = worlds.next_state[state, action]
-    solved = worlds.goal[state]
+        alive = ~arrays.terminal[state]
+        returns += arrays.rewards[state, action] * alive
+        state = arrays.next_state[state, action]
+    solved = arrays.goal[state]
     assert told["sr"] == pytest.approx(solved.mean(), abs=0.02)
     assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
     assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
 
 
 def test_the_other_baselines_are_what_they_say(datasets):
-    worlds = load_arrays(datasets, "3x4", "train", image_size=8)
-    figures = compare(worlds, worlds)
+    arrays = load_arrays(datasets, "3x4", "train", image_size=8)
+    figures = compare(arrays, arrays)
     assert figures["oracle"]["sr"] == 1
-    path = fixed_path(worlds)
-    solved = walk(worlds, path).solved.sum()
+    best = best_route(arrays)
+    solved = follow_route(arrays, best).solved.sum()
     assert solved >= 1
-    assert all(walk(worlds, route).solved.sum() <= solved for route in worlds.routes)
+    assert all(follow_route(arrays, route).solved.sum() <= solved for route in arrays.routes)
     assert figures["fixed_path"]["sr"] == pytest.approx(solved / 5)
     counts = np.zeros((12, 4))
-    for state, row in enumerate(worlds.demonstrated):
-        counts[worlds.position[state]] += row
+    for state, row in enumerate(arrays.demonstrated):
+        counts[arrays.position[state]] += row
     seen = counts.any(axis=1)
-    assert (majority_actions(worlds)[seen] == counts.argmax(axis=1)[seen]).all()
+    assert (majority_actions(arrays)[seen] == counts.argmax(axis=1)[seen]).all()

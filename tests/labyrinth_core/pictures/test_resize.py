@@ -82,7 +82,7 @@ def test_what_is_remembered_takes_no_more_than_a_fixed_space():
 
 
 def test_the_pixels_are_those_of_the_version_that_caches_name():
-    # Other hashes mean other pixels: then data.observations.PIXELS has to be increased.
+    # Other hashes mean other pixels: then data.observations.PICTURES_VERSION has to be increased.
     labyrinth = Labyrinth(
         Structure.from_passages(2, 2, [(0, 1), (1, 3), (2, 3)]), 0, 2, Task.KEY_AND_DOOR, 1, 3
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import shutil
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import filelock
 import pytest
 
 from labyrinth_core.data.errors import DatasetError
@@ -22,7 +24,6 @@ from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import sample as sampling
 from pipeline.generation import workplace
-from pipeline.machinery import locks
 from pipeline.machinery.locks import held
 
 Build = Callable[..., Run]
@@ -85,10 +86,10 @@ def test_a_lock_that_a_killed_process_left_holds_nobody_up(
 def test_where_there_are_no_locks_nobody_waits(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def no_locks(*_: object) -> None:
-        raise OSError("this system has no flock")
+    def no_locks(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSYS, "this file system has no locks")
 
-    monkeypatch.setattr(locks, "locked", no_locks)
+    monkeypatch.setattr(filelock.FileLock, "acquire", no_locks)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 
 

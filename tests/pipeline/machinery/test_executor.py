@@ -25,7 +25,6 @@ from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
-from pipeline.machinery import executor as executors
 from pipeline.machinery.executor import cluster, ordered_map
 
 pytestmark = pytest.mark.slow
@@ -134,12 +133,9 @@ def test_what_a_lost_worker_had_to_do_is_done_by_another(tmp_path: Path) -> None
     assert function.marker.exists()
 
 
-def test_workers_that_are_lost_again_and_again_are_answered_with_one_line(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(executors, "LOSSES", 1)
+def test_workers_that_are_lost_again_and_again_are_answered_with_one_line() -> None:
     with pytest.raises(DatasetError, match="lost 2 times in a row") as caught:
-        list(ordered_map(always_die, range(4), 2))
+        list(ordered_map(always_die, range(4), 2, losses=1))
     assert "\n" not in str(caught.value)
 
 

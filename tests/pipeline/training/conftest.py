@@ -1,4 +1,4 @@
-"""What methods learn from, in the tests of training."""
+"""A small problem for the tests of training."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ torch.set_num_threads(1)
 
 @pytest.fixture(scope="session")
 def problem_of(small_dataset: Run) -> Callable[..., Problem]:
-    """A function that returns what methods learn from: eight labyrinths of 3x3."""
+    """A function that returns a problem with eight labyrinths of 3x3."""
     folder = small_dataset.data_dir
-    worlds = {
+    arrays = {
         encoder: load_arrays(folder, "3x3", "train", observation=sees)
         for encoder, sees in (("mlp", "vector"), ("cnn", "image"))
     }
     demonstrations, exploration = (
-        load_steps(folder, "3x3", split, worlds["mlp"]) for split in ("train", "random")
+        load_steps(folder, "3x3", split, arrays["mlp"]) for split in ("train", "random")
     )
 
     def make(seed: int = 0, encoder: str = "mlp", **changed: Any) -> Problem:
         torch.manual_seed(seed)
         problem = Problem(
-            worlds=worlds[encoder],
-            observations=torch.tensor(worlds[encoder].observations),
+            arrays=arrays[encoder],
+            observations=torch.tensor(arrays[encoder].observations),
             demonstrations=demonstrations,
             exploration=lambda: exploration,
             spec=NetworkSpec(encoder, 1, 3, 3, "navigation"),

@@ -1,4 +1,4 @@
-"""A run that was killed goes on exactly where it was."""
+"""An interrupted run continues exactly where it was."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     assert content["run"]["seed"] == 0
     policy = load_policy(folder / "policy.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
-        worlds = load_arrays(trained.data_dir, "3x3", split)
-        assert content["splits"][split]["sr"] == success_rate(policy, worlds)
+        arrays = load_arrays(trained.data_dir, "3x3", split)
+        assert content["splits"][split]["sr"] == success_rate(policy, arrays)
     stage.run(trained)
     assert (folder / "evaluation.json").read_text(encoding="utf-8") == text
 

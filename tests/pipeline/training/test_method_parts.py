@@ -1,4 +1,4 @@
-"""The parts of the methods that go wrong elsewhere: targets, signs, samples, labels."""
+"""Details in which implementations of the methods often err: targets, signs, samples, labels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 from method_settings import settings_of
 
 from pipeline.training.methods import bco, dagger, gail, iupe, sqil
-from pipeline.training.methods.acting import Walk, draw, softmax, walk
+from pipeline.training.methods.acting import Rollout, draw, roll_out, softmax
 from pipeline.training.methods.method import Problem
 
 Problems = Callable[..., Problem]
@@ -27,29 +27,29 @@ def test_classes_are_drawn_with_their_probabilities() -> None:
     assert not (drawn == 1).any()
 
 
-def test_walkers_obey_the_labyrinths_and_begin_anew_where_an_episode_is_over(
+def test_agents_obey_the_labyrinths_and_begin_anew_where_an_episode_is_over(
     problem_of: Problems,
 ) -> None:
-    worlds = problem_of().worlds
-    where, taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
-    uniform = np.full((len(worlds.observations), 4), 0.25)
-    walked = walk(worlds, uniform, where, taken, 400, np.random.default_rng(0))
-    assert np.array_equal(walked.next_states, worlds.next_state[walked.states, walked.actions])
-    assert np.array_equal(walked.done, worlds.done[walked.states, walked.actions])
-    assert walked.done.any()
-    assert (walked.over & ~walked.done).sum() == 0  # 360 steps are the limit at 3x3.
-    begun = np.where(walked.over[:-1], worlds.initial, walked.next_states[:-1])
-    assert np.array_equal(walked.states[1:], begun)
-    assert not worlds.terminal[walked.states].any()
+    arrays = problem_of().arrays
+    where, taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
+    uniform = np.full((len(arrays.observations), 4), 0.25)
+    rollout = roll_out(arrays, uniform, where, taken, 400, np.random.default_rng(0))
+    assert np.array_equal(rollout.next_states, arrays.next_state[rollout.states, rollout.actions])
+    assert np.array_equal(rollout.done, arrays.done[rollout.states, rollout.actions])
+    assert rollout.done.any()
+    assert (rollout.over & ~rollout.done).sum() == 0  # 360 steps are the limit at 3x3.
+    begun = np.where(rollout.over[:-1], arrays.initial, rollout.next_states[:-1])
+    assert np.array_equal(rollout.states[1:], begun)
+    assert not arrays.terminal[rollout.states].any()
 
 
 def test_an_episode_is_cut_at_the_step_limit(problem_of: Problems) -> None:
-    worlds = problem_of().worlds
-    where, taken = worlds.initial.copy(), np.full_like(worlds.initial, worlds.step_limit - 2)
-    down = np.tile([0.0, 0.0, 1.0, 0.0], (len(worlds.observations), 1))
-    walked = walk(worlds, down, where, taken, 3, np.random.default_rng(0))
-    assert walked.over.all(axis=1).tolist() == [False, True, False]
-    assert not walked.done.any()
+    arrays = problem_of().arrays
+    where, taken = arrays.initial.copy(), np.full_like(arrays.initial, arrays.step_limit - 2)
+    down = np.tile([0.0, 0.0, 1.0, 0.0], (len(arrays.observations), 1))
+    rollout = roll_out(arrays, down, where, taken, 3, np.random.default_rng(0))
+    assert rollout.over.all(axis=1).tolist() == [False, True, False]
+    assert not rollout.done.any()
     assert set(taken.tolist()) == {1}
 
 
@@ -60,20 +60,20 @@ def test_the_expert_labels_exactly_the_states_that_the_policy_visits_with_optima
     problem_of: Problems,
 ) -> None:
     problem = problem_of()
-    worlds, learner = problem.worlds, dagger.Method(problem, settings_of("dagger"))
+    arrays, learner = problem.arrays, dagger.Method(problem, settings_of("dagger"))
     actions = learner.outputs(learner.policy).argmax(1).numpy()
     expected = set()
-    for state in worlds.initial.tolist():
-        while state not in expected and not worlds.terminal[state]:
+    for state in arrays.initial.tolist():
+        while state not in expected and not arrays.terminal[state]:
             expected.add(state)
-            state = int(worlds.next_state[state, actions[state]])
+            state = int(arrays.next_state[state, actions[state]])
     visited = learner.visited()
     assert set(visited.tolist()) == expected
     demonstrated = len(learner.states)
     learner.aggregate(visited)
     new = learner.states[demonstrated:]
     assert set(new.tolist()) == expected - set(problem.demonstrations.states.tolist())
-    assert worlds.optimal[new, learner.labels[demonstrated:]].all()
+    assert arrays.optimal[new, learner.labels[demonstrated:]].all()
     learner.aggregate(visited)
     assert len(learner.states) == demonstrated + len(new)
 
@@ -85,12 +85,12 @@ def test_the_goal_is_worth_its_reward_for_ever_and_other_states_the_soft_maximum
     problem_of: Problems,
 ) -> None:
     problem, settings = problem_of(), settings_of("sqil", gamma=0.5, temperature=2.0)
-    worlds, learner = problem.worlds, sqil.Method(problem, settings)
-    q = torch.tensor([0.0, 1.0, 2.0, 3.0]).expand(len(worlds.observations), 4)
+    arrays, learner = problem.arrays, sqil.Method(problem, settings)
+    q = torch.tensor([0.0, 1.0, 2.0, 3.0]).expand(len(arrays.observations), 4)
     values = learner.soft_values(q)
     soft = 2 * np.log(np.exp(np.array([0, 1, 2, 3]) / 2).sum())
-    assert np.allclose(values[~worlds.terminal], soft)
-    assert np.allclose(values[worlds.goal], (1 + 2 * np.log(4)) / (1 - 0.5))
+    assert np.allclose(values[~arrays.terminal], soft)
+    assert np.allclose(values[arrays.goal], (1 + 2 * np.log(4)) / (1 - 0.5))
 
 
 def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
@@ -114,13 +114,13 @@ def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
 
 def test_with_the_exact_q_the_demonstrated_actions_are_best(problem_of: Problems) -> None:
     problem = problem_of()
-    worlds, settings = problem.worlds, settings_of("sqil")
+    arrays, settings = problem.arrays, settings_of("sqil")
     learner = sqil.Method(problem, settings)
-    rewards = np.zeros((len(worlds.observations), 4))
+    rewards = np.zeros((len(arrays.observations), 4))
     rewards[problem.demonstrations.states, problem.demonstrations.actions] = 1
     q = np.zeros_like(rewards)
     for _ in range(200):
-        q = rewards + settings.gamma * learner.soft_values(torch.tensor(q))[worlds.next_state]
+        q = rewards + settings.gamma * learner.soft_values(torch.tensor(q))[arrays.next_state]
     states, actions, _ = problem.demonstrations
     assert np.array_equal(q[states].argmax(1), actions)
 
@@ -136,15 +136,15 @@ def test_no_step_is_rewarded_above_zero_and_likelier_ones_more() -> None:
 
 def test_the_discriminator_learns_to_prefer_the_demonstrations(problem_of: Problems) -> None:
     problem = problem_of()
-    worlds, learner = problem.worlds, gail.Method(problem, settings_of("gail", batch_size=32))
-    uniform = np.full((len(worlds.observations), 4), 0.25)
-    where, taken = worlds.initial.copy(), np.zeros_like(worlds.initial)
-    walked = walk(worlds, uniform, where, taken, 32, problem.rng)
-    losses = [learner.discriminate(walked) for _ in range(30)]
+    arrays, learner = problem.arrays, gail.Method(problem, settings_of("gail", batch_size=32))
+    uniform = np.full((len(arrays.observations), 4), 0.25)
+    where, taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
+    rollout = roll_out(arrays, uniform, where, taken, 32, problem.rng)
+    losses = [learner.discriminate(rollout) for _ in range(30)]
     assert losses[-1] < losses[0]
     rewards = gail.reward_of(learner.outputs(learner.discriminator)).numpy()
     states, actions, _ = problem.demonstrations
-    assert rewards[states, actions].mean() > rewards[walked.states, walked.actions].mean()
+    assert rewards[states, actions].mean() > rewards[rollout.states, rollout.actions].mean()
 
 
 def test_advantages_are_the_discounted_sums_that_their_definition_says() -> None:
@@ -155,22 +155,22 @@ def test_advantages_are_the_discounted_sums_that_their_definition_says() -> None
     done = over & (rng.random((6, 3)) < 0.5)
     outputs, rewards = rng.normal(size=(5, 5)), rng.normal(size=(5, 4))
     settings = settings_of("gail", gamma=0.9, trace=0.8)
-    walked = Walk(states, actions, after, over, done)
+    rollout = Rollout(states, actions, after, over, done)
     fatal = done & (rng.random((6, 3)) < 0.5)
-    got = gail.sample(walked, outputs, rewards, fatal, settings).returns.reshape(6, 3)
-    for walker in range(3):
+    got = gail.sample(rollout, outputs, rewards, fatal, settings).returns.reshape(6, 3)
+    for agent in range(3):
         for first in range(6):
-            total, weight = outputs[states[first, walker], 4], 1.0
+            total, weight = outputs[states[first, agent], 4], 1.0
             for step in range(first, 6):
-                state, action = states[step, walker], actions[step, walker]
-                following = 0 if done[step, walker] else outputs[after[step, walker], 4]
-                if fatal[step, walker]:
+                state, action = states[step, agent], actions[step, agent]
+                following = 0 if done[step, agent] else outputs[after[step, agent], 4]
+                if fatal[step, agent]:
                     following = rewards[state, action] / (1 - 0.9)
                 total += weight * (rewards[state, action] + 0.9 * following - outputs[state, 4])
                 weight *= 0.9 * 0.8
-                if over[step, walker]:
+                if over[step, agent]:
                     break
-            assert np.isclose(got[first, walker], total)
+            assert np.isclose(got[first, agent], total)
 
 
 def test_a_gain_is_clipped_and_a_loss_is_not() -> None:
@@ -225,13 +225,13 @@ def test_only_whole_episodes_that_reach_the_goal_count_as_successes(problem_of: 
     problem = problem_of()
     learner = iupe.Method(problem, settings_of("iupe", episode_steps=30))
     steps, episodes = learner.successes()
-    worlds = problem.worlds
+    arrays = problem.arrays
     assert len(steps)
     for episode in set(episodes.tolist()):
         states, _, after = steps[episodes == episode].T
-        assert states[0] == worlds.initial[episode]
+        assert states[0] == arrays.initial[episode]
         assert np.array_equal(states[1:], after[:-1])
-        assert worlds.goal[after].tolist() == [False] * (len(after) - 1) + [True]
+        assert arrays.goal[after].tolist() == [False] * (len(after) - 1) + [True]
 
 
 def test_labels_are_drawn_from_the_models_probabilities(problem_of: Problems) -> None:

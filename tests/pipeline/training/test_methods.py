@@ -1,4 +1,4 @@
-"""What all six methods promise, each tried on eight labyrinths of 3x3."""
+"""What all methods guarantee, each tested on eight labyrinths of 3x3."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TOYS: dict[str, dict[str, Any]] = {
     "sqil": {"epochs": 20, "batch_size": 64},
     "gail": {"epochs": 35, "batch_size": 32, "learning_rate": 2e-3},
 }
-"""Method -> settings with which it learns the toy in about a second, from vectors."""
+"""Method -> settings with which it learns the toy problem in about a second, from vectors."""
 
 ALL = pytest.mark.parametrize("name", list(TOYS))
 
@@ -74,16 +74,16 @@ def test_each_method_is_tried_here_and_has_a_file_of_its_settings() -> None:
 @ALL
 def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Problems) -> None:
     learner = learner_of(name, problem_of())
-    worlds = learner.problem.worlds
+    arrays = learner.problem.arrays
     losses = [learner.epoch()["loss"] for _ in range(learner.settings.epochs)]
     policy = NetworkPolicy(learner.policy)
     if name != "gail":  # The loss of an adversary rises as the policy gets better.
         assert np.mean(losses[-3:]) < np.mean(losses[:3])
-    there = worlds.on_demonstration
-    actions = policy.logits(worlds.observations).argmax(1)
-    right = worlds.optimal[np.arange(len(actions)), actions][there].mean()
-    assert right > 2 * worlds.optimal[there].mean()
-    assert success_rate(policy, worlds) > 0.5
+    there = arrays.on_demonstration
+    actions = policy.logits(arrays.observations).argmax(1)
+    right = arrays.optimal[np.arange(len(actions)), actions][there].mean()
+    assert right > 2 * arrays.optimal[there].mean()
+    assert success_rate(policy, arrays) > 0.5
 
 
 @ALL
@@ -142,7 +142,7 @@ def test_nothing_is_learnt_in_a_state_that_ends_an_episode(
     monkeypatch.setattr(Learner, "see", noting)
     for _ in range(2):
         learner.epoch()
-    assert not learner.problem.worlds.terminal[np.concatenate(seen)].any()
+    assert not learner.problem.arrays.terminal[np.concatenate(seen)].any()
 
 
 @pytest.mark.parametrize("name", ["bco", "iupe"])

@@ -13,7 +13,7 @@ import yaml
 import pipeline.training.methods
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.training import loop, train
+from pipeline.training import train
 from pipeline.training.methods.method import find
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "new-method.md").read_text(encoding="utf-8")
@@ -49,8 +49,7 @@ def test_the_example_is_trained_as_any_other_method(
             observation="vector",
         )
     )
-    monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", 0.0)  # So that its state is kept, too.
-    train.run(run)
+    train.run(run, checkpoint_seconds=0)  # So that its state is kept, too.
     record = json.loads((tmp_path / "runs/3x3/smoothed-mlp-seed0/run.json").read_text())
     losses = [row["loss"] for row in record["history"]]
     assert losses[-1] < losses[0]

@@ -1,4 +1,4 @@
-"""The planner plans as it should, keeps what methods promise, and generalises where BC fails."""
+"""The planner plans correctly, does what all methods do, and generalises where BC fails."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ import torch
 from method_settings import settings_of
 from torch import nn
 
-from labyrinth_core.evaluation.following import success_rate
-from labyrinth_core.evaluation.journeys import travel
+from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
@@ -127,7 +126,7 @@ def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
     image = problem.observations.permute(0, 3, 1, 2).float() / 255
     share = network.find(image, torch.zeros(len(image), 1, 3, 3)).exp()
     cells = share.flip(1).flatten(1).argmax(1)
-    assert np.array_equal(cells.numpy(), problem.worlds.position)
+    assert np.array_equal(cells.numpy(), problem.arrays.position)
     assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
 
 
@@ -194,4 +193,4 @@ def test_the_released_policy_solves_fresh_labyrinths() -> None:
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
-    assert np.mean([journey.solved for journey in travel(policy, labyrinths, 64)]) >= 0.9
+    assert np.mean([each.solved for each in greedy_episodes(policy, labyrinths, 64)]) >= 0.9

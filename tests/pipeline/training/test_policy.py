@@ -1,4 +1,4 @@
-"""The file of a policy, and that nothing is learnt while it acts."""
+"""The file of a policy, and the evaluation mode in which it acts."""
 
 from __future__ import annotations
 

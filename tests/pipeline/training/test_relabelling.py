@@ -1,4 +1,4 @@
-"""Relabelled examples are what an optimal route demonstrates, in labyrinths that can be."""
+"""Relabelled examples show optimal actions in valid labyrinths."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from labyrinth_core.world.dynamics import is_terminal, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import distances
 from pipeline.training.methods.method import Problem
-from pipeline.training.methods.relabelling import NO_LABEL, Routes
+from pipeline.training.methods.relabelling import NO_LABEL, ExampleSampler
 from pipeline.training.steps import load_steps
 
 
-def routes_of(datasets: Path, task: str) -> Routes:
+def sampler_of(datasets: Path, task: str) -> ExampleSampler:
     config = "3x4" if task == "navigation" else f"3x4-{task}"
-    worlds = load_arrays(datasets, config, "train")
-    return Routes(worlds, load_steps(datasets, config, "train", worlds))
+    arrays = load_arrays(datasets, config, "train")
+    return ExampleSampler(arrays, load_steps(datasets, config, "train", arrays))
 
 
 @pytest.mark.parametrize("task", list(map(str, Task)))
 def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> None:
-    routes = routes_of(datasets, task)
+    sampler = sampler_of(datasets, task)
     reversed_parts = 0
-    for episode, parts in zip(routes._episodes, routes._parts, strict=True):
+    for episode, parts in zip(sampler._episodes, sampler._parts, strict=True):
         assert (0, len(episode)) in parts
         for first, last in parts:
             step = 1 if first < last else -1
@@ -46,8 +46,8 @@ def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> No
 
 
 def test_a_part_of_a_shortest_route_is_one(problem_of: Callable[..., Problem]) -> None:
-    routes = problem_of().routes
-    for episode, parts in zip(routes._episodes, routes._parts, strict=True):
+    sampler = problem_of().examples
+    for episode, parts in zip(sampler._episodes, sampler._parts, strict=True):
         for first, last in parts:
             ends = (episode.states[first].agent, episode.states[last].agent)
             labyrinth = Labyrinth(episode.labyrinth.structure, *ends)
@@ -59,9 +59,9 @@ def test_without_relabelling_the_pictures_are_those_of_the_demonstrations(
 ) -> None:
     problem = problem_of(encoder="cnn")
     rng = np.random.default_rng(0)
-    examples = problem.routes.draw(40, rng, relabel=False, whole=False)
+    examples = problem.examples.draw(40, rng, relabel=False, whole=False)
     published = {
-        (problem.worlds.observations[state].tobytes(), action)
+        (problem.arrays.observations[state].tobytes(), action)
         for state, action in zip(
             problem.demonstrations.states, problem.demonstrations.actions.tolist(), strict=True
         )
@@ -72,16 +72,16 @@ def test_without_relabelling_the_pictures_are_those_of_the_demonstrations(
 
 def test_whole_routes_are_labelled_where_they_go(problem_of: Callable[..., Problem]) -> None:
     problem = problem_of(encoder="cnn")
-    _, labels = problem.routes.draw(40, np.random.default_rng(0), relabel=False, whole=True)
-    _, actions = problem.routes.draw(40, np.random.default_rng(0), relabel=False, whole=False)
+    _, labels = problem.examples.draw(40, np.random.default_rng(0), relabel=False, whole=True)
+    _, actions = problem.examples.draw(40, np.random.default_rng(0), relabel=False, whole=False)
     told = {tuple(each.ravel().tolist()) for each in labels}
-    worlds = problem.worlds
+    arrays = problem.arrays
     expected = set()
-    for first, route in zip(worlds.initial.tolist(), worlds.routes, strict=True):
+    for first, route in zip(arrays.initial.tolist(), arrays.routes, strict=True):
         cells, state = np.full((3, 3), NO_LABEL), first
         for action in route.tolist():
-            cells[2 - worlds.position[state] // 3, worlds.position[state] % 3] = action
-            state = worlds.next_state[state, action]
+            cells[2 - arrays.position[state] // 3, arrays.position[state] % 3] = action
+            state = arrays.next_state[state, action]
         expected.add(tuple(cells.ravel().tolist()))
     assert told <= expected
     assert all(action in each for action, each in zip(actions.tolist(), labels, strict=True))

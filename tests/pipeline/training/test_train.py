@@ -1,4 +1,4 @@
-"""The stage `train`: the same seed, the same weights; killed or not; whole or not finished."""
+"""The stage `train`: reproducible weights, interruptions, and what a run leaves."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.training import loop, train
+from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
 
@@ -92,7 +92,6 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
 ) -> None:
     whole = run_of("whole")
     train.run(whole)
-    monkeypatch.setattr(loop, "CHECKPOINT_SECONDS", 0.0)
     killed, epoch = run_of("killed"), bc.Method.epoch
     for survived in (1, 1):
         left = [survived]
@@ -105,7 +104,7 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
 
         monkeypatch.setattr(bc.Method, "epoch", dying)
         with pytest.raises(KeyboardInterrupt):
-            train.run(killed)
+            train.run(killed, checkpoint_seconds=0)
         assert [path.name for path in folder_of(killed).iterdir()] == [CHECKPOINT]
     monkeypatch.setattr(bc.Method, "epoch", epoch)
     train.run(killed)

@@ -1,4 +1,7 @@
-"""Labyrinths to try a policy on: those of the splits, and of no dataset; and what is kept of it."""
+"""Sets of labyrinths on which scripts/ablate.py and scripts/generalise.py evaluate a policy.
+
+They are those of the splits, and labyrinths of no dataset. The results are kept as JSON.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from labyrinth_core.world.sampling import default_open_walls, sample_structures
 from labyrinth_core.world.tasks import change_start_and_goal, default_start_and_goal, place
 
 
-def trials(
+def labyrinth_sets(
     source: str | Path,
     config: str,
     rng: np.random.Generator,
@@ -32,8 +35,8 @@ def trials(
         source: Folder with the dataset, or its id on the Hub.
         config: Such as `5x5`.
         rng: Draws starts, goals and structures.
-        sides: Of fresh labyrinths that are larger; those of the dataset's size are there anyway.
-        labyrinths: How many fresh ones a size. None has a structure of the split train.
+        sides: Sides of larger fresh labyrinths; those of the dataset's size always come.
+        labyrinths: The number of fresh labyrinths of each size, none of a structure of train.
     """
     splits = {
         split: list(load_arrays(source, config, split, observation="vector").labyrinths)
@@ -53,7 +56,7 @@ def trials(
 def _fresh(
     shape: tuple[int, int], like: Labyrinth, known: set[Structure], rng: np.random.Generator
 ) -> Iterator[Labyrinth]:
-    """Yield labyrinths of a shape, of the task of another one, of structures that are not known."""
+    """Yield labyrinths of a shape and of the task of `like`, none of a known structure."""
     walls = default_open_walls(*shape)
     start, goal = default_start_and_goal(*shape)
     for structure in sample_structures(*shape, rng, algorithm="wilson", open_walls=walls):
@@ -65,15 +68,17 @@ def _fresh(
             continue
 
 
-def write_trial(path: Path, about: Mapping[str, Any], solved: Mapping[str, Sequence[bool]]) -> None:
-    """Keep what was tried, and which labyrinths of each set were solved, all or nothing."""
+def write_results(
+    path: Path, about: Mapping[str, Any], solved: Mapping[str, Sequence[bool]]
+) -> None:
+    """Write a description of a run, and which labyrinths of each set it solved."""
     told = {name: "".join(str(int(each)) for each in which) for name, which in solved.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps({**about, "solved": told}, indent=1) + "\n")
 
 
-def read_trial(path: Path) -> dict[str, Any]:
-    """Return what `write_trial` kept; `solved` has 1 or 0 for each labyrinth of each set."""
+def read_results(path: Path) -> dict[str, Any]:
+    """Return what `write_results` wrote; `solved` has 1 or 0 for each labyrinth of each set."""
     kept: dict[str, Any] = json.loads(path.read_text())
     kept["solved"] = {
         name: np.array([int(each) for each in which], float)

@@ -1,4 +1,4 @@
-"""Pictures and actions turn together."""
+"""Pictures and actions are transformed together."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from pipeline.training.networks.turning import (
+from pipeline.training.networks.symmetry import (
     SYMMETRIES,
     Averaged,
-    turn,
-    turn_examples,
-    turned_actions,
+    transform,
+    transform_examples,
+    transformed_actions,
 )
 
 LABYRINTH = """
@@ -36,46 +36,50 @@ def picture(labyrinth: Labyrinth, state: State) -> Tensor:
 
 
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
-def test_a_turned_action_does_in_a_turned_picture_what_the_action_does(symmetry: int) -> None:
+def test_a_transformed_action_does_what_the_action_did(
+    symmetry: int,
+) -> None:
     labyrinth = parse(LABYRINTH)
     cells = torch.arange(9).reshape(1, 3, 3).flip(1)  # As pictures have them, from the top.
-    where = {old: new for new, old in enumerate(turn(cells, symmetry).flip(1).flatten().tolist())}
+    where = {
+        old: new for new, old in enumerate(transform(cells, symmetry).flip(1).flatten().tolist())
+    }
     passages = [(where[low], where[high]) for low, high in labyrinth.structure.passages()]
     turned = Labyrinth(
         Structure.from_passages(3, 3, passages), where[labyrinth.start], where[labyrinth.goal]
     )
     for cell in range(9):
-        seen = turn(picture(labyrinth, State(cell)), symmetry)
+        seen = transform(picture(labyrinth, State(cell)), symmetry)
         # A wall between cells may lie a pixel beside where the middle is.
         apart = (seen.float() - picture(turned, State(where[cell])).float()).abs().mean()
         assert apart < 255 / 50
         for action in range(4):
             after = transition(labyrinth, State(cell), action).agent
-            turned_action = turned_actions(symmetry)[action]
+            turned_action = transformed_actions(symmetry)[action]
             assert transition(turned, State(where[cell]), turned_action).agent == where[after]
 
 
-def test_examples_are_turned_with_their_labels_by_all_symmetries_alike() -> None:
+def test_examples_are_transformed_with_their_labels_by_all_symmetries_alike() -> None:
     pictures = torch.rand(16, 6, 6, 3)
     maps = torch.randint(-1, 4, (16, 3, 3))
-    seen, told = turn_examples(pictures, maps)
+    seen, told = transform_examples(pictures, maps)
     for symmetry in SYMMETRIES:
-        names = torch.tensor([*turned_actions(symmetry), -1])
+        names = torch.tensor([*transformed_actions(symmetry), -1])
         mine = slice(2 * symmetry, 2 * symmetry + 2)
-        assert torch.equal(seen[mine], turn(pictures[symmetry::8], symmetry))
-        assert torch.equal(told[mine], turn(names[maps[symmetry::8]], symmetry))
-    _, actions = turn_examples(pictures, maps[:, 0, 0])
-    names = torch.tensor([*turned_actions(3), -1])
+        assert torch.equal(seen[mine], transform(pictures[symmetry::8], symmetry))
+        assert torch.equal(told[mine], transform(names[maps[symmetry::8]], symmetry))
+    _, actions = transform_examples(pictures, maps[:, 0, 0])
+    names = torch.tensor([*transformed_actions(3), -1])
     assert torch.equal(actions[6:8], names[maps[3::8, 0, 0]])
 
 
-def test_what_is_averaged_turns_with_the_picture() -> None:
+def test_averaged_outputs_are_transformed_with_the_picture() -> None:
     torch.manual_seed(0)
     network = Averaged(nn.Sequential(nn.Flatten(), nn.Linear(6 * 6 * 3, 4))).eval()
     pictures = torch.rand(5, 6, 6, 3)
     straight = network(pictures)
     for symmetry in SYMMETRIES:
-        turned = network(turn(pictures, symmetry))[:, turned_actions(symmetry)]
+        turned = network(transform(pictures, symmetry))[:, transformed_actions(symmetry)]
         assert torch.allclose(turned, straight, atol=1e-5)
     assert not torch.allclose(network.network(pictures).log_softmax(1), straight, atol=1e-3)
     assert torch.equal(network.train()(pictures), network.network(pictures))

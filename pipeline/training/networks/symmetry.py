@@ -1,0 +1,70 @@
+"""The eight symmetries of the square, applied to pictures and actions alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+SYMMETRIES = range(8)
+"""The numbers of the symmetries: 0 to 3 quarter turns to the left; plus 4, then mirrored."""
+
+
+def transform(pictures: Tensor, symmetry: int) -> Tensor:
+    """Return pictures, or maps of cells, transformed by a symmetry.
+
+    Args:
+        pictures: Shape (N, rows, columns, ...), rows from the top.
+        symmetry: One of `SYMMETRIES`.
+    """
+    turned = torch.rot90(pictures, symmetry % 4, (1, 2))
+    return turned.flip(2) if symmetry >= 4 else turned
+
+
+def transformed_actions(symmetry: int) -> list[int]:
+    """Return for each action the equivalent one in transformed pictures."""
+    # A quarter turn to the left maps up to left: one less in the order up, right, down, left.
+    quarters = [(action - symmetry) % 4 for action in range(4)]
+    return [-action % 4 for action in quarters] if symmetry >= 4 else quarters
+
+
+def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
+    """Return pictures and their labels, an eighth of them transformed by each symmetry.
+
+    Args:
+        pictures: Shape (N, size, size, 3).
+        labels: As in `relabelling.Examples`.
+    """
+    seen, told = [], []
+    for symmetry in SYMMETRIES:
+        # The last entry maps -1, which stands for no action, to itself.
+        actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
+        some = actions[labels[symmetry :: len(SYMMETRIES)]]
+        seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
+        told.append(transform(some, symmetry) if some.dim() == 3 else some)
+    return torch.cat(seen), torch.cat(told)
+
+
+class Averaged(nn.Module):
+    """A network whose outputs in evaluation mode are averaged over the symmetries of its input.
+
+    The outputs are then the mean logarithms of the actions' probabilities.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+        self.symmetries: Sequence[int] = SYMMETRIES
+        """The symmetries to average over; fewer take less time."""
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return scores of the four actions, shape (N, 4)."""
+        if self.training:
+            scores: Tensor = self.network(pictures)
+            return scores
+        views = [
+            self.network(transform(pictures, each)).log_softmax(1)[:, transformed_actions(each)]
+            for each in self.symmetries
+        ]
+        return torch.stack(views).mean(0)

@@ -1,0 +1,87 @@
+"""Locks: one holder at a time, none that is dead, and nothing left behind."""
+
+import errno
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from labyrinth_core.data.locks import locked
+
+COUNT = """
+import sys
+from pathlib import Path
+from labyrinth_core.data.locks import locked
+folder = Path(sys.argv[1])
+for _ in range(40):
+    with locked(folder / "lock"):
+        number = int((folder / "count").read_text())
+        (folder / "count").write_text(str(number + 1))
+"""
+
+DIE = """
+import os, signal, sys
+from pathlib import Path
+from labyrinth_core.data.locks import locked
+with locked(Path(sys.argv[1]) / "lock"):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def start(program, folder):
+    return subprocess.Popen([sys.executable, "-W", "error", "-c", program, str(folder)])
+
+
+def test_of_eight_processes_one_at_a_time_has_the_lock_and_none_leaves_a_file(tmp_path):
+    (tmp_path / "count").write_text("0")
+    processes = [start(COUNT, tmp_path) for _ in range(8)]
+    assert [process.wait(timeout=120) for process in processes] == [0] * 8
+    assert (tmp_path / "count").read_text() == str(8 * 40)
+    assert [path.name for path in tmp_path.iterdir()] == ["count"]
+
+
+def test_a_killed_process_holds_nobody_up(tmp_path):
+    assert start(DIE, tmp_path).wait(timeout=60) == -signal.SIGKILL
+    assert "lock" in {path.name for path in tmp_path.iterdir()}
+    with locked(tmp_path / "lock", wait=False):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_who_does_not_wait_is_told(tmp_path):
+    with (
+        locked(tmp_path / "lock"),
+        pytest.raises(TimeoutError),
+        locked(tmp_path / "lock", wait=False),
+    ):
+        pass
+
+
+def test_who_waits_is_told_for_whom(tmp_path):
+    class StopError(Exception):
+        pass
+
+    told = []
+
+    def stop(holder):
+        told.append(holder)
+        raise StopError
+
+    with locked(tmp_path / "lock"):
+        with pytest.raises(StopError), locked(tmp_path / "lock", stop):
+            pass
+        assert (tmp_path / "lock").exists()
+    assert told[0].startswith(f"process {os.getpid()} on ")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK])
+def test_a_file_system_without_locks_is_an_os_error(tmp_path, monkeypatch, number):
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(OSError, match=os.strerror(number)), locked(tmp_path / "lock"):
+        pass
