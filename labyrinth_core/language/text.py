@@ -150,9 +150,15 @@ def _parse_drawing(source: Source) -> _Drawing:
     """Return the structure and the tiles that are drawn.
 
     drawing = outer-wall cell-line {wall-line cell-line} outer-wall
+    cell-line = "|" cell {("|" | " ") cell} "|"
+    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
+    wall-line = "|" wall {"+" wall} "|"
+    wall = " " ("-" | " ") " "
     """
     top = _parse_top(source)
     width = len(top) // 4
+    cell_line = re.compile(rf"\|(?: [ SEKDI] [| ]){{{width - 1}}} [ SEKDI] \|")
+    wall_line = re.compile(rf"\|(?: [- ] \+){{{width - 1}}} [- ] \|")
     rows: list[int] = []
     tiles: list[str] = []
     # Bits as text: the highest row and the last column first, as int() wants them.
@@ -160,14 +166,16 @@ def _parse_drawing(source: Source) -> _Drawing:
     up: list[str] = ["0" * width]
     while True:
         offset, line = source.next_line()
-        _check_line(source, offset, line, len(top), cells=True)
+        if not cell_line.fullmatch(line):
+            _refuse_line(source, offset, line, len(top), cells=True)
         rows.append(offset)
         tiles.append(line[2::4])
         right.append("0" + line[-5:0:-4])
         offset, line = source.next_line()
         if line == top:
             break
-        _check_line(source, offset, line, len(top), cells=False)
+        if not wall_line.fullmatch(line):
+            _refuse_line(source, offset, line, len(top), cells=False)
         if len(rows) == MAX_SIDE:
             source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
         up.append(line[-3::-4])
@@ -200,53 +208,40 @@ def _parse_top(source: Source) -> str:
     return line
 
 
-def _check_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> None:
+def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> NoReturn:
     """Raise the error for a line inside a drawing that does not show cells, or walls."""
-    parts = _parts(length, cells=cells)
-    if len(line) == length and not any(line[part].strip(chars) for part, chars, _ in parts):
-        return
-    kind = "cells" if cells else "walls"
+    kind, end = "cells" if cells else "walls", "'|', the outer wall"
+    begin = end if cells else f"'|', or {length:,} dashes to end the drawing"
     if not line.strip("-"):
         if line and cells:
             source.fail(offset, "a row is missing", "a line of cells", "an outer wall")
         if line:
             found = f"{len(line):,} dashes"
             source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
-        source.fail(offset, "the drawing is not complete", parts[0][2])
+        source.fail(offset, "the drawing is not complete", begin)
+    parts = [
+        (range(1), "|", begin),
+        (range(length - 1, length), "|", end),
+        (range(1, length, 2), " ", "a blank"),
+    ]
+    if cells:
+        parts.append((range(4, length - 1, 4), "| ", "'|' or a blank"))
+        parts.append((range(2, length, 4), " SEKDI", "S, E, K, D, I or a blank"))
+    else:
+        parts.append((range(4, length - 1, 4), "+", "'+'"))
+        parts.append((range(2, length, 4), "- ", "'-' or a blank"))
     padded = line.ljust(length, "\n")
     mistakes = (
         (column, expected)
-        for part, chars, expected in parts
-        for column in range(length)[part]
-        if padded[column] not in chars
+        for columns, allowed, expected in parts
+        for column in columns
+        if padded[column] not in allowed
     )
     column, expected = min(mistakes, default=(length, "the end of the line"))
     if column == length:
         column = len(line) - len(line[length:].lstrip(" "))
     there = None if column < len(line) else "the end of the line"
     source.fail(offset + column, f"in a line of {kind}", expected, there)
-
-
-@lru_cache(maxsize=64)
-def _parts(length: int, *, cells: bool) -> list[tuple[slice, str, str]]:
-    """Return for the parts of a line the characters that may stand there, and those in words.
-
-    cell-line = "|" cell {("|" | " ") cell} "|"
-    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
-    wall-line = "|" wall {"+" wall} "|"
-    wall = " " ("-" | " ") " "
-    """
-    end = "'|', the outer wall"
-    begin = end if cells else f"'|', or {length:,} dashes to end the drawing"
-    between = ("| ", "'|' or a blank") if cells else ("+", "'+'")
-    inside = (" SEKDI", "S, E, K, D, I or a blank") if cells else ("- ", "'-' or a blank")
-    return [
-        (slice(1), "|", begin),
-        (slice(length - 1, length), "|", end),
-        (slice(1, length, 2), " ", "a blank"),
-        (slice(4, length - 1, 4), *between),
-        (slice(2, length, 4), *inside),
-    ]
 
 
 def _build(source: Source, drawing: _Drawing, task: Task, seed: int) -> Labyrinth:
