@@ -6,7 +6,7 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def _place_key_and_door(
 
 
 def _unavoidable(
-    structure: Structure, start: int, goal: int, blocked: Collection[int] = ()
+    structure: Structure, start: int, goal: int
 ) -> tuple[dict[int, int], dict[int, int]]:
     """Return what lies on every route and what lies before it, in linear time.
 
@@ -99,11 +99,11 @@ def _unavoidable(
         taken; both with the place along that route from which they were found. A cell off the
         route can be reached before a cell on every route if its place is the smaller.
     """
-    moves, distance = structure.moves, structure.distances(goal, blocked)
+    moves, distance = structure.moves, structure.distances(goal)
     unavoidable: dict[int, int] = {}
-    found: dict[int, int] = dict.fromkeys(blocked, len(moves))
+    found: dict[int, int] = {}
     if distance[start] == UNREACHABLE:
-        return unavoidable, {}
+        return unavoidable, found
     route = [start]
     while route[-1] != goal:
         route.append(next(c for c in moves[route[-1]] if distance[c] == distance[route[-1]] - 1))
@@ -121,7 +121,7 @@ def _unavoidable(
                 elif beside not in found:
                     found[beside] = place
                     stack.append(beside)
-    return unavoidable, {cell: place for cell, place in found.items() if cell not in blocked}
+    return unavoidable, found
 
 
 def _place_ice(
