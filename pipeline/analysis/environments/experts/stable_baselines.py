@@ -142,9 +142,7 @@ def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], str]:
     try:
         with zipfile.ZipFile(path) as archive:
             stored = io.BytesIO(member(archive, "policy.pth"))
-            with (
-                warnings.catch_warnings()
-            ):  # Torch warns of files that it refuses, or reads anyway.
+            with warnings.catch_warnings():  # Torch warns of files it refuses, or reads anyway.
                 warnings.simplefilter("ignore")
                 tensors = torch.load(stored, map_location="cpu", weights_only=True)
             data = json.loads(member(archive, "data"))
