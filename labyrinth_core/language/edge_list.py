@@ -19,7 +19,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure,
 Place = tuple[int, tuple[int, int]]
 """The offset of a pair of numbers in the text, and the pair."""
 
-_BLANKS = re.compile(r"[ \t\n]*")
 _NUMBER = re.compile(r"[0-9]{1,6}(?![0-9])")
 
 
@@ -94,17 +93,13 @@ def _cells(reader: _Reader, structure: Structure, tiles: list[Place]) -> list[in
 
 
 class _Reader:
-    """A text read from left to right."""
+    """A text read from left to right; blanks after what is read are skipped."""
 
     def __init__(self, text: str, file: str | None) -> None:
         self.text = normalised(text, file)
         self.file = file
         self.position = 0
-        self.skip_blanks()
-
-    def skip_blanks(self) -> None:
-        blanks = _BLANKS.match(self.text, self.position)
-        self.position = blanks.end() if blanks else self.position
+        self.skip(0)
 
     def at_end(self) -> bool:
         return self.position == len(self.text)
@@ -112,18 +107,21 @@ class _Reader:
     def sees(self, char: str) -> bool:
         return self.text.startswith(char, self.position)
 
+    def skip(self, length: int) -> None:
+        self.position += length
+        while self.text.startswith((" ", "\t", "\n"), self.position):
+            self.position += 1
+
     def take(self, char: str) -> None:
         if not self.sees(char):
             self.fail(f"'{char}'")
-        self.position += 1
-        self.skip_blanks()
+        self.skip(1)
 
     def number(self) -> int:
         match = _NUMBER.match(self.text, self.position)
         if not match:
             self.fail("a whole number of at most six digits")
-        self.position = match.end()
-        self.skip_blanks()
+        self.skip(len(match[0]))
         return int(match[0])
 
     def pair(self) -> Place:

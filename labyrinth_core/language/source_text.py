@@ -50,8 +50,7 @@ class LabyrinthSyntaxError(ValueError):
     ) -> LabyrinthSyntaxError:
         """Return the error for a mistake at an offset of a text."""
         begin = text.rfind("\n", 0, offset) + 1
-        end = text.find("\n", offset)
-        source_line = text[begin : len(text) if end < 0 else end]
+        source_line = text[begin:].partition("\n")[0]
         line, column = text.count("\n", 0, offset) + 1, offset - begin + 1
         return cls(message, file, line, column, source_line, expected, found)
 
@@ -100,23 +99,19 @@ class Source:
                 pieces[number] = "\n" * piece.count("\n")
             length += len(pieces[number])
         self.text = "".join(pieces)
+        self.lines = iter(self.text.split("\n"))
 
     def next_line(self) -> tuple[int, str]:
         """Return offset and text, without trailing blanks, of the next line that is not blank.
 
         At the end the text is empty.
         """
-        text, begin = self.text, self.position
-        while begin < len(text):
-            end = text.find("\n", begin)
-            if end < 0:
-                end = len(text)
-            line = text[begin:end].rstrip(" ")
-            if line:
-                self.position = end + 1
-                return begin, line
-            begin = end + 1
-        return len(text), ""
+        for line in self.lines:
+            begin = self.position
+            self.position += len(line) + 1
+            if shown := line.rstrip(" "):
+                return begin, shown
+        return len(self.text), ""
 
     def original_offset(self, offset: int) -> int:
         """Return the place in the original of a place in the text without comments."""
@@ -136,9 +131,8 @@ class Source:
 
         A control character in the same line is the likelier mistake, and reported instead.
         """
-        end = self.text.find("\n", offset)
         begin = self.text.rfind("\n", 0, offset) + 1
-        line = self.text[begin : len(self.text) if end < 0 else end]
+        line = self.text[begin:].partition("\n")[0]
         for place, char in enumerate(line):
             if not char.isprintable():
                 offset = begin + place

@@ -6,7 +6,7 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -216,20 +216,27 @@ def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     Raises:
         LabyrinthError: No other start can hold the task.
     """
-    return _first_that_holds(labyrinth, _starts(labyrinth, labyrinth.goal, rng), rng)
+    return _first_that_holds(labyrinth, [labyrinth.goal], rng)
 
 
 def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
     goals = rng.permutation(labyrinth.structure.cells).tolist()
-    pairs = (
-        pair for goal in goals if goal != labyrinth.goal for pair in _starts(labyrinth, goal, rng)
-    )
-    return _first_that_holds(labyrinth, pairs, rng)
+    return _first_that_holds(labyrinth, [goal for goal in goals if goal != labyrinth.goal], rng)
 
 
-def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> Iterator[tuple[int, int]]:
-    """Yield `(start, goal)` for each start far enough from a goal, in random order."""
+def _first_that_holds(
+    labyrinth: Labyrinth, goals: list[int], rng: np.random.Generator
+) -> Labyrinth:
+    for goal in goals:
+        for start in _starts(labyrinth, goal, rng):
+            with suppress(LabyrinthError):
+                return place(labyrinth.structure, start, goal, labyrinth.task, rng)
+    raise LabyrinthError(f"no other start or goal can hold {labyrinth.task}")
+
+
+def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> list[int]:
+    """Return the other starts that are far enough from a goal, in random order."""
     structure = labyrinth.structure
     apart = {
         start: manhattan(start, goal, structure.width)
@@ -240,15 +247,4 @@ def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> Iterat
     if goal == labyrinth.goal:
         far_enough = min(far_enough, max(apart.values()))
     starts = [start for start, moves in apart.items() if moves >= far_enough]
-    yield from ((starts[choice], goal) for choice in rng.permutation(len(starts)))
-
-
-def _first_that_holds(
-    labyrinth: Labyrinth, pairs: Iterator[tuple[int, int]], rng: np.random.Generator
-) -> Labyrinth:
-    for start, goal in pairs:
-        try:
-            return place(labyrinth.structure, start, goal, labyrinth.task, rng)
-        except LabyrinthError:
-            continue
-    raise LabyrinthError(f"no other start or goal can hold {labyrinth.task}")
+    return [starts[choice] for choice in rng.permutation(len(starts))]
