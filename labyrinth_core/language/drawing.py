@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.visibility import visible_from
 
@@ -39,15 +40,11 @@ def draw_text(
     return "".join(drawing)
 
 
-def _line_length(structure: Structure) -> int:
-    return 4 * structure.width + 2  # With the line break.
-
-
 def _place(structure: Structure, cell: int) -> int:
     """Return the index of a cell in the drawing."""
     row, column = divmod(cell, structure.width)
-    lines = 2 * (structure.height - 1 - row) + 1
-    return lines * _line_length(structure) + 4 * column + 2
+    line, length = 2 * (structure.height - 1 - row) + 1, 4 * structure.width + 2
+    return line * length + 4 * column + 2
 
 
 def _hide(drawing: list[str], labyrinth: Labyrinth, seen: frozenset[int]) -> None:
@@ -57,7 +54,6 @@ def _hide(drawing: list[str], labyrinth: Labyrinth, seen: frozenset[int]) -> Non
         place = _place(structure, cell)
         if cell not in (labyrinth.start, labyrinth.goal):
             drawing[place] = HIDDEN
-        if (cell + 1) % structure.width and cell + 1 not in seen:
-            drawing[place + 2] = HIDDEN
-        if cell + structure.width < structure.cells and cell + structure.width not in seen:
-            drawing[place - _line_length(structure)] = HIDDEN
+        for beside in neighbours(cell, structure.height, structure.width).values():
+            if beside not in seen:
+                drawing[(place + _place(structure, beside)) // 2] = HIDDEN

@@ -59,16 +59,7 @@ def parse_edges(
         last_line = max(line for _, pair in tiles for line in pair)
         height = width = max(MIN_SIDE, last_line + 1, isqrt(last_cell) + 1)
     structure = _structure(reader, height, width, edges)
-    cells = _cells(reader, structure, tiles)
-    start, goal, *others = cells
-    key, door = others if task is Task.KEY_AND_DOOR else (None, None)
-    ice_cells = frozenset(others if task is Task.ICY_FLOOR else ())
-    try:
-        return Labyrinth(structure, start, goal, task, key, door, ice_cells)
-    except LabyrinthError as error:
-        places = {cell: offset for cell, (offset, _) in zip(cells, tiles, strict=True)}
-        offset = places.get(-1 if error.cell is None else error.cell, 0)
-        raise reader.error(offset, str(error)) from error
+    return _build(reader, structure, tiles, task)
 
 
 def _structure(reader: _Reader, height: int, width: int, edges: list[Place]) -> Structure:
@@ -84,12 +75,21 @@ def _structure(reader: _Reader, height: int, width: int, edges: list[Place]) -> 
     return Structure.from_passages(height, width, (edge for _, edge in edges))
 
 
-def _cells(reader: _Reader, structure: Structure, tiles: list[Place]) -> list[int]:
+def _build(reader: _Reader, structure: Structure, tiles: list[Place], task: Task) -> Labyrinth:
     for offset, (row, column) in tiles:
         if row >= structure.height or column >= structure.width:
             expected = f"a (row, column) of a {structure.height}x{structure.width} grid"
             raise reader.error(offset, "in a tile", expected, f"({row}, {column})")
-    return [cell_at(row, column, structure.width) for _, (row, column) in tiles]
+    cells = [cell_at(row, column, structure.width) for _, (row, column) in tiles]
+    start, goal, *others = cells
+    key, door = others if task is Task.KEY_AND_DOOR else (None, None)
+    ice = frozenset(others if task is Task.ICY_FLOOR else ())
+    try:
+        return Labyrinth(structure, start, goal, task, key, door, ice)
+    except LabyrinthError as error:
+        places = {cell: offset for cell, (offset, _) in zip(cells, tiles, strict=True)}
+        offset = places.get(-1 if error.cell is None else error.cell, 0)
+        raise reader.error(offset, str(error)) from error
 
 
 class _Reader:

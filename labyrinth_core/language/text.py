@@ -14,7 +14,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
@@ -294,9 +294,8 @@ def dump(labyrinth: Labyrinth) -> str:
     """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
     structure = labyrinth.structure
     width, cells = structure.width, structure.cells
-    # Cell 0 first, as the bits of an integer have it last.
-    above = f"{structure.up:0{cells}b}"[::-1].encode().translate(_HORIZONTAL)
-    beside = f"{structure.right:0{cells}b}"[::-1].encode().translate(_VERTICAL)
+    above = digits(structure.up, cells).encode().translate(_HORIZONTAL)
+    beside = digits(structure.right, cells).encode().translate(_VERTICAL)
     tiles = bytearray(b" ") * cells
     tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
     if labyrinth.key is not None and labyrinth.door is not None:

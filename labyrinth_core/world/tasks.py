@@ -199,11 +199,9 @@ def tiles_matter(labyrinth: Labyrinth) -> bool:
     structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
     if labyrinth.key is not None:
         from_start, from_goal = structure.distances(start), structure.distances(goal)
-        detour = from_start[labyrinth.key] + from_goal[labyrinth.key]
-        return detour > from_start[goal]
+        return from_start[labyrinth.key] + from_goal[labyrinth.key] > from_start[goal]
     if labyrinth.ice:
-        without_ice = structure.distances(start, labyrinth.ice)
-        return without_ice[goal] > structure.distances(start)[goal]
+        return labyrinth.cell_distances[start] > structure.distances(goal)[start]
     return True
 
 

@@ -68,12 +68,8 @@ class Axes:
             Shape (..., dimensions).
         """
         ends = np.cumsum([len(points) for points in self.points])[:-1]
-        parts = zip(
-            np.split(counts_a, ends, axis=-1),
-            np.split(counts_b, ends, axis=-1),
-            map(np.diff, self.points),
-            strict=True,
-        )
+        a, b = (np.split(counts, ends, axis=-1) for counts in (counts_a, counts_b))
+        parts = zip(a, b, map(np.diff, self.points), strict=True)
         return np.stack([wasserstein_of_counts(*part) for part in parts], axis=-1)
 
 
