@@ -87,9 +87,8 @@ def _build(reader: _Reader, structure: Structure, tiles: list[Place], task: Task
     try:
         return Labyrinth(structure, start, goal, task, key, door, ice)
     except LabyrinthError as error:
-        places = {cell: offset for cell, (offset, _) in zip(cells, tiles, strict=True)}
-        offset = places.get(-1 if error.cell is None else error.cell, 0)
-        raise reader.error(offset, str(error)) from error
+        places: dict[int | None, int] = dict(zip(cells, (at for at, _ in tiles), strict=True))
+        raise reader.error(places.get(error.cell, 0), str(error)) from error
 
 
 class _Reader:

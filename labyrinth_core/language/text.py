@@ -219,17 +219,15 @@ def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: 
             found = f"{len(line):,} dashes"
             source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
         source.fail(offset, "the drawing is not complete", begin)
+    between = ("| ", "'|' or a blank") if cells else ("+", "'+'")
+    inside = (" SEKDI", "S, E, K, D, I or a blank") if cells else ("- ", "'-' or a blank")
     parts = [
         (range(1), "|", begin),
         (range(length - 1, length), "|", end),
         (range(1, length, 2), " ", "a blank"),
+        (range(4, length - 1, 4), *between),
+        (range(2, length, 4), *inside),
     ]
-    if cells:
-        parts.append((range(4, length - 1, 4), "| ", "'|' or a blank"))
-        parts.append((range(2, length, 4), " SEKDI", "S, E, K, D, I or a blank"))
-    else:
-        parts.append((range(4, length - 1, 4), "+", "'+'"))
-        parts.append((range(2, length, 4), "- ", "'-' or a blank"))
     padded = line.ljust(length, "\n")
     mistakes = (
         (column, expected)

@@ -214,18 +214,17 @@ def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     Raises:
         LabyrinthError: No other start can hold the task.
     """
-    return _first_that_holds(labyrinth, [labyrinth.goal], rng)
+    return _moved(labyrinth, [labyrinth.goal], rng)
 
 
 def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
     goals = rng.permutation(labyrinth.structure.cells).tolist()
-    return _first_that_holds(labyrinth, [goal for goal in goals if goal != labyrinth.goal], rng)
+    return _moved(labyrinth, [goal for goal in goals if goal != labyrinth.goal], rng)
 
 
-def _first_that_holds(
-    labyrinth: Labyrinth, goals: list[int], rng: np.random.Generator
-) -> Labyrinth:
+def _moved(labyrinth: Labyrinth, goals: list[int], rng: np.random.Generator) -> Labyrinth:
+    """Return the labyrinth with the first of the goals, and another start, that hold its task."""
     for goal in goals:
         for start in _starts(labyrinth, goal, rng):
             with suppress(LabyrinthError):

@@ -77,10 +77,9 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
         summary = Summary.joined(list(tracked(sized, job.name, total=len(job.seeds))))
         results.append(measure(job.name, job.discretisation, summary, run.dataset.seed))
         maps[job.name] = job.discretisation, summary.visits
-        seconds = time.perf_counter() - started
         console.print(
             f"{job.name}: {results[-1].seeds:,} episodes, {results[-1].steps:,} steps, "
-            f"{seconds:.0f} s",
+            f"{time.perf_counter() - started:.0f} s",
             highlight=False,
         )
     results = corrected(results)

@@ -50,5 +50,6 @@ def source_of(environment: str, archive: str | None = None) -> Path:
     """
     if archive is not None:
         return located(archive)
-    controlled = environment in _CONTROLLERS
-    return Path(classic.__file__ if controlled else Path(__file__).with_name(f"{environment}.json"))
+    if environment in _CONTROLLERS:
+        return Path(classic.__file__)
+    return Path(__file__).with_name(f"{environment}.json")
