@@ -652,6 +652,7 @@ def test_a_file_that_is_no_shard_is_refused(data_dir, tmp_path, damage):
         load_transitions(folder, "3x3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [load_transitions, stream_transitions])
 def test_random_flips_in_a_file_never_show_a_traceback(data_dir, tmp_path, load):
     folder = edited(data_dir, tmp_path / "damaged")

@@ -193,6 +193,7 @@ def test_the_png_holds_the_very_pixels_of_the_array(labyrinth, data):
         np.testing.assert_array_equal(np.asarray(image), render(labyrinth, state))
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(labyrinths(), st.sampled_from([1, 7, 64, 84, 599, 600, 601]), st.data())
 def test_another_size_is_the_area_average_of_the_picture(labyrinth, size, data):
