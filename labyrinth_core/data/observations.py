@@ -101,10 +101,8 @@ class ObservationSpec:
         return np.stack([shrink(strips(state), self.image_size, way) for state in states])
 
 
-@lru_cache(maxsize=1)
-def _painter(labyrinth: Labyrinth, style: Style) -> Painter:
-    """Return the painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
-    return Painter(labyrinth, style)
+_painter = lru_cache(maxsize=1)(Painter)
+"""The painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
 
 
 @lru_cache(maxsize=1)
@@ -119,12 +117,9 @@ def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
     if png is None:
         raise DatasetError("obs: a row has no picture")
     strips = strips_of(png, PICTURE_SIZE)
-    return _decode_any(png, image_size) if strips is None else shrink(strips, image_size)
-
-
-def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
-    """Do as `_decode` with the picture of another encoder."""
-    from PIL import Image
+    if strips is not None:
+        return shrink(strips, image_size)
+    from PIL import Image  # For the picture of another encoder.
 
     try:
         with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
