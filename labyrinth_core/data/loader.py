@@ -14,15 +14,17 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
+from collections import deque
 from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
+from typing import TypeVar
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
 from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
 
@@ -31,6 +33,8 @@ DEFAULT_IMAGE_SIZE = 64
 
 STREAMED_AHEAD = 2
 """The number of episodes of a stream that are made ahead."""
+
+Item = TypeVar("Item")
 
 
 def load_transitions(
@@ -195,3 +199,25 @@ def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
             observations = episode.observations
             for step, action in enumerate(episode.actions.tolist()):
                 yield Transition(observations[step], action, observations[step + 1])
+
+
+def prefetched(items: Generator[Item], ahead: int) -> Generator[Item]:
+    """Yield the items of a generator in order, which runs ahead in a thread.
+
+    Its errors are raised here, in their place. After `close`, `break` or an error the generator is
+    closed and the thread ended before this returns.
+
+    Args:
+        items: The generator, which the thread owns from the first `next` on.
+        ahead: The number of items that may wait, 1 or more.
+    """
+    end = object()
+    thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="prefetch")
+    try:
+        waiting = deque(thread.submit(next, items, end) for _ in range(ahead))
+        while (item := waiting.popleft().result()) is not end:
+            waiting.append(thread.submit(next, items, end))
+            yield item  # type: ignore[misc]
+    finally:
+        thread.shutdown(cancel_futures=True)
+        items.close()

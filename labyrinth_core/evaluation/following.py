@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.policy import Policy
 from labyrinth_core.world.dynamics import (
     GOAL_REWARD,
     ICE_REWARD,
@@ -39,6 +39,17 @@ SEEN_TOGETHER = 1024
 
 DRAWN_TOGETHER = 64
 """The largest number of pictures that are drawn at once."""
+
+
+class Policy(Protocol):
+    """A policy, which takes the action with the highest score."""
+
+    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the scores of the four actions, shape (B, 4).
+
+        Args:
+            observations: uint8 (B, size, size, 3), or vectors (B, length).
+        """
 
 
 @dataclass(frozen=True, eq=False)

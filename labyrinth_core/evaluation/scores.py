@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.following import OUTCOMES, Episodes, Policy, follow, greedy_actions
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.policy import Policy
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits that a policy is evaluated on."""
