@@ -57,14 +57,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _explain(error: Exception) -> None:
     """Print one of the `MISTAKES` on standard error."""
-    if isinstance(error, LabyrinthSyntaxError):
-        message = str(error)
-    elif isinstance(error, OSError):
+    message = str(error)
+    if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename is not None else ""
-        message = f"labyrinth: {where}{error.strerror or error}"
-    else:
-        message = f"labyrinth: {error}"
-    print(message, file=sys.stderr)
+        message = where + (error.strerror or message)
+    program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
+    print(program + message, file=sys.stderr)
 
 
 def _read(file: str) -> tuple[str, str]:

@@ -124,14 +124,7 @@ class Manifest:
             )
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
-        except (
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-            OSError,
-            RecursionError,
-        ) as error:
+        except Exception as error:  # Of any kind: the file may hold anything.
             raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
         return manifest
 

@@ -125,7 +125,7 @@ class GreedyEpisode:
     """A greedy episode, up to the goal, to ice, or to a state that was visited before."""
 
     labyrinth: Labyrinth
-    states: tuple[State, ...]
+    states: list[State]
 
     @property
     def solved(self) -> bool:
@@ -146,19 +146,19 @@ def greedy_episodes(
         image_size: Pixels on each side of the pictures.
     """
     spec = ObservationSpec("image", image_size, draw=True)
-    visited = [[initial(labyrinth)] for labyrinth in labyrinths]
-    running = list(range(len(visited)))
+    episodes = [GreedyEpisode(each, [initial(each)]) for each in labyrinths]
+    running = episodes
     while running:
         for begin in range(0, len(running), DRAWN_TOGETHER):
             some = running[begin : begin + DRAWN_TOGETHER]
-            pictures = [spec.look(labyrinths[each], [visited[each][-1]])[0] for each in some]
+            pictures = [spec.look(each.labyrinth, each.states[-1:])[0] for each in some]
             actions = policy.logits(np.stack(pictures)).argmax(axis=1)
             for each, action in zip(some, actions.tolist(), strict=True):
-                visited[each].append(transition(labyrinths[each], visited[each][-1], action))
+                each.states.append(transition(each.labyrinth, each.states[-1], action))
         running = [
             each
             for each in running
-            if visited[each][-1] not in visited[each][:-1]
-            and not is_terminal(labyrinths[each], visited[each][-1])
+            if each.states[-1] not in each.states[:-1]
+            and not is_terminal(each.labyrinth, each.states[-1])
         ]
-    return [GreedyEpisode(*each) for each in zip(labyrinths, map(tuple, visited), strict=True)]
+    return episodes
