@@ -31,9 +31,6 @@ from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitio
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
 
-STREAMED_AHEAD = 2
-"""The number of episodes of a stream that are made ahead."""
-
 Item = TypeVar("Item")
 
 
@@ -165,7 +162,7 @@ def stream_episodes(
         Manifest.read(folder).of(split)  # Raises if there is no such split.
     source = str(source if folder is None else folder.parent)
     rows = stream_rows(source, config, split, revision, pictures=spec.decodes)
-    return prefetched(episodes_of(rows, spec), STREAMED_AHEAD)
+    return prefetched(episodes_of(rows, spec), ahead=2)
 
 
 def stream_transitions(

@@ -76,21 +76,16 @@ class ObservationSpec:
         return self.observation == "image" and not self.draw and self.resize == "area"
 
     def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
-        """Return the observations of the states of an episode.
-
-        Args:
-            episode: The episode.
-            pngs: Its pictures in `obs`; ignored unless `decodes`.
+        """Return the observations of an episode, whose pictures are used only if it `decodes`.
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
-        labyrinth = episode.labyrinth
         if self.decodes:
             decode = _remembering_decoder(self.image_size)
             return np.stack([decode(png) for png in pngs])
         place = {state: number for number, state in enumerate(dict.fromkeys(episode.states))}
-        return self.look(labyrinth, place)[[place[state] for state in episode.states]]
+        return self.look(episode.labyrinth, place)[[place[state] for state in episode.states]]
 
     def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
         """Return the observations of states of a labyrinth; pictures are drawn."""

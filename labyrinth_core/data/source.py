@@ -17,9 +17,6 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_c
 if TYPE_CHECKING:
     import pyarrow as pa
 
-STREAMED_ROWS = 256
-"""Rows of a stream that are read at a time."""
-
 _HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 _TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 
@@ -82,11 +79,6 @@ def _download(source: str, config: str, split: str, revision: str | None) -> Pat
 
 def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
     """Yield the rows of shards that are what their manifest says, one row group at a time.
-
-    Args:
-        folder: Where the shards lie.
-        shards: Which, in order.
-        pictures: Whether the pictures are wanted, too.
 
     Raises:
         DatasetError: A shard is missing, damaged or another one.
@@ -151,7 +143,7 @@ def _infos(source: str, stream: Any) -> Iterator[str]:
 def _tables(source: str, stream: Any) -> Iterator[pa.Table]:
     """Yield the tables of a stream of `datasets`."""
     with _readable(source):
-        yield from stream.with_format("arrow").iter(batch_size=STREAMED_ROWS)
+        yield from stream.with_format("arrow").iter(batch_size=256)
 
 
 @contextmanager

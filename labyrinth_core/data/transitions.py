@@ -154,11 +154,7 @@ def as_received(sent: NDArray[Any] | tuple[Any, ...]) -> NDArray[Any]:
 def gather(
     episodes: Iterable[LoadedEpisode], keep: Callable[[NDArray[Any]], None]
 ) -> dict[str, NDArray[Any]]:
-    """Return the fields of `Transitions` except the frames, which are passed to `keep` in order.
-
-    Args:
-        episodes: The episodes, one or more.
-        keep: Called with the observations of each episode.
+    """Return the fields of `Transitions` except the frames; `keep` gets those of each episode.
 
     Raises:
         DatasetError: There is no episode.

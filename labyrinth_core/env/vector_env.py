@@ -18,9 +18,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from labyrinth_core.env.arguments import LabyrinthLike, Size, chosen, step_limit
 from labyrinth_core.env.environment import REWARDS
-from labyrinth_core.env.labyrinth_source import LabyrinthSource, Shape
+from labyrinth_core.env.labyrinth_source import (
+    LabyrinthLike,
+    LabyrinthSource,
+    Shape,
+    Size,
+    chosen,
+    step_limit,
+)
 from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text

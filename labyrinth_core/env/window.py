@@ -33,13 +33,7 @@ class Window:
         self._clock = pygame.time.Clock()
 
     def show(self, picture: NDArray[np.uint8], caption: str, fps: int | None = None) -> None:
-        """Show a picture, shape (side, side, 3), rows from the top.
-
-        Args:
-            picture: The picture.
-            caption: The title of the window.
-            fps: Wait so that at most this many pictures are shown in a second; None not to wait.
-        """
+        """Show a picture, shape (side, side, 3), rows from the top; at most `fps` in a second."""
         surface = pygame.surfarray.make_surface(picture.transpose(1, 0, 2))
         screen = pygame.display.get_surface()
         if screen is None or screen.get_size() != surface.get_size():

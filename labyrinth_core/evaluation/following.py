@@ -94,12 +94,7 @@ def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]
 
 
 def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
-    """Return the results of the episodes of a deterministic policy.
-
-    Args:
-        arrays: The labyrinths.
-        actions: The policy's action in each state, shape (S,).
-    """
+    """Return the results of the episodes of a policy with one action a state, shape (S,)."""
     after = np.take_along_axis(arrays.next_state, actions[:, None], axis=1)[:, 0]
     state = arrays.initial
     moves = np.zeros(len(state), np.int64)
@@ -138,12 +133,8 @@ def greedy_episodes(
 ) -> list[GreedyEpisode]:
     """Return one greedy episode in each labyrinth, of which only the visited states are drawn.
 
+    The labyrinths have one size, and the policy is shown pictures of `image_size` pixels each way.
     A policy without memory that comes back to a state never reaches the goal.
-
-    Args:
-        policy: The policy, which is shown pictures.
-        labyrinths: Labyrinths of one size.
-        image_size: Pixels on each side of the pictures.
     """
     spec = ObservationSpec("image", image_size, draw=True)
     episodes = [GreedyEpisode(each, [initial(each)]) for each in labyrinths]
