@@ -59,12 +59,9 @@ def user_folder() -> Path:
 
 
 def load(path: Path, key: str, episodes: Callable[[], Iterable[LoadedEpisode]]) -> Transitions:
-    """Return the transitions of a cache file, which is made if it is missing or wrong.
+    """Return the transitions of a cache file, made of `episodes` if it is missing or wrong.
 
-    Args:
-        path: The file.
-        key: All that its content depends on.
-        episodes: Returns the episodes, if the file has to be made.
+    All that its content depends on is in the key.
 
     Raises:
         OSError: The file can be neither read nor made.

@@ -57,15 +57,7 @@ class LabyrinthSource(NamedTuple):
         return cls(Shape.of(labyrinth), labyrinth)
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None = None) -> Labyrinth:
-        """Return the labyrinth of the next episode.
-
-        If task, start or goal differ from those of a given labyrinth, the tiles of the task are
-        placed anew by the rules of the sampler.
-
-        Args:
-            rng: Where all randomness comes from.
-            options: For this episode only, `labyrinth` (as such, its text, or a path), `task`,
-                `start` and `goal` (each `(row, column)`).
+        """Return the labyrinth of the next episode, with the options of `LabyrinthEnv.reset`.
 
         Raises:
             ValueError: An option has no such name, or a value that is impossible.

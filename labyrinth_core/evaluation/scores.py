@@ -46,9 +46,7 @@ class Scores:
     def path_efficiency(self) -> float | None:
         """Moves on a shortest route divided by moves taken, averaged over the solved labyrinths."""
         solved = self.episodes.solved
-        if not solved.any():
-            return None
-        return float((self.distance[solved] / self.episodes.moves[solved]).mean())
+        return _mean(self.distance[solved] / self.episodes.moves[solved])
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures and the results of each episode in plain types.
@@ -93,8 +91,8 @@ def evaluate(policy: Policy, arrays: LabyrinthArrays) -> Scores:
         episodes=follow(arrays, actions),
         labyrinth_ids=arrays.labyrinth_ids,
         distance=arrays.distance,
-        accuracy_on_demonstrations=_share(right[solvable & shown]),
-        accuracy_elsewhere=_share(right[solvable & ~shown]),
+        accuracy_on_demonstrations=_mean(right[solvable & shown]),
+        accuracy_elsewhere=_mean(right[solvable & ~shown]),
     )
 
 
@@ -107,5 +105,5 @@ def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
     return Episodes(outcomes, np.array(figures["moves"], np.int64), cells)
 
 
-def _share(right: NDArray[np.bool_]) -> float | None:
-    return float(right.mean()) if right.size else None
+def _mean(values: NDArray[Any]) -> float | None:
+    return float(values.mean()) if values.size else None

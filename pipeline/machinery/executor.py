@@ -23,15 +23,11 @@ from pipeline.config.errors import ConfigError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-AHEAD = 4
-"""The number of items a worker that Ray, which cannot stream results, is given at a time."""
-
 Losses = tuple[type[Exception], ...]
 """The errors that a backend raises when a worker is lost."""
 
-_backend: ContextVar[tuple[str, Losses]] = ContextVar(
-    "backend", default=("local", (BrokenExecutor,))
-)
+_LOCAL: tuple[str, Losses] = "local", (BrokenExecutor,)
+_backend = ContextVar("backend", default=_LOCAL)
 
 
 @contextmanager
@@ -174,9 +170,9 @@ def _results(
 ) -> Generator[Result]:
     from joblib import Parallel, delayed
 
-    if backend == "ray":  # It returns no result before all are there.
+    if backend == "ray":  # It returns no result before all are there, so it gets a few at a time.
         with Parallel(n_jobs=workers, batch_size=1) as parallel:
-            while part := list(islice(feed, AHEAD * workers)):
+            while part := list(islice(feed, 4 * workers)):
                 yield from parallel(delayed(function)(item) for item in part)
         return
     parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
