@@ -148,11 +148,9 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     pencil = ImageDraw.Draw(image)
     # The grid is centred in the picture, and its lines are a twelfth of a cell thick.
     side = image.width / (most + 1 / 12)
+    left, bottom = (image.width - width * side) / 2, (image.height + height * side) / 2
     points = [
-        (
-            image.width / 2 + (column + 0.5 - width / 2) * side,
-            image.height / 2 - (row + 0.5 - height / 2) * side,
-        )
+        (left + (column + 0.5) * side, bottom - (row + 0.5) * side)
         for row, column in map(labyrinth.position, route)
     ]
     colour = (204, 121, 167)

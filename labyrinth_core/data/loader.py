@@ -19,7 +19,7 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
@@ -30,8 +30,6 @@ from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitio
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
-
-Item = TypeVar("Item")
 
 
 def load_transitions(
@@ -198,23 +196,19 @@ def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
                 yield Transition(observations[step], action, observations[step + 1])
 
 
-def prefetched(items: Generator[Item], ahead: int) -> Generator[Item]:
-    """Yield the items of a generator in order, which runs ahead in a thread.
+def prefetched(items: Generator[LoadedEpisode], ahead: int) -> Generator[LoadedEpisode]:
+    """Yield the items of a generator in order; a thread runs it so many items ahead, 1 or more.
 
     Its errors are raised here, in their place. After `close`, `break` or an error the generator is
     closed and the thread ended before this returns.
-
-    Args:
-        items: The generator, which the thread owns from the first `next` on.
-        ahead: The number of items that may wait, 1 or more.
     """
-    end = object()
+    end: Any = object()
     thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="prefetch")
     try:
         waiting = deque(thread.submit(next, items, end) for _ in range(ahead))
         while (item := waiting.popleft().result()) is not end:
             waiting.append(thread.submit(next, items, end))
-            yield item  # type: ignore[misc]
+            yield item
     finally:
         thread.shutdown(cancel_futures=True)
         items.close()

@@ -229,9 +229,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
                 f"actions: give whole numbers of shape ({self.num_envs},), "
                 f"not {numbers.dtype} of shape {numbers.shape}"
             )
-        if numbers.min() < 0 or numbers.max() > 3:
-            wrong = numbers[(numbers < 0) | (numbers > 3)][0]
-            raise ValueError(f"action={wrong}: give 0 up, 1 right, 2 down or 3 left")
+        wrong = numbers[(numbers < 0) | (numbers > 3)]
+        if wrong.size:
+            raise ValueError(f"action={wrong[0]}: give 0 up, 1 right, 2 down or 3 left")
         return numbers.astype(np.int64)
 
     def _finish(self, over: Mask) -> Infos:
