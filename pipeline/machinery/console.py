@@ -24,6 +24,11 @@ Item = TypeVar("Item")
 console = Console(markup=False)
 
 
+def say(text: str) -> None:
+    """Print a line as it is, neither coloured nor wrapped."""
+    console.print(text, highlight=False, soft_wrap=True)
+
+
 def progress() -> Progress:
     """Return a context manager that shows the progress bars of a stage."""
     return Progress(

@@ -422,6 +422,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 4])
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_workers_forked_or_spawned_get_the_same(data_dir, kept, cache, tmp_path, method, workers):

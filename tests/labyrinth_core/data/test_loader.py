@@ -370,6 +370,7 @@ def test_from_the_hub_come_only_the_manifest_and_the_split(data_dir, monkeypatch
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", ["load_transitions", "stream_episodes", "stream_transitions"])
 def test_a_hub_that_cannot_be_reached_gives_one_line(tmp_path, function):
     program = (

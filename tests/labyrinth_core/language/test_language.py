@@ -110,6 +110,7 @@ def test_any_text_is_a_labyrinth_or_a_syntax_error(text):
     fuzz.check(text)
 
 
+@pytest.mark.slow
 def test_thousands_of_damaged_texts_are_labyrinths_or_syntax_errors():
     summary = fuzz.fuzz(4_000, np.random.SeedSequence(20))
     assert summary.failures == []

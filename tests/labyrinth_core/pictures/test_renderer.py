@@ -353,6 +353,7 @@ def largest_difference(first, second):
     return int(np.abs(first.astype(np.int16) - second).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "width"), SIZES)
 def test_opening_or_closing_any_one_wall_shows(height, width):
     structure = some_labyrinth(height, width).structure
