@@ -74,11 +74,7 @@ class PictureDigest:
         self._sum: int = sum(map(mul, self._sums, self._powers))
 
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
-        """Return the digest of the picture with some strips exchanged.
-
-        Args:
-            changes: Index of a strip, counted from the top -> another of the same height.
-        """
+        """Return the digest with strips, counted from the top, exchanged for as high ones."""
         total = self._sum
         for place, strip in changes.items():
             total += (_strip_sum(strip)[0] - self._sums[place]) * self._powers[place]
