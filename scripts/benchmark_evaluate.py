@@ -34,9 +34,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.following import Episodes, Policy, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.policy import Policy
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
 from labyrinth_core.pictures.resize import area_average
 from pipeline.training.networks.network import Network, NetworkSpec

@@ -24,7 +24,7 @@ from unittest.mock import patch
 from labyrinth_core.data.manifest import Manifest, Shard
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
-from pipeline.release.statistics import measure
+from pipeline.machinery.counts import count_dataset
 
 SHARDS_FOR_A_RATE = 12
 
@@ -166,14 +166,12 @@ def main() -> None:
     rows, size = (sum(getattr(s, name) for s in manifest.shards) for name in ("rows", "bytes"))
     print(f"in the files: {rows:,} rows, {size:,} bytes, {size / rows:.0f} a row")
     watch = Watch(0, arguments.every)
-    certificate = measure(
-        run.folder, manifest, run.options.workers, lambda _: watch.look()
-    ).certificate
-    problems = "; ".join(certificate.problems())
-    for overlap in certificate.overlaps:
+    counts = count_dataset(run.folder, manifest, run.options.workers, lambda _: watch.look())
+    problems = "; ".join(counts.certificate.problems())
+    for pair in counts.certificate.pairs:
         print(
-            f"{overlap.first} and {overlap.second} share {overlap.structures} structures, "
-            f"{overlap.canonical} when mirror images count"
+            f"{pair.first} and {pair.second} share {len(pair.equal)} structures, "
+            f"{len(pair.mirrored)} when mirror images count"
         )
     print(
         f"certified in {time.monotonic() - watch.began:,.0f} s, peak memory {watch.peak} MiB here, "

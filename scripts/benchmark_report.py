@@ -36,11 +36,13 @@ from labyrinth_core.world.rollout import random_episode
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.analysis.report.findings import FIGURES, read_results
-from pipeline.analysis.report.packing import PackedSplit, pack_walks
+from pipeline.analysis.report.findings import SCORES, read_results
+from pipeline.analysis.report.packing import PackedSplit, pack_routes
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
-from pipeline.analysis.walks import walks
 from pipeline.config.run import RunConfig, resolve
+from pipeline.machinery.certificate import Certificate
+from pipeline.machinery.counts import DatasetCounts, count_routes
+from pipeline.machinery.routes import Route, routes
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3
@@ -63,8 +65,10 @@ TIMES = """async () => {
 }"""
 
 
-def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[str, list[int]]]:
-    """Yield the text of the labyrinth and the actions of each of some episodes."""
+def episodes(
+    split: str, size: tuple[int, int], count: int
+) -> Iterator[tuple[str, list[int], float]]:
+    """Yield the text of a labyrinth, the actions and no return, of so many episodes."""
     rng = np.random.default_rng(list(SPLITS).index(split))
     structures = sample_structures(*size, rng)
     for structure in (next(structures) for _ in range(count)):
@@ -73,14 +77,13 @@ def episodes(split: str, size: tuple[int, int], count: int) -> Iterator[tuple[st
             actions = random_episode(labyrinth, rng, RANDOM_STEPS).actions.tolist()
         else:
             actions = shortest_route(labyrinth, rng)
-        yield dump(labyrinth), actions
+        yield dump(labyrinth), actions, 0.0
 
 
-def packed(size: tuple[int, int], labyrinths: int) -> dict[str, PackedSplit]:
-    """Return six splits with a total number of labyrinths."""
+def sampled(size: tuple[int, int], labyrinths: int) -> dict[str, list[Route]]:
+    """Return the routes of six splits that hold so many labyrinths together."""
     each = labyrinths // len(SPLITS)
-    cells = size[0] * size[1]
-    return {split: pack_walks(walks(episodes(split, size, each)), cells) for split in SPLITS}
+    return {split: list(routes(episodes(split, size, each))) for split in SPLITS}
 
 
 def shard_of(split: str, labyrinths: int) -> Shard:
@@ -93,14 +96,14 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
     """Return the page's results of runs that each failed on half of the labyrinths."""
     rng = np.random.default_rng(0)
     about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint}
-    figures = dict.fromkeys(FIGURES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
+    figures = dict.fromkeys(SCORES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
     rates = {"random": {"sr": 0.9, "aer": -0.5, "aer_std": 1.0}}
     with tempfile.TemporaryDirectory() as folder:
         for method, seed in product(range(METHODS), range(SEEDS)):
             told = {}
             for split in EVALUATED_SPLITS:
                 ids = bytes(splits[split].fixed["id"])
-                solved = rng.random(splits[split].labyrinths) < 0.5
+                solved = rng.random(len(ids) // 8) < 0.5
                 failed = [ids[8 * at : 8 * at + 8].hex() for at in np.flatnonzero(~solved)]
                 outcomes = "".join("ls"[won] for won in solved.tolist())
                 told[split] = figures | {"outcomes": outcomes, "failed": failed}
@@ -132,12 +135,17 @@ def main() -> None:
     options = parser.parse_args()
     labyrinths = 6_000 if options.quick else options.labyrinths
     began = time.perf_counter()
-    splits = packed(parse_size(options.size), labyrinths)
+    size = parse_size(options.size)
+    found = sampled(size, labyrinths)
+    counts = {split: count_routes(of_split, size).counts for split, of_split in found.items()}
     config = resolve(RunConfig(stages=["report"], size=options.size, data_dir="-")).dataset
     limit = PACKED_BYTES // len(SPLITS)
-    shards = tuple(shard_of(name, split.labyrinths) for name, split in splits.items())
+    # Those that the page does not show are evaluated, too.
+    splits = {split: pack_routes(of_split, 10**12) for split, of_split in found.items()}
+    shards = tuple(shard_of(name, split.labyrinths) for name, split in counts.items())
     manifest = Manifest(config, {}, shards)
-    told = describe(manifest, splits, limit)
+    dataset = DatasetCounts(counts, Certificate({}, {}, (), {}))
+    told = describe(manifest, dataset, splits, limit)
     text = page([told], evaluated(manifest, splits))
     seconds = time.perf_counter() - began
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:

@@ -27,12 +27,15 @@ settings.register_profile(
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
+settings.register_profile("fast", settings.get_profile("house"), max_examples=25)
 settings.load_profile("house")
 
 _private = pytest.StashKey[Path]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.option.markexpr == "not slow":
+        settings.load_profile("fast")
     folder = Path(tempfile.mkdtemp(prefix="labyrinth-tests-"))
     config.stash[_private] = folder
     os.environ["HF_HUB_OFFLINE"] = "1"

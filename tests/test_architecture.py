@@ -62,7 +62,7 @@ HOMES = {
     "hydra": ("pipeline.__main__", "pipeline.config"),
     "omegaconf": ("pipeline.__main__", "pipeline.config"),
     "numpy": ("labyrinth_core", "pipeline"),
-    "pyarrow": ("labyrinth_core.data", "pipeline.generation", "pipeline.release"),
+    "pyarrow": ("labyrinth_core.data", "pipeline.generation"),
     "datasets": ("labyrinth_core.data", "pipeline.generation", "pipeline.release.verify"),
     "filelock": ("labyrinth_core.data",),
     "fsspec": ("labyrinth_core.data",),

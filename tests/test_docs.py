@@ -140,6 +140,7 @@ def folder_with_data(build, tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("document", RUNNABLE, ids=lambda path: path.name)
 def test_every_python_program_runs(document, folder_with_data, monkeypatch):
     monkeypatch.chdir(folder_with_data)

@@ -57,14 +57,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _explain(error: Exception) -> None:
     """Print one of the `MISTAKES` on standard error."""
-    if isinstance(error, LabyrinthSyntaxError):
-        message = str(error)
-    elif isinstance(error, OSError):
+    message = str(error)
+    if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename is not None else ""
-        message = f"labyrinth: {where}{error.strerror or error}"
-    else:
-        message = f"labyrinth: {error}"
-    print(message, file=sys.stderr)
+        message = where + (error.strerror or message)
+    program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
+    print(program + message, file=sys.stderr)
 
 
 def _read(file: str) -> tuple[str, str]:
@@ -150,11 +148,9 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     pencil = ImageDraw.Draw(image)
     # The grid is centred in the picture, and its lines are a twelfth of a cell thick.
     side = image.width / (most + 1 / 12)
+    left, bottom = (image.width - width * side) / 2, (image.height + height * side) / 2
     points = [
-        (
-            image.width / 2 + (column + 0.5 - width / 2) * side,
-            image.height / 2 - (row + 0.5 - height / 2) * side,
-        )
+        (left + (column + 0.5) * side, bottom - (row + 0.5) * side)
         for row, column in map(labyrinth.position, route)
     ]
     colour = (204, 121, 167)

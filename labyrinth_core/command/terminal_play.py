@@ -48,14 +48,7 @@ def draw(
     route: Iterable[int] = (),
     colour: bool = False,
 ) -> str:
-    """Return the text of a labyrinth for people to look at.
-
-    Args:
-        labyrinth: The labyrinth.
-        state: A state to show, with the agent and only what it sees; None for the labyrinth alone.
-        route: Cells to mark if they are empty.
-        colour: Whether to colour the tiles.
-    """
+    """Return the text of a labyrinth for people, as `drawing.draw_text` and with its settings."""
     drawing = draw_text(labyrinth, state, route=route)
     if colour:
         tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)

@@ -52,8 +52,7 @@ class DatasetConfig:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}={getattr(self, name)}: give 1 or more")
         for name, allowed in {"solutions": SOLUTIONS, "sampler": tuple(ALGORITHMS)}.items():
-            if getattr(self, name) not in allowed:
-                given = getattr(self, name)
+            if (given := getattr(self, name)) not in allowed:
                 raise ValueError(f"{name}={given}: choose one of [{', '.join(allowed)}]")
         if not 0 <= self.open_walls <= 1:
             raise ValueError(f"open_walls={self.open_walls}: give a probability from 0 to 1")

@@ -13,7 +13,6 @@ from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.source import RawRow
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.language.text import labyrinth_id, parse
-from labyrinth_core.world.dynamics import is_terminal
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
 
@@ -24,8 +23,22 @@ def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[Load
     Raises:
         DatasetError: The rows do not make episodes.
     """
-    for episode in grouped(rows):
-        yield _episode(episode, spec)
+    for episode_rows in grouped(rows):
+        info, actions = episode_rows[0].info, [row.actions for row in episode_rows[:-1]]
+        try:
+            labyrinth, number = parse_info(info)
+            episode = replay(labyrinth, actions)
+        except ValueError as error:
+            reason = str(error).partition("\n")[0]
+            raise DatasetError(f"an episode cannot be replayed: {reason}") from error
+        yield LoadedEpisode(
+            labyrinth_id=number,
+            info=info,
+            observations=spec.observe(episode, [row.png for row in episode_rows]),
+            actions=np.array(actions, np.int64),
+            rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
+            terminated=episode.terminated,
+        )
 
 
 def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:
@@ -48,24 +61,6 @@ def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:
             pending = []
     if pending:
         raise DatasetError("the last episode ends without its last row, actions=-1")
-
-
-def _episode(rows: list[RawRow], spec: ObservationSpec) -> LoadedEpisode:
-    actions = [row.actions for row in rows[:-1]]
-    try:
-        labyrinth, number = parse_info(rows[0].info)
-        episode = replay(labyrinth, actions)
-    except ValueError as error:
-        reason = str(error).partition("\n")[0]
-        raise DatasetError(f"an episode cannot be replayed: {reason}") from error
-    return LoadedEpisode(
-        labyrinth_id=number,
-        info=rows[0].info,
-        observations=spec.observe(episode, [row.png for row in rows]),
-        actions=np.array(actions, np.int64),
-        rewards=np.array([row.rewards for row in rows[:-1]], np.float32),
-        terminated=is_terminal(labyrinth, episode.states[-1]),
-    )
 
 
 @lru_cache(maxsize=1)

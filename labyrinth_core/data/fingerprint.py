@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from operator import mul
 
@@ -35,11 +35,11 @@ class Fingerprint:
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
 
-    def update(self, rows: Iterable[Row]) -> None:
+    def update(self, rows: Sequence[Row]) -> None:
         """Add rows."""
-        pack = _NUMBERS.pack
+        texts = {info: _hash(info.encode()) for info in {row.info for row in rows}}
         parts = [
-            digest + pack(action, reward, starts) + _text_digest(info)
+            digest + _NUMBERS.pack(action, reward, starts) + texts[info]
             for _, _, action, reward, starts, info, digest in rows
         ]
         self._hash.update(b"".join(parts))
@@ -49,9 +49,8 @@ class Fingerprint:
         return self._hash.hexdigest()
 
 
-@lru_cache(maxsize=16)
-def _text_digest(text: str) -> bytes:
-    return hashlib.blake2b(text.encode(), digest_size=16).digest()
+def _hash(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=16).digest()
 
 
 def picture_digest(strips: Sequence[Strip]) -> bytes:
@@ -75,11 +74,7 @@ class PictureDigest:
         self._sum: int = sum(map(mul, self._sums, self._powers))
 
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
-        """Return the digest of the picture with some strips exchanged.
-
-        Args:
-            changes: Index of a strip, counted from the top -> another of the same height.
-        """
+        """Return the digest with strips, counted from the top, exchanged for as high ones."""
         total = self._sum
         for place, strip in changes.items():
             total += (_strip_sum(strip)[0] - self._sums[place]) * self._powers[place]
@@ -95,25 +90,29 @@ def _powers(heights: tuple[int, ...]) -> list[int]:
     return powers[::-1]
 
 
+# Without the cache of `_strip_sum` or `_repeated` the build writes 0.7 or 0.6 times as many rows a
+# second at 5x5.
+
+
 @lru_cache(maxsize=8_192)
 def _strip_sum(strip: Strip) -> tuple[int, int]:
     """Return the sum of a strip at the bottom of a picture, and the strip's height."""
     total = height = 0
     for row, count in strip:
         repeated, power = _repeated(count)
-        row_hash = int.from_bytes(hashlib.blake2b(row, digest_size=16).digest(), "little")
-        total = (total * power + row_hash * repeated) % _MODULUS
+        total = (total * power + int.from_bytes(_hash(row), "little") * repeated) % _MODULUS
         height += count
     return total, height
 
 
 @lru_cache(maxsize=1_024)
 def _repeated(count: int) -> tuple[int, int]:
-    """Return the factors of a row that comes `count` times, and of the rows above it."""
-    repeated, power = 0, 1
-    for _ in range(count):
-        repeated, power = (repeated + power) % _MODULUS, power * _BASE % _MODULUS
-    return repeated, power
+    """Return the factors of a row that comes `count` times, and of all that is above it.
+
+    They are the sum of the powers of the base below `count`, and the power `count`.
+    """
+    power = pow(_BASE, count, _MODULUS)
+    return (power - 1) * pow(_BASE - 1, -1, _MODULUS) % _MODULUS, power
 
 
 def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:

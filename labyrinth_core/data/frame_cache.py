@@ -16,6 +16,7 @@ import hashlib
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -58,12 +59,9 @@ def user_folder() -> Path:
 
 
 def load(path: Path, key: str, episodes: Callable[[], Iterable[LoadedEpisode]]) -> Transitions:
-    """Return the transitions of a cache file, which is made if it is missing or wrong.
+    """Return the transitions of a cache file, made of `episodes` if it is missing or wrong.
 
-    Args:
-        path: The file.
-        key: All that its content depends on.
-        episodes: Returns the episodes, if the file has to be made.
+    All that its content depends on is in the key.
 
     Raises:
         OSError: The file can be neither read nor made.
@@ -137,7 +135,7 @@ def _write(path: Path, key: str, episodes: Iterable[LoadedEpisode]) -> None:
             nonlocal shape
             if not shape:  # The number of frames is filled in at the end.
                 shape = (0, *observations.shape[1:])
-                _write_header(file, shape, FRAMES)
+                _write_header(file, shape)
             file.write(np.ascontiguousarray(observations).data)
             shape = (shape[0] + len(observations), *shape[1:])
 
@@ -145,21 +143,20 @@ def _write(path: Path, key: str, episodes: Iterable[LoadedEpisode]) -> None:
         columns = {name: arrays[name].astype(dtype) for name, dtype in COLUMNS.items()}
         _pad(file)
         for array in columns.values():
-            _write_header(file, array.shape, array.dtype)
-            file.write(array.data)
+            npy.write_array(file, array, (1, 0))
             _pad(file)
         file.write(_digest(key, shape, columns))
         file.seek(0)
-        _write_header(file, shape, FRAMES)
+        _write_header(file, shape)
         file.flush()
         # Else, after a power failure, the name could be there without the content.
         os.fsync(file.fileno())
 
 
-def _write_header(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """Write what an .npy file begins with, of the same length for any number of items."""
-    description = npy.dtype_to_descr(dtype)
-    npy.write_array_header_1_0(file, {"descr": description, "fortran_order": False, "shape": shape})
+def _write_header(file: BinaryIO, shape: tuple[int, ...]) -> None:
+    """Write what the frames begin with, of the same length for any number of them."""
+    header = {"descr": FRAMES.str, "fortran_order": False, "shape": shape}
+    npy.write_array_header_1_0(file, header)
 
 
 def _pad(file: BinaryIO) -> None:
@@ -169,8 +166,5 @@ def _pad(file: BinaryIO) -> None:
 def _remove_leftovers(folder: Path) -> None:
     """Remove what killed processes have left: files whose lock nobody holds."""
     for lock in folder.glob(f".*{SUFFIX}.lock"):
-        try:
-            with locked(lock, wait=False):
-                lock.with_suffix(".tmp").unlink(missing_ok=True)
-        except OSError:  # Another process holds it.
-            continue
+        with suppress(OSError), locked(lock, wait=False):  # Else another process holds it.
+            lock.with_suffix(".tmp").unlink(missing_ok=True)

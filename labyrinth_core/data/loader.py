@@ -14,23 +14,22 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
+from collections import deque
 from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.prefetch import prefetched
 from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
 from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
-
-STREAMED_AHEAD = 2
-"""The number of episodes of a stream that are made ahead."""
 
 
 def load_transitions(
@@ -161,7 +160,7 @@ def stream_episodes(
         Manifest.read(folder).of(split)  # Raises if there is no such split.
     source = str(source if folder is None else folder.parent)
     rows = stream_rows(source, config, split, revision, pictures=spec.decodes)
-    return prefetched(episodes_of(rows, spec), STREAMED_AHEAD)
+    return prefetched(episodes_of(rows, spec), ahead=2)
 
 
 def stream_transitions(
@@ -195,3 +194,21 @@ def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
             observations = episode.observations
             for step, action in enumerate(episode.actions.tolist()):
                 yield Transition(observations[step], action, observations[step + 1])
+
+
+def prefetched(items: Generator[LoadedEpisode], ahead: int) -> Generator[LoadedEpisode]:
+    """Yield the items of a generator in order; a thread runs it so many items ahead, 1 or more.
+
+    Its errors are raised here, in their place. After `close`, `break` or an error the generator is
+    closed and the thread ended before this returns.
+    """
+    end: Any = object()
+    thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="prefetch")
+    try:
+        waiting = deque(thread.submit(next, items, end) for _ in range(ahead))
+        while (item := waiting.popleft().result()) is not end:
+            waiting.append(thread.submit(next, items, end))
+            yield item
+    finally:
+        thread.shutdown(cancel_futures=True)
+        items.close()

@@ -35,7 +35,10 @@ def locked(
     except Timeout:
         if not wait:
             raise
-        before_waiting(_read(holder) or "another process")
+        name = "another process"
+        with suppress(OSError):  # The file may have been removed just now.
+            name = holder.read_text(encoding="utf-8", errors="replace") or name
+        before_waiting(name)
         lock.acquire()
     try:
         holder.write_text(f"process {os.getpid()} on {socket.gethostname()}", encoding="utf-8")
@@ -47,10 +50,3 @@ def locked(
             with suppress(OSError):
                 each.unlink()
         lock.release()
-
-
-def _read(holder: Path) -> str:
-    try:
-        return holder.read_text(encoding="utf-8", errors="replace")
-    except OSError:  # It was removed just now.
-        return ""

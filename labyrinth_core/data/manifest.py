@@ -117,23 +117,15 @@ class Manifest:
             content = json.loads(path.read_bytes())
             if content["format"] != FORMAT:
                 raise ValueError(f"its format is {content['format']}, not {FORMAT}")
-            manifest = cls(
+            return cls(
                 config=DatasetConfig.from_json(content["config"]),
                 versions={str(key): str(value) for key, value in content["versions"].items()},
                 shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
             )
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
-        except (
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-            OSError,
-            RecursionError,
-        ) as error:
+        except Exception as error:  # Of any kind: the file may hold anything.
             raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
-        return manifest
 
 
 def current_versions() -> dict[str, str]:

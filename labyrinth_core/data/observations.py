@@ -76,21 +76,16 @@ class ObservationSpec:
         return self.observation == "image" and not self.draw and self.resize == "area"
 
     def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
-        """Return the observations of the states of an episode.
-
-        Args:
-            episode: The episode.
-            pngs: Its pictures in `obs`; ignored unless `decodes`.
+        """Return the observations of an episode, whose pictures are used only if it `decodes`.
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
-        labyrinth = episode.labyrinth
         if self.decodes:
             decode = _remembering_decoder(self.image_size)
             return np.stack([decode(png) for png in pngs])
         place = {state: number for number, state in enumerate(dict.fromkeys(episode.states))}
-        return self.look(labyrinth, place)[[place[state] for state in episode.states]]
+        return self.look(episode.labyrinth, place)[[place[state] for state in episode.states]]
 
     def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
         """Return the observations of states of a labyrinth; pictures are drawn."""
@@ -101,10 +96,8 @@ class ObservationSpec:
         return np.stack([shrink(strips(state), self.image_size, way) for state in states])
 
 
-@lru_cache(maxsize=1)
-def _painter(labyrinth: Labyrinth, style: Style) -> Painter:
-    """Return the painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
-    return Painter(labyrinth, style)
+_painter = lru_cache(maxsize=1)(Painter)
+"""The painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
 
 
 @lru_cache(maxsize=1)
@@ -119,12 +112,9 @@ def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
     if png is None:
         raise DatasetError("obs: a row has no picture")
     strips = strips_of(png, PICTURE_SIZE)
-    return _decode_any(png, image_size) if strips is None else shrink(strips, image_size)
-
-
-def _decode_any(png: bytes, image_size: int) -> NDArray[np.uint8]:
-    """Do as `_decode` with the picture of another encoder."""
-    from PIL import Image
+    if strips is not None:
+        return shrink(strips, image_size)
+    from PIL import Image  # For the picture of another encoder.
 
     try:
         with Image.open(io.BytesIO(png), formats=["PNG"]) as image:

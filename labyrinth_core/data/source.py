@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from itertools import chain, groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,9 +16,6 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_c
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-STREAMED_ROWS = 256
-"""Rows of a stream that are read at a time."""
 
 _HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 _TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
@@ -70,27 +68,17 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
 
 def _download(source: str, config: str, split: str, revision: str | None) -> Path:
     from huggingface_hub import snapshot_download
-    from huggingface_hub.errors import HfHubHTTPError, HFValidationError
 
-    try:
+    files = [f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"]
+    with _had(source):
         snapshot = snapshot_download(
-            source,
-            repo_type="dataset",
-            revision=revision,
-            allow_patterns=[f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"],
+            source, repo_type="dataset", revision=revision, allow_patterns=files
         )
-    except (OSError, HfHubHTTPError, HFValidationError) as error:
-        raise _not_from_the_hub(source, error) from error
     return Path(snapshot) / config
 
 
 def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
     """Yield the rows of shards that are what their manifest says, one row group at a time.
-
-    Args:
-        folder: Where the shards lie.
-        shards: Which, in order.
-        pictures: Whether the pictures are wanted, too.
 
     Raises:
         DatasetError: A shard is missing, damaged or another one.
@@ -118,15 +106,13 @@ def stream_rows(
 
     # `datasets` casts a selection of columns to their declared types, and leaves all as they are.
     columns = None if pictures else [*_TYPES]
-    try:
+    with _had(source):
         stream = load_dataset(
             source, config, split=split, streaming=True, revision=revision, columns=columns
         )
         if pictures:
             # As bytes, since `datasets` would decode them, too.
             stream = stream.cast_column("obs", Image(decode=False))
-    except (OSError, ValueError) as error:
-        raise _not_from_the_hub(source, error) from error
     return (row for table in _tables(source, stream) for row in _rows(table, pictures=pictures))
 
 
@@ -140,29 +126,24 @@ def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
     """
     from datasets import load_dataset
 
-    try:
+    with _had(source):
         splits = load_dataset(source, config, streaming=True, columns=["info"])
-    except (OSError, ValueError) as error:
-        raise _not_from_the_hub(source, error) from error
     return {str(split): _infos(source, stream) for split, stream in splits.items()}
 
 
 def _infos(source: str, stream: Any) -> Iterator[str]:
-    before = None
     with _readable(source):
-        for table in _tables(source, stream):
-            for info in table["info"].to_pylist():
-                if not isinstance(info, str):
-                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
-                if info != before:
-                    yield info
-                before = info
+        rows = chain.from_iterable(t["info"].to_pylist() for t in _tables(source, stream))
+        for info, _ in groupby(rows):
+            if not isinstance(info, str):
+                raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+            yield info
 
 
 def _tables(source: str, stream: Any) -> Iterator[pa.Table]:
     """Yield the tables of a stream of `datasets`."""
     with _readable(source):
-        yield from stream.with_format("arrow").iter(batch_size=STREAMED_ROWS)
+        yield from stream.with_format("arrow").iter(batch_size=256)
 
 
 @contextmanager
@@ -196,8 +177,13 @@ def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
     yield from map(RawRow, *columns.values(), pngs)
 
 
-def _not_from_the_hub(source: str, error: Exception) -> DatasetError:
-    return DatasetError(
-        f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub: "
-        f"{one_line(error)}"
-    )
+@contextmanager
+def _had(source: str) -> Iterator[None]:
+    """Raise DatasetError for what is raised within when the Hub does not give a dataset."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise DatasetError(
+            f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the "
+            f"Hub: {one_line(error)}"
+        ) from error

@@ -119,18 +119,6 @@ class RemotePath:
     def read_text(self, encoding: str) -> str:
         return self.read_bytes().decode(encoding)
 
-    def write_bytes(self, content: bytes) -> None:
-        """Upload a file, whole or not at all."""
-        self._ask(lambda store, path: store.pipe_file(path, content))
-
-    def upload(self, local: Path) -> None:
-        """Upload a local file under this name, whole or not at all."""
-        self._ask(lambda store, path: store.put_file(str(local), path))
-
-    def download(self, local: Path) -> None:
-        """Copy the file to a local one."""
-        self._ask(lambda store, path: store.get_file(path, str(local)))
-
     def unlink(self, *, missing_ok: bool = False) -> None:
         if not missing_ok or self.exists():
             self._ask(lambda store, path: store.rm_file(path))
@@ -142,7 +130,7 @@ AnyPath = Path | RemotePath
 def write_bytes(path: AnyPath, content: bytes) -> None:
     """Write a file, whole or not at all."""
     if isinstance(path, RemotePath):
-        path.write_bytes(content)
+        path._ask(lambda store, place: store.pipe_file(place, content))
         return
     # Another process that makes the same file uses another name.
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:12]}.tmp")
@@ -175,7 +163,7 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
         local = Path(folder) / path.name
-        path.download(local)
+        path._ask(lambda store, place: store.get_file(place, str(local)))
         yield local
 
 
@@ -195,4 +183,4 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
         if isinstance(path, Path):
             local.replace(path)
         else:
-            path.upload(local)
+            path._ask(lambda store, place: store.put_file(str(local), place))

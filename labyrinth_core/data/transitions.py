@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.mapped import MappedArray, as_received, as_sent
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,18 +121,40 @@ class Transitions:
         return _received, tuple(as_sent(getattr(self, field.name)) for field in fields(self))
 
 
-def _received(*arrays: NDArray[Any] | MappedArray) -> Transitions:
-    return Transitions(*map(as_received, arrays))
+def _received(*sent: NDArray[Any] | tuple[Any, ...]) -> Transitions:
+    return Transitions(*map(as_received, sent))
+
+
+def as_sent(array: NDArray[Any]) -> NDArray[Any] | tuple[Any, ...]:
+    """Return an array, or the arguments of `numpy.memmap` if it is mapped from a file."""
+    mapped: Any = array
+    while mapped is not None and not isinstance(mapped, np.memmap):
+        mapped = getattr(mapped, "base", None)
+    # A writable array has to be copied, so that the other process does not write to the file.
+    if mapped is None or mapped.mode != "r" or not (mapped.filename and array.flags.c_contiguous):
+        return array
+    offset = mapped.offset + array.ctypes.data - mapped.ctypes.data
+    return str(mapped.filename), array.dtype.str, "r", offset, array.shape
+
+
+def as_received(sent: NDArray[Any] | tuple[Any, ...]) -> NDArray[Any]:
+    """Return the array that `as_sent` described.
+
+    Raises:
+        DatasetError: The file is gone or has become shorter.
+    """
+    if isinstance(sent, np.ndarray):
+        return sent
+    try:
+        return np.asarray(np.memmap(*sent))
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{sent[0]} is gone since it was loaded: {error}") from error
 
 
 def gather(
     episodes: Iterable[LoadedEpisode], keep: Callable[[NDArray[Any]], None]
 ) -> dict[str, NDArray[Any]]:
-    """Return the fields of `Transitions` except the frames, which are passed to `keep` in order.
-
-    Args:
-        episodes: The episodes, one or more.
-        keep: Called with the observations of each episode.
+    """Return the fields of `Transitions` except the frames; `keep` gets those of each episode.
 
     Raises:
         DatasetError: There is no episode.

@@ -16,8 +16,14 @@ from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
-from labyrinth_core.env.arguments import LabyrinthLike, Size, chosen, step_limit
-from labyrinth_core.env.labyrinth_source import LabyrinthSource, Shape
+from labyrinth_core.env.labyrinth_source import (
+    LabyrinthLike,
+    LabyrinthSource,
+    Shape,
+    Size,
+    chosen,
+    step_limit,
+)
 from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observation, Observer
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id

@@ -1,18 +1,24 @@
-"""The source of an environment's labyrinths: one for each episode."""
+"""The source of an environment's labyrinths, and the values that its arguments may have."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from operator import index
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from labyrinth_core.env.arguments import LabyrinthLike, Size, as_labyrinth, as_size, chosen
-from labyrinth_core.world.grid import cell_at
+from labyrinth_core.language.text import load, parse
+from labyrinth_core.world.dynamics import STEP_LIMIT
+from labyrinth_core.world.grid import cell_at, parse_size
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import check_apart, sample_labyrinth, wish_text
 from labyrinth_core.world.tasks import place
+
+Choice = TypeVar("Choice")
+Size = int | str | tuple[int, int]
+LabyrinthLike = Labyrinth | str | Path
 
 OPTIONS = ("labyrinth", "task", "start", "goal")
 """The options of a reset that change the labyrinth of one episode."""
@@ -51,15 +57,7 @@ class LabyrinthSource(NamedTuple):
         return cls(Shape.of(labyrinth), labyrinth)
 
     def draw(self, rng: np.random.Generator, options: Mapping[str, Any] | None = None) -> Labyrinth:
-        """Return the labyrinth of the next episode.
-
-        If task, start or goal differ from those of a given labyrinth, the tiles of the task are
-        placed anew by the rules of the sampler.
-
-        Args:
-            rng: Where all randomness comes from.
-            options: For this episode only, `labyrinth` (as such, its text, or a path), `task`,
-                `start` and `goal` (each `(row, column)`).
+        """Return the labyrinth of the next episode, with the options of `LabyrinthEnv.reset`.
 
         Raises:
             ValueError: An option has no such name, or a value that is impossible.
@@ -102,3 +100,59 @@ def _as_cell(name: str, value: Any, height: int, width: int) -> int:
         f"{name}={value!r}: give (row, column), rows from 0 (bottom) to {height - 1}, "
         f"columns from 0 (left) to {width - 1}"
     )
+
+
+def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
+    """Return the choice that an argument names, by itself or by the value of an enum's member.
+
+    Raises:
+        ValueError: It names none of them.
+    """
+    for choice in choices:
+        if value in (choice, getattr(choice, "value", choice)):
+            return choice
+    names = ", ".join(str(getattr(choice, "value", choice)) for choice in choices)
+    raise ValueError(f"{name}={value}: choose one of {names}")
+
+
+def as_size(size: Size) -> tuple[int, int]:
+    """Return `(height, width)` of a size given as `5`, `"4x6"` or `(4, 6)`.
+
+    Raises:
+        ValueError: It is none of these, or too small or too large.
+    """
+    return parse_size("x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size))
+
+
+def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
+    """Return a labyrinth given as such, as its text, or as the path of a file.
+
+    A string without a line break is a path. Tiles that a text leaves out are always placed in
+    the same way.
+
+    Raises:
+        ValueError: It is none of these, the text is not a labyrinth, or the file cannot be read.
+    """
+    if isinstance(labyrinth, Labyrinth):
+        return labyrinth
+    if isinstance(labyrinth, str) and "\n" in labyrinth:
+        return parse(labyrinth)
+    if isinstance(labyrinth, (str, Path)):
+        try:
+            return load(Path(labyrinth))
+        except OSError as error:
+            raise ValueError(f"labyrinth={labyrinth}: {error.strerror}") from error
+    raise ValueError(f"labyrinth={labyrinth!r}: give a Labyrinth, its text, or the path of a file")
+
+
+def step_limit(cells: int, max_episode_steps: int | None) -> int:
+    """Return the number of steps after which an episode in so many cells is truncated.
+
+    Raises:
+        ValueError: `max_episode_steps`, a limit that may be lower, is below 1.
+    """
+    if max_episode_steps is None:
+        return STEP_LIMIT * cells
+    if max_episode_steps < 1:
+        raise ValueError(f"max_episode_steps={max_episode_steps}: give a whole number from 1 on")
+    return min(STEP_LIMIT * cells, max_episode_steps)

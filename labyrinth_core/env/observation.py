@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
-from labyrinth_core.env.arguments import chosen
+from labyrinth_core.env.labyrinth_source import chosen
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import GONE, ICE, WALL, tile_count, vector_observation
@@ -27,20 +27,15 @@ CACHE_BYTES = 16 * 1024 * 1024
 
 
 class Observer:
-    """Turns states into observations of one kind, each an array of its own."""
+    """Turns states into observations of one kind, each an array of its own.
+
+    The cache holds at least two observations of each environment.
+
+    Raises:
+        ValueError: There is no such kind, or no picture of such a size.
+    """
 
     def __init__(self, kind: Kind, image_size: int, environments: int = 1) -> None:
-        """Check the arguments.
-
-        Args:
-            kind: The kind of observation.
-            image_size: Pixels on each side of a picture.
-            environments: The number of environments to observe; the cache holds at least two
-                observations of each.
-
-        Raises:
-            ValueError: There is no such kind, or no picture of such a size.
-        """
         chosen("observation", kind, get_args(Kind))
         if image_size not in range(1, PICTURE_SIZE + 1):
             raise ValueError(

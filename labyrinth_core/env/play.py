@@ -5,8 +5,6 @@ from __future__ import annotations
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.pictures.renderer import render
 
-OUTCOMES = {True: "solved", False: "lost"}
-
 
 def play(env: LabyrinthEnv) -> None:
     """Let a person play until they quit, then close the environment.
@@ -37,6 +35,6 @@ def play(env: LabyrinthEnv) -> None:
             _, reward, terminated, truncated, _ = env.step(action)
             total += reward
             if terminated or truncated:
-                outcome = OUTCOMES[env.state.agent == env.labyrinth.goal]
+                outcome = "solved" if env.state.agent == env.labyrinth.goal else "lost"
         show()
     env.close()

@@ -18,9 +18,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from labyrinth_core.env.arguments import LabyrinthLike, Size, chosen, step_limit
 from labyrinth_core.env.environment import REWARDS
-from labyrinth_core.env.labyrinth_source import LabyrinthSource, Shape
+from labyrinth_core.env.labyrinth_source import (
+    LabyrinthLike,
+    LabyrinthSource,
+    Shape,
+    Size,
+    chosen,
+    step_limit,
+)
 from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
@@ -223,9 +229,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
                 f"actions: give whole numbers of shape ({self.num_envs},), "
                 f"not {numbers.dtype} of shape {numbers.shape}"
             )
-        if numbers.min() < 0 or numbers.max() > 3:
-            wrong = numbers[(numbers < 0) | (numbers > 3)][0]
-            raise ValueError(f"action={wrong}: give 0 up, 1 right, 2 down or 3 left")
+        wrong = numbers[(numbers < 0) | (numbers > 3)]
+        if wrong.size:
+            raise ValueError(f"action={wrong[0]}: give 0 up, 1 right, 2 down or 3 left")
         return numbers.astype(np.int64)
 
     def _finish(self, over: Mask) -> Infos:

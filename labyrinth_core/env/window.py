@@ -15,13 +15,13 @@ import pygame
 
 from labyrinth_core.world.grid import Action
 
-ACTION_OF_KEY = {
+MEANING_OF_KEY = {
     pygame.K_UP: Action.UP,
     pygame.K_RIGHT: Action.RIGHT,
     pygame.K_DOWN: Action.DOWN,
     pygame.K_LEFT: Action.LEFT,
+    pygame.K_r: None,
 }
-RESET_KEY = pygame.K_r
 QUIT_KEYS = (pygame.K_q, pygame.K_ESCAPE)
 
 
@@ -33,13 +33,7 @@ class Window:
         self._clock = pygame.time.Clock()
 
     def show(self, picture: NDArray[np.uint8], caption: str, fps: int | None = None) -> None:
-        """Show a picture, shape (side, side, 3), rows from the top.
-
-        Args:
-            picture: The picture.
-            caption: The title of the window.
-            fps: Wait so that at most this many pictures are shown in a second; None not to wait.
-        """
+        """Show a picture, shape (side, side, 3), rows from the top; at most `fps` in a second."""
         surface = pygame.surfarray.make_surface(picture.transpose(1, 0, 2))
         screen = pygame.display.get_surface()
         if screen is None or screen.get_size() != surface.get_size():
@@ -56,18 +50,12 @@ class Window:
 
         An arrow key means an action; R means a new episode, for which None is yielded.
         """
-        while True:
-            event = pygame.event.wait()
-            if event.type == pygame.QUIT:
-                return
-            if event.type != pygame.KEYDOWN:
-                continue
-            if event.key in QUIT_KEYS:
-                return
-            if event.key == RESET_KEY:
-                yield None
-            elif event.key in ACTION_OF_KEY:
-                yield ACTION_OF_KEY[event.key]
+        while (event := pygame.event.wait()).type != pygame.QUIT:
+            if event.type == pygame.KEYDOWN:
+                if event.key in QUIT_KEYS:
+                    return
+                if event.key in MEANING_OF_KEY:
+                    yield MEANING_OF_KEY[event.key]
 
     def close(self) -> None:
         """Close the window."""

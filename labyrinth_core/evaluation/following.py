@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.policy import Policy
 from labyrinth_core.world.dynamics import (
     GOAL_REWARD,
     ICE_REWARD,
@@ -39,6 +39,17 @@ SEEN_TOGETHER = 1024
 
 DRAWN_TOGETHER = 64
 """The largest number of pictures that are drawn at once."""
+
+
+class Policy(Protocol):
+    """A policy, which takes the action with the highest score."""
+
+    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the scores of the four actions, shape (B, 4).
+
+        Args:
+            observations: uint8 (B, size, size, 3), or vectors (B, length).
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +94,7 @@ def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]
 
 
 def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
-    """Return the results of the episodes of a deterministic policy.
-
-    Args:
-        arrays: The labyrinths.
-        actions: The policy's action in each state, shape (S,).
-    """
+    """Return the results of the episodes of a policy with one action a state, shape (S,)."""
     after = np.take_along_axis(arrays.next_state, actions[:, None], axis=1)[:, 0]
     state = arrays.initial
     moves = np.zeros(len(state), np.int64)
@@ -114,7 +120,7 @@ class GreedyEpisode:
     """A greedy episode, up to the goal, to ice, or to a state that was visited before."""
 
     labyrinth: Labyrinth
-    states: tuple[State, ...]
+    states: list[State]
 
     @property
     def solved(self) -> bool:
@@ -127,27 +133,23 @@ def greedy_episodes(
 ) -> list[GreedyEpisode]:
     """Return one greedy episode in each labyrinth, of which only the visited states are drawn.
 
+    The labyrinths have one size, and the policy is shown pictures of `image_size` pixels each way.
     A policy without memory that comes back to a state never reaches the goal.
-
-    Args:
-        policy: The policy, which is shown pictures.
-        labyrinths: Labyrinths of one size.
-        image_size: Pixels on each side of the pictures.
     """
     spec = ObservationSpec("image", image_size, draw=True)
-    visited = [[initial(labyrinth)] for labyrinth in labyrinths]
-    running = list(range(len(visited)))
+    episodes = [GreedyEpisode(each, [initial(each)]) for each in labyrinths]
+    running = episodes
     while running:
         for begin in range(0, len(running), DRAWN_TOGETHER):
             some = running[begin : begin + DRAWN_TOGETHER]
-            pictures = [spec.look(labyrinths[each], [visited[each][-1]])[0] for each in some]
+            pictures = [spec.look(each.labyrinth, each.states[-1:])[0] for each in some]
             actions = policy.logits(np.stack(pictures)).argmax(axis=1)
             for each, action in zip(some, actions.tolist(), strict=True):
-                visited[each].append(transition(labyrinths[each], visited[each][-1], action))
+                each.states.append(transition(each.labyrinth, each.states[-1], action))
         running = [
             each
             for each in running
-            if visited[each][-1] not in visited[each][:-1]
-            and not is_terminal(labyrinths[each], visited[each][-1])
+            if each.states[-1] not in each.states[:-1]
+            and not is_terminal(each.labyrinth, each.states[-1])
         ]
-    return [GreedyEpisode(*each) for each in zip(labyrinths, map(tuple, visited), strict=True)]
+    return episodes

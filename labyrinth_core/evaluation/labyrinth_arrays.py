@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.episodes import episodes_of, parse_info
+from labyrinth_core.data.episodes import parse_info
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
 from labyrinth_core.data.observations import ObservationSpec
-from labyrinth_core.data.source import locate, read_rows
 from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
@@ -107,12 +105,12 @@ def load_arrays(
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
-    folder = locate(source, config, split, revision)
-    rows = read_rows(folder, Manifest.read(folder).of(split), pictures=False)
     tables: dict[int, LabyrinthTables] = {}
     episodes: list[tuple[int, NDArray[np.int64]]] = []
     # Vectors cost least here; each state is observed once, below.
-    for episode in episodes_of(rows, ObservationSpec("vector", image_size)):
+    for episode in load_episodes(
+        source, config, split=split, observation="vector", revision=revision
+    ):
         if episode.labyrinth_id not in tables:
             tables[episode.labyrinth_id] = tabulate(parse_info(episode.info)[0])
         episodes.append((episode.labyrinth_id, episode.actions))

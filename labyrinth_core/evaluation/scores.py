@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.following import OUTCOMES, Episodes, Policy, follow, greedy_actions
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.policy import Policy
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits that a policy is evaluated on."""
@@ -47,9 +46,7 @@ class Scores:
     def path_efficiency(self) -> float | None:
         """Moves on a shortest route divided by moves taken, averaged over the solved labyrinths."""
         solved = self.episodes.solved
-        if not solved.any():
-            return None
-        return float((self.distance[solved] / self.episodes.moves[solved]).mean())
+        return _mean(self.distance[solved] / self.episodes.moves[solved])
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures and the results of each episode in plain types.
@@ -94,8 +91,8 @@ def evaluate(policy: Policy, arrays: LabyrinthArrays) -> Scores:
         episodes=follow(arrays, actions),
         labyrinth_ids=arrays.labyrinth_ids,
         distance=arrays.distance,
-        accuracy_on_demonstrations=_share(right[solvable & shown]),
-        accuracy_elsewhere=_share(right[solvable & ~shown]),
+        accuracy_on_demonstrations=_mean(right[solvable & shown]),
+        accuracy_elsewhere=_mean(right[solvable & ~shown]),
     )
 
 
@@ -108,5 +105,5 @@ def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
     return Episodes(outcomes, np.array(figures["moves"], np.int64), cells)
 
 
-def _share(right: NDArray[np.bool_]) -> float | None:
-    return float(right.mean()) if right.size else None
+def _mean(values: NDArray[Any]) -> float | None:
+    return float(values.mean()) if values.size else None

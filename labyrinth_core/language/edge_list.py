@@ -9,17 +9,17 @@ and door, `;(0, 2);(1, 1)`, or a list of ice, `;[(0, 1), (1, 1)]`, may follow.
 from __future__ import annotations
 
 import re
+from math import isqrt
 from typing import NoReturn
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, describe, normalised
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, cell_at, neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 
-Pair = tuple[int, int]
+Place = tuple[int, tuple[int, int]]
+"""The offset of a pair of numbers in the text, and the pair."""
 
-_BLANKS = re.compile(r"[ \t\n]*")
 _NUMBER = re.compile(r"[0-9]{1,6}(?![0-9])")
-_PAIR = re.compile(r"\(B([0-9]{1,6})B,B([0-9]{1,6})B\)".replace("B", _BLANKS.pattern))
 
 
 def parse_edges(
@@ -41,45 +41,28 @@ def parse_edges(
     """
     reader = _Reader(text, file)
     edges = reader.pairs()
-    tiles: dict[str, tuple[int, Pair]] = {}
-    for name in ("start", "goal"):
-        reader.take(";")
-        tiles[name] = reader.pair()
-    ice: list[tuple[int, Pair]] = []
+    tiles = [reader.next_pair(), reader.next_pair()]
+    task = Task.NAVIGATION
     if not reader.at_end():
         reader.take(";")
-        if reader.sees("["):
-            ice = reader.pairs()
-        else:
-            tiles["key"] = reader.pair()
-            reader.take(";")
-            tiles["door"] = reader.pair()
+        if not reader.sees("["):
+            tiles += [reader.pair(), reader.next_pair()]
+            task = Task.KEY_AND_DOOR
+        elif ice := reader.pairs():
+            tiles += ice
+            task = Task.ICY_FLOOR
     if not reader.at_end():
         reader.fail("the end of the text")
     height, width = width if height is None else height, height if width is None else width
     if height is None or width is None:
-        height = width = _smallest_square(edges, [*tiles.values(), *ice])
-    return _build(reader, height, width, edges, tiles, ice)
+        last_cell = max((cell for _, pair in edges for cell in pair), default=0)
+        last_line = max(line for _, pair in tiles for line in pair)
+        height = width = max(MIN_SIDE, last_line + 1, isqrt(last_cell) + 1)
+    structure = _structure(reader, height, width, edges)
+    return _build(reader, structure, tiles, task)
 
 
-def _smallest_square(edges: list[tuple[int, Pair]], tiles: list[tuple[int, Pair]]) -> int:
-    """Return the side of the smallest square that has all the cells."""
-    last_cell = max((cell for _, pair in edges for cell in pair), default=0)
-    last_line = max(line for _, pair in tiles for line in pair)
-    side = MIN_SIDE
-    while side <= last_line or side * side <= last_cell:
-        side += 1
-    return side
-
-
-def _build(
-    reader: _Reader,
-    height: int,
-    width: int,
-    edges: list[tuple[int, Pair]],
-    tiles: dict[str, tuple[int, Pair]],
-    ice: list[tuple[int, Pair]],
-) -> Labyrinth:
+def _structure(reader: _Reader, height: int, width: int, edges: list[Place]) -> Structure:
     size = f"{height}x{width}"
     if not (MIN_SIDE <= height <= MAX_SIDE and MIN_SIDE <= width <= MAX_SIDE):
         sides = f"{MIN_SIDE} to {MAX_SIDE:,} rows and columns"
@@ -89,41 +72,33 @@ def _build(
         if high >= height * width or high not in neighbours(low, height, width).values():
             expected = f"neighbouring cells of a {size} grid (name its size if it is another)"
             raise reader.error(offset, "in an edge", expected, f"{a} and {b}")
-    places: dict[int, int] = {}
-    cells: list[int] = []
-    for offset, (row, column) in [*tiles.values(), *ice]:
-        if row >= height or column >= width:
-            expected = f"a (row, column) of a {size} grid"
+    return Structure.from_passages(height, width, (edge for _, edge in edges))
+
+
+def _build(reader: _Reader, structure: Structure, tiles: list[Place], task: Task) -> Labyrinth:
+    for offset, (row, column) in tiles:
+        if row >= structure.height or column >= structure.width:
+            expected = f"a (row, column) of a {structure.height}x{structure.width} grid"
             raise reader.error(offset, "in a tile", expected, f"({row}, {column})")
-        cells.append(cell_at(row, column, width))
-        places[cells[-1]] = offset
-    structure = Structure.from_passages(height, width, (edge for _, edge in edges))
+    cells = [cell_at(row, column, structure.width) for _, (row, column) in tiles]
+    start, goal, *others = cells
+    key, door = others if task is Task.KEY_AND_DOOR else (None, None)
+    ice = frozenset(others if task is Task.ICY_FLOOR else ())
     try:
-        if ice:
-            return Labyrinth(
-                structure, cells[0], cells[1], Task.ICY_FLOOR, ice=frozenset(cells[2:])
-            )
-        if "key" in tiles:
-            start, goal, key, door = cells
-            return Labyrinth(structure, start, goal, Task.KEY_AND_DOOR, key, door)
-        return Labyrinth(structure, cells[0], cells[1])
+        return Labyrinth(structure, start, goal, task, key, door, ice)
     except LabyrinthError as error:
-        offset = places.get(-1 if error.cell is None else error.cell, 0)
-        raise reader.error(offset, str(error)) from error
+        places: dict[int | None, int] = dict(zip(cells, (at for at, _ in tiles), strict=True))
+        raise reader.error(places.get(error.cell, 0), str(error)) from error
 
 
 class _Reader:
-    """A text read from left to right."""
+    """A text read from left to right; blanks after what is read are skipped."""
 
     def __init__(self, text: str, file: str | None) -> None:
         self.text = normalised(text, file)
         self.file = file
         self.position = 0
-        self.skip_blanks()
-
-    def skip_blanks(self) -> None:
-        blanks = _BLANKS.match(self.text, self.position)
-        self.position = blanks.end() if blanks else self.position
+        self.skip(0)
 
     def at_end(self) -> bool:
         return self.position == len(self.text)
@@ -131,52 +106,54 @@ class _Reader:
     def sees(self, char: str) -> bool:
         return self.text.startswith(char, self.position)
 
+    def skip(self, length: int) -> None:
+        self.position += length
+        while self.text.startswith((" ", "\t", "\n"), self.position):
+            self.position += 1
+
     def take(self, char: str) -> None:
         if not self.sees(char):
             self.fail(f"'{char}'")
-        self.position += 1
-        self.skip_blanks()
+        self.skip(1)
 
     def number(self) -> int:
         match = _NUMBER.match(self.text, self.position)
         if not match:
             self.fail("a whole number of at most six digits")
-        self.position = match.end()
-        self.skip_blanks()
+        self.skip(len(match[0]))
         return int(match[0])
 
-    def pair(self) -> tuple[int, Pair]:
-        """Return the offset of a pair, and the pair.
+    def pair(self) -> Place:
+        """Return the pair that comes next.
 
         pair = "(" number "," number ")"
         """
         start = self.position
-        match = _PAIR.match(self.text, start)
-        if match:
-            self.position = match.end()
-            self.skip_blanks()
-            return start, (int(match[1]), int(match[2]))
         self.take("(")
-        self.number()
+        first = self.number()
         self.take(",")
-        self.number()
+        second = self.number()
         self.take(")")
-        raise AssertionError("what is no pair piece by piece is no pair as a whole")
+        return start, (first, second)
 
-    def pairs(self) -> list[tuple[int, Pair]]:
-        """Return the pairs of a list, each with its offset.
+    def next_pair(self) -> Place:
+        self.take(";")
+        return self.pair()
+
+    def pairs(self) -> list[Place]:
+        """Return the pairs of the list that comes next.
 
         pairs = "[" [pair {"," pair}] "]"
         """
         self.take("[")
-        found: list[tuple[int, Pair]] = []
+        found: list[Place] = []
         if not self.sees("]"):
             found.append(self.pair())
             while self.sees(","):
                 self.take(",")
                 found.append(self.pair())
-        if not self.sees("]"):
-            self.fail("',' or ']'")
+            if not self.sees("]"):
+                self.fail("',' or ']'")
         self.take("]")
         return found
 

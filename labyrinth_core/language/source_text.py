@@ -5,6 +5,9 @@ Shared by the language and by the older form that lists edges.
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
 
@@ -16,33 +19,24 @@ _WINDOW = 94
 """Longest part of a source line that a message shows, in characters."""
 
 
+@dataclass(eq=False, repr=False)
 class LabyrinthSyntaxError(ValueError):
     """A text that is no labyrinth; as a string it shows the place, with a caret below it."""
 
-    def __init__(
-        self,
-        message: str,
-        file: str | None,
-        line: int,
-        column: int,
-        source_line: str,
-        expected: str | None = None,
-        found: str | None = None,
-    ) -> None:
-        """Keep what is known about the mistake.
-
-        Args:
-            message: What is wrong, in a few words.
-            file: Name of the file, if the text comes from one.
-            line: Line of the mistake, the first being 1.
-            column: Column of the mistake, the first being 1.
-            source_line: The text of that line.
-            expected: What could stand there.
-            found: What stands there.
-        """
-        super().__init__(message, file, line, column, source_line, expected, found)
-        self.message, self.file, self.line, self.column = message, file, line, column
-        self.source_line, self.expected, self.found = source_line, expected, found
+    message: str
+    """What is wrong, in a few words."""
+    file: str | None
+    """The name of the file, if the text comes from one."""
+    line: int
+    """The line of the mistake, from 1."""
+    column: int
+    """The column of the mistake, from 1."""
+    source_line: str
+    """The text of that line."""
+    expected: str | None = None
+    """What could stand there."""
+    found: str | None = None
+    """What stands there."""
 
     @classmethod
     def at(
@@ -56,8 +50,7 @@ class LabyrinthSyntaxError(ValueError):
     ) -> LabyrinthSyntaxError:
         """Return the error for a mistake at an offset of a text."""
         begin = text.rfind("\n", 0, offset) + 1
-        end = text.find("\n", offset)
-        source_line = text[begin : len(text) if end < 0 else end]
+        source_line = text[begin:].partition("\n")[0]
         line, column = text.count("\n", 0, offset) + 1, offset - begin + 1
         return cls(message, file, line, column, source_line, expected, found)
 
@@ -81,71 +74,51 @@ class Source:
     """A text being read, line by line, with its comments taken out."""
 
     def __init__(self, text: str, file: str | None) -> None:
+        '''Take out the comments of a text, but not the line breaks inside them.
+
+        comment = '"""' {any character} '"""'
+        '''
         self.original = normalised(text, file)
         self.file = file
         self.position = 0
         self.kept: list[tuple[int, int]] = []
-        """Where the pieces between comments begin: in `text`, and in `original`."""
-        self.text = self._without_comments() if _QUOTES in self.original else self.original
-
-    def _without_comments(self) -> str:
-        '''Return the text without its comments, but with the line breaks inside them.
-
-        comment = '"""' {any character} '"""'
-        '''
-        original, pieces, length, position = self.original, list[str](), 0, 0
-        while True:
-            opening = original.find(_QUOTES, position)
-            piece = original[position : opening if opening >= 0 else len(original)]
-            pieces.append(piece)
-            self.kept.append((length, position))
-            length += len(piece)
-            if opening < 0:
-                return "".join(pieces)
-            closing = original.find(_QUOTES, opening + 3)
-            if closing < 0:
-                raise LabyrinthSyntaxError.at(
-                    original,
-                    opening,
-                    "a comment is not closed",
-                    self.file,
-                    'another """ after this one',
-                    "the end of the text",
-                )
-            breaks = "\n" * original.count("\n", opening, closing)
-            if breaks:
-                pieces.append(breaks)
-                self.kept.append((length, opening))
-                length += len(breaks)
-            position = closing + 3
+        """Where each piece between and inside comments begins: in `text`, and in `original`."""
+        pieces = self.original.split(_QUOTES)
+        if len(pieces) % 2 == 0:
+            opening = len(self.original) - len(pieces[-1]) - len(_QUOTES)
+            expected, found = 'another """ after this one', "the end of the text"
+            raise LabyrinthSyntaxError.at(
+                self.original, opening, "a comment is not closed", file, expected, found
+            )
+        length = position = 0
+        for number, piece in enumerate(pieces):
+            is_comment = number % 2 == 1
+            self.kept.append((length, position - len(_QUOTES) if is_comment else position))
+            position += len(piece) + len(_QUOTES)
+            if is_comment:
+                pieces[number] = "\n" * piece.count("\n")
+            length += len(pieces[number])
+        self.text = "".join(pieces)
+        self.lines = iter(self.text.split("\n"))
 
     def next_line(self) -> tuple[int, str]:
         """Return offset and text, without trailing blanks, of the next line that is not blank.
 
         At the end the text is empty.
         """
-        text, begin = self.text, self.position
-        while begin < len(text):
-            end = text.find("\n", begin)
-            if end < 0:
-                end = len(text)
-            line = text[begin:end].rstrip(" ")
-            if line:
-                self.position = end + 1
-                return begin, line
-            begin = end + 1
-        return len(text), ""
+        for line in self.lines:
+            begin = self.position
+            self.position += len(line) + 1
+            if shown := line.rstrip(" "):
+                return begin, shown
+        return len(self.text), ""
 
     def original_offset(self, offset: int) -> int:
         """Return the place in the original of a place in the text without comments."""
         if offset >= len(self.text):
             return len(self.original)
-        shift = 0
-        for kept, original in self.kept:
-            if kept > offset:
-                break
-            shift = original - kept
-        return offset + shift
+        kept, original = self.kept[bisect_right(self.kept, offset, key=itemgetter(0)) - 1]
+        return original + offset - kept
 
     def line_number(self, offset: int) -> int:
         """Return the number of the line, from 1, in which an offset lies."""
@@ -158,9 +131,8 @@ class Source:
 
         A control character in the same line is the likelier mistake, and reported instead.
         """
-        end = self.text.find("\n", offset)
         begin = self.text.rfind("\n", 0, offset) + 1
-        line = self.text[begin : len(self.text) if end < 0 else end]
+        line = self.text[begin:].partition("\n")[0]
         for place, char in enumerate(line):
             if not char.isprintable():
                 offset = begin + place
@@ -202,11 +174,9 @@ def normalised(text: str, file: str | None) -> str:
         LabyrinthSyntaxError: It is too long.
     """
     if len(text) > MAX_TEXT:
-        expected = f"at most {MAX_TEXT:,} characters"
-        found = f"{len(text):,}"
-        raise LabyrinthSyntaxError.at(
-            text[:_WINDOW], 0, "the text is too long", file, expected, found
-        )
+        start = text[:_WINDOW]
+        expected, found = f"at most {MAX_TEXT:,} characters", f"{len(text):,}"
+        raise LabyrinthSyntaxError.at(start, 0, "the text is too long", file, expected, found)
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 

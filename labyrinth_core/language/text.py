@@ -6,6 +6,7 @@ Nothing is evaluated, and the time taken grows with the length of the text and n
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -13,7 +14,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
@@ -33,15 +34,11 @@ _SETTINGS_OF = {
 """The settings of each task as text."""
 
 _HEADING = "labyrinth"
+_SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
+_FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
 _OPEN_IN_TEXT = str.maketrans("| -", "010")
 _VERTICAL = bytes.maketrans(b"01", b"| ")
 _HORIZONTAL = bytes.maketrans(b"01", b"- ")
-
-
-class _Settings(NamedTuple):
-    task: Task
-    offset: int
-    """Where the task is switched on; where the drawing is announced if none is."""
 
 
 class _Drawing(NamedTuple):
@@ -70,13 +67,13 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
         LabyrinthSyntaxError: The text is none of the language, or breaks a rule of its task.
     """
     source = Source(text, file)
-    settings = _parse_settings(source)
+    task, task_at = _parse_settings(source)
     drawing = _parse_drawing(source)
     _parse_end(source)
     try:
-        return _build(source, drawing, settings, seed)
+        return _build(source, drawing, task, seed)
     except LabyrinthError as error:
-        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
+        offset = task_at if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
 
 
@@ -94,20 +91,23 @@ def _parse_end(source: Source) -> None:
             source.fail(place, message, wanted, quoted(text))
 
 
-def _parse_settings(source: Source) -> _Settings:
+def _parse_settings(source: Source) -> tuple[Task, int]:
     """Return the task that is switched on, and read on to the drawing.
 
     setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
+
+    The offset that comes with it is that of its setting, or of the heading if none is on.
     """
-    switched_on: _Settings | None = None
+    switched_on: tuple[Task, int] | None = None
     seen: dict[str, int] = {}
     while True:
         offset, line = source.next_line()
-        before, colon, after = line.partition(":")
-        name, value = before.strip(" "), after.strip(" ")
-        place = offset + len(before) - len(before.lstrip(" "))
+        match = _SETTING.match(line)
+        assert match, "every part of the pattern may be empty"
+        name, colon, value = match[1].rstrip(" "), match[2], match[3]
+        place, value_at = offset + match.start(1), offset + match.start(3)
         if name == _HEADING and colon and not value:
-            return switched_on or _Settings(Task.NAVIGATION, place)
+            return switched_on or (Task.NAVIGATION, place)
         if name not in SETTINGS or not colon:
             _refuse_setting(source, offset, line)
         if name in seen:
@@ -116,45 +116,49 @@ def _parse_settings(source: Source) -> _Settings:
             source.fail(place, "a setting is given twice", expected, found)
         seen[name] = place
         if value.lower() not in ("true", "false"):
-            value_at = offset + len(before) + 1 + len(after) - len(after.lstrip(" "))
             found = quoted(value) if value else "the end of the line"
             source.fail(value_at, f"in the value of {name}", "True or False", found)
         if value.lower() == "true":
             if switched_on:
-                found = f"{name}, after line {source.line_number(switched_on.offset)}"
+                found = f"{name}, after line {source.line_number(switched_on[1])}"
                 source.fail(place, "two tasks are switched on", "one task at most", found)
-            switched_on = _Settings(SETTINGS[name], place)
+            switched_on = SETTINGS[name], place
 
 
 def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
     """Raise the error for a line before the drawing that is neither setting nor heading."""
     from difflib import get_close_matches
 
-    word = line.strip(" ").split(" ")[0].split(":")[0]
-    place = offset + len(line) - len(line.lstrip(" "))
+    match = _FIRST_WORD.match(line)
+    assert match, "every part of the pattern may be empty"
+    word, place = match[1], offset + match.start(1)
     if word in (_HEADING, *SETTINGS):
-        after = line[place - offset + len(word) :].lstrip(" ")
-        if after.startswith(":"):
-            place = offset + len(line) - len(after[1:].lstrip(" "))
-            source.fail(place, "the drawing begins on a line of its own", "the end of the line")
-        source.fail(offset + len(line) - len(after), f"after {word}", "':'")
+        if match[2]:
+            message = "the drawing begins on a line of its own"
+            source.fail(offset + match.end(), message, "the end of the line")
+        source.fail(offset + match.end(), f"after {word}", "':'")
     if not line or line[0] in "-|":
         found = quoted(line.strip(" "))
         source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
-    names = ", ".join(SETTINGS)
     close = get_close_matches(word[:40].lower(), (_HEADING, *SETTINGS), n=1)
     hint = f" (did you mean {close[0]}?)" if close else ""
-    found = quoted(word or line.strip(" "))
-    source.fail(place, "unknown setting", f"{names} or {_HEADING}{hint}", found)
+    expected = f"{', '.join(SETTINGS)} or {_HEADING}{hint}"
+    source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
 
 
 def _parse_drawing(source: Source) -> _Drawing:
     """Return the structure and the tiles that are drawn.
 
     drawing = outer-wall cell-line {wall-line cell-line} outer-wall
+    cell-line = "|" cell {("|" | " ") cell} "|"
+    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
+    wall-line = "|" wall {"+" wall} "|"
+    wall = " " ("-" | " ") " "
     """
     top = _parse_top(source)
     width = len(top) // 4
+    cell_line = re.compile(rf"\|(?: [ SEKDI] [| ]){{{width - 1}}} [ SEKDI] \|")
+    wall_line = re.compile(rf"\|(?: [- ] \+){{{width - 1}}} [- ] \|")
     rows: list[int] = []
     tiles: list[str] = []
     # Bits as text: the highest row and the last column first, as int() wants them.
@@ -162,7 +166,7 @@ def _parse_drawing(source: Source) -> _Drawing:
     up: list[str] = ["0" * width]
     while True:
         offset, line = source.next_line()
-        if not _is_cell_line(line, width):
+        if not cell_line.fullmatch(line):
             _refuse_line(source, offset, line, len(top), cells=True)
         rows.append(offset)
         tiles.append(line[2::4])
@@ -170,7 +174,7 @@ def _parse_drawing(source: Source) -> _Drawing:
         offset, line = source.next_line()
         if line == top:
             break
-        if not _is_wall_line(line, width):
+        if not wall_line.fullmatch(line):
             _refuse_line(source, offset, line, len(top), cells=False)
         if len(rows) == MAX_SIDE:
             source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
@@ -181,36 +185,6 @@ def _parse_drawing(source: Source) -> _Drawing:
     bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
     structure = Structure(len(rows), width, *bits)
     return _Drawing(structure, "".join(reversed(tiles)), rows[::-1])
-
-
-def _is_cell_line(line: str, width: int) -> bool:
-    """Return whether a line shows cells.
-
-    cell-line = "|" cell {("|" | " ") cell} "|"
-    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
-    """
-    return (
-        len(line) == 4 * width + 1
-        and line[1::2].count(" ") == 2 * width
-        and line[0] == line[-1] == "|"
-        and not line[0::4].strip("| ")
-        and not line[2::4].strip(" SEKDI")
-    )
-
-
-def _is_wall_line(line: str, width: int) -> bool:
-    """Return whether a line shows the walls between two rows of cells.
-
-    wall-line = "|" wall {"+" wall} "|"
-    wall = " " ("-" | " ") " "
-    """
-    return (
-        len(line) == 4 * width + 1
-        and line[1::2].count(" ") == 2 * width
-        and line[0] == line[-1] == "|"
-        and line[4:-1:4].count("+") == width - 1
-        and not line[2::4].strip("- ")
-    )
 
 
 def _parse_top(source: Source) -> str:
@@ -235,45 +209,42 @@ def _parse_top(source: Source) -> str:
 
 
 def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> NoReturn:
-    """Raise the error for a line inside a drawing that is neither kind of line."""
-    kind = "cells" if cells else "walls"
+    """Raise the error for a line inside a drawing that does not show cells, or walls."""
+    kind, end = "cells" if cells else "walls", "'|', the outer wall"
+    begin = end if cells else f"'|', or {length:,} dashes to end the drawing"
     if not line.strip("-"):
         if line and cells:
             source.fail(offset, "a row is missing", "a line of cells", "an outer wall")
         if line:
             found = f"{len(line):,} dashes"
             source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
-        source.fail(offset, "the drawing is not complete", _begins(length, cells))
-    for column in range(length):
-        char = line[column : column + 1]
-        if column == 0:
-            allowed, expected = "|", _begins(length, cells)
-        elif column == length - 1:
-            allowed, expected = "|", "'|', the outer wall"
-        elif column % 2:
-            allowed, expected = " ", "a blank"
-        elif column % 4 == 0:
-            allowed, expected = ("| ", "'|' or a blank") if cells else ("+", "'+'")
-        elif cells:
-            allowed, expected = " SEKDI", "S, E, K, D, I or a blank"
-        else:
-            allowed, expected = "- ", "'-' or a blank"
-        if not char or char not in allowed:
-            end = None if char else "the end of the line"
-            source.fail(offset + column, f"in a line of {kind}", expected, end)
-    rest = line[length:]
-    further = offset + len(line) - len(rest.lstrip(" "))
-    source.fail(further, f"in a line of {kind}", "the end of the line")
+        source.fail(offset, "the drawing is not complete", begin)
+    between = ("| ", "'|' or a blank") if cells else ("+", "'+'")
+    inside = (" SEKDI", "S, E, K, D, I or a blank") if cells else ("- ", "'-' or a blank")
+    parts = [
+        (range(1), "|", begin),
+        (range(length - 1, length), "|", end),
+        (range(1, length, 2), " ", "a blank"),
+        (range(4, length - 1, 4), *between),
+        (range(2, length, 4), *inside),
+    ]
+    padded = line.ljust(length, "\n")
+    mistakes = (
+        (column, expected)
+        for columns, allowed, expected in parts
+        for column in columns
+        if padded[column] not in allowed
+    )
+    column, expected = min(mistakes, default=(length, "the end of the line"))
+    if column == length:
+        column = len(line) - len(line[length:].lstrip(" "))
+    there = None if column < len(line) else "the end of the line"
+    source.fail(offset + column, f"in a line of {kind}", expected, there)
 
 
-def _begins(length: int, cells: bool) -> str:
-    """Return what may stand where a line of a drawing begins."""
-    return "'|', the outer wall" if cells else f"'|', or {length:,} dashes to end the drawing"
-
-
-def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
+def _build(source: Source, drawing: _Drawing, task: Task, seed: int) -> Labyrinth:
     """Return the labyrinth that is drawn, with the tiles that its task lacks."""
-    structure, task = drawing.structure, settings.task
+    structure = drawing.structure
     start, goal = default_start_and_goal(structure.height, structure.width)
     drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
     start = start if drawn_start is None else drawn_start
@@ -321,9 +292,8 @@ def dump(labyrinth: Labyrinth) -> str:
     """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
     structure = labyrinth.structure
     width, cells = structure.width, structure.cells
-    # Cell 0 first, as the bits of an integer have it last.
-    above = f"{structure.up:0{cells}b}"[::-1].encode().translate(_HORIZONTAL)
-    beside = f"{structure.right:0{cells}b}"[::-1].encode().translate(_VERTICAL)
+    above = digits(structure.up, cells).encode().translate(_HORIZONTAL)
+    beside = digits(structure.right, cells).encode().translate(_VERTICAL)
     tiles = bytearray(b" ") * cells
     tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
     if labyrinth.key is not None and labyrinth.door is not None:

@@ -33,10 +33,7 @@ Strip = tuple[Band, ...]
 
 
 class KeptStrip(Strip):
-    """A strip that is drawn once and used in many pictures; caches know it by its identity.
-
-    Hashing the content would cost more than the look-up it is for.
-    """
+    """A strip that is drawn once and used in many pictures; caches know it by its identity."""
 
     __slots__ = ()
     __hash__ = object.__hash__
@@ -128,6 +125,10 @@ def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
     length = sum(lengths)
     below = [length - end for end in accumulate(lengths)]
     return below, sum(a) - len(a) + 1, sum(b) + sum(map(mul, a, below)) - sum(below)
+
+
+# Without the caches of `_strip_piece` or `_repeat_piece` the build writes 0.8 or 0.46 times as many
+# rows a second at 5x5, without that of `_row_piece` 0.88 times as many at 25x25.
 
 
 @lru_cache(maxsize=8_192)

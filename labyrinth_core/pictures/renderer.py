@@ -1,7 +1,8 @@
 """The picture of a state: flat colours on a grid with black walls.
 
-Everything is made of upright rectangles, so a picture is a few distinct rows of pixels, each
-repeated; `png` lives on that. Cells are square, whatever the shape of the labyrinth.
+Everything is made of upright rectangles, so a picture consists of a few distinct rows of pixels,
+each repeated, which is what makes the encoder in `png` fast. Cells are square, whatever the shape
+of the labyrinth.
 """
 
 from __future__ import annotations
@@ -20,18 +21,17 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import visible_from
 
 MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
-"""Most rows and columns of a labyrinth of which each cell and wall still has a pixel."""
+"""The most rows and columns with which every cell and wall still has a pixel."""
 
 Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Style:
-    """The colours, red, green and blue from 0 to 255, and how thick walls are.
+    """The colours, each as red, green and blue from 0 to 255, and the thickness of walls.
 
-    The defaults give start, goal and agent the roles red, blue and green have in the original,
-    in the shades of Okabe and Ito that the colour-blind can tell apart
-    (https://jfly.uni-koeln.de/color/).
+    By default start, goal and agent are red, blue and green as in the original, in the shades of
+    Okabe and Ito that colour-blind people can tell apart (https://jfly.uni-koeln.de/color/).
     """
 
     floor: Colour = (255, 255, 255)
@@ -44,12 +44,12 @@ class Style:
     door: Colour = (128, 72, 32)
     ice: Colour = (170, 217, 242)
     wall_pixels: int | None = None
-    """Of `PICTURE_SIZE`; None: a twelfth of a cell, or two pixels if that is more."""
+    """The thickness in pixels; None for a twelfth of a cell, but at least two pixels."""
 
 
 DEFAULT_STYLE = Style()
 
-# What a cell shows, as a number: one of these, plus one for the agent if it is there.
+# What a cell shows, as a number: one of the first eight, plus one of the last two for the agent.
 _FLOOR, _START, _GOAL, _KEY, _DOOR, _OPEN_DOOR, _ICE, _HIDDEN = range(8)
 _AGENT, _AGENT_WITH_KEY = 8, 16
 
@@ -62,7 +62,7 @@ def render(
 ) -> NDArray[np.uint8]:
     """Return the picture of a state, shape (image_size, image_size, 3), rows from the top.
 
-    Any size but `PICTURE_SIZE` is the picture of that size, area-averaged.
+    Another size is the picture of `PICTURE_SIZE`, area-averaged.
 
     Raises:
         ValueError: The labyrinth is too large for every wall to have a pixel.
@@ -76,7 +76,7 @@ def render_png(labyrinth: Labyrinth, state: State, style: Style = DEFAULT_STYLE)
 
 
 class Painter:
-    """Draws the states of one labyrinth, doing but once what they have in common."""
+    """Draws the states of one labyrinth; what they have in common is drawn once."""
 
     def __init__(self, labyrinth: Labyrinth, style: Style = DEFAULT_STYLE) -> None:
         structure = labyrinth.structure
@@ -88,13 +88,13 @@ class Painter:
         # The open passages of each row of cells, as bit sets over columns.
         self._right = [structure.right >> shift & everything for shift in shifts]
         self._up = [structure.up >> shift & everything for shift in shifts]
-        # What the cells show that are no mere floor.
+        # What the cells show, except for those that show the floor.
         self._codes = {labyrinth.start: _START, labyrinth.goal: _GOAL}
         self._codes |= dict.fromkeys(labyrinth.ice, _ICE)
         if labyrinth.key is not None and labyrinth.door is not None:
             self._codes |= {labyrinth.key: _KEY, labyrinth.door: _DOOR}
         self._strips = self._draw(self._codes, self._right, self._up)
-        # Below the lowest row of cells are a line and perhaps a margin.
+        # Below the lowest row of cells there is a wall and perhaps a margin.
         self._lowest = len(self._strips) - 2 - (self._grid.bottom > 0)
 
     @cached_property
@@ -113,7 +113,7 @@ class Painter:
         """Return the picture as strips, from top to bottom, for `png.encode`.
 
         Args:
-            state: What to show; None for the labyrinth alone, all seen and nobody there.
+            state: The state to show; None for the whole labyrinth without the agent.
         """
         strips = self._strips.copy()
         if state is not None:
@@ -123,7 +123,7 @@ class Painter:
 
     def changes(self, state: State) -> dict[int, Strip]:
         """Return the strips that show a state, by their place among those of the labyrinth."""
-        labyrinth, grid, style = self._labyrinth, self._grid, self._style
+        labyrinth = self._labyrinth
         cell, has_key, door_open = state
         codes: dict[int, int] = {}
         if has_key and labyrinth.key is not None:
@@ -139,7 +139,7 @@ class Painter:
             row, column = divmod(cell, labyrinth.structure.width)
             place = self._lowest - 2 * row
             strip = strips.get(place, self._strips[place])
-            strips[place] = _with_tile(grid, style, strip, column, code)
+            strips[place] = _with_tile(self._grid, self._style, strip, column, code)
         return strips
 
     def _draw_seen(self, state: State, codes: dict[int, int]) -> list[Strip]:
@@ -161,21 +161,21 @@ class Painter:
 
     def _draw(self, codes: dict[int, int], right: list[int], up: list[int]) -> list[Strip]:
         """Return all strips, given what cells show, and the open passages of each row."""
-        grid, style, width = self._grid, self._style, self._labyrinth.structure.width
-        rows: dict[int, list[int]] = {}
-        for cell, code in codes.items():
-            row, column = divmod(cell, width)
-            rows.setdefault(row, [_FLOOR] * width)[column] = code
-        floor = (_FLOOR,) * width
+        grid, style = self._grid, self._style
         strips = [grid.margin_strip(grid.top, style.floor)] if grid.top else []
         for row in range(len(right) - 1, -1, -1):
             strips.append(_line(grid, style, up[row]))
-            shown = tuple(rows[row]) if row in rows else floor
-            strips.append(_tiles(grid, style, grid.tall(row), shown, right[row]))
+            strips.append(self._cells(row, codes, right[row]))
         strips.append(_line(grid, style, 0))
         if grid.bottom:
             strips.append(grid.margin_strip(grid.bottom, style.floor))
         return strips
+
+    def _cells(self, row: int, codes: dict[int, int], passages: int) -> Strip:
+        """Return the strip of a row of cells; cells without a code show the floor."""
+        width = self._labyrinth.structure.width
+        shown = [codes.get(cell, _FLOOR) for cell in range(row * width, (row + 1) * width)]
+        return _tiles(self._grid, self._style, self._grid.tall(row), tuple(shown), passages)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,19 +210,23 @@ class _Grid:
         return ((bytes(colour) * PICTURE_SIZE, height),)
 
     def choose(self, passages: int, closed: bytes, opened: bytes) -> list[bytes]:
-        """Return for each column one of two, by whether its bit is set."""
-        bits = f"{passages:0{len(self.wide)}b}"[::-1]
-        return [opened if bit == "1" else closed for bit in bits]
+        """Return for each column `opened` if its bit is set, else `closed`."""
+        columns = range(len(self.columns) - 1)
+        return [opened if passages >> column & 1 else closed for column in columns]
 
     def pixels(self, style: Style, between: list[bytes], walls: list[bytes]) -> bytes:
-        """Return a row of pixels: margin and wall, what is `between` walls, `walls`, margin."""
+        """Return a row of pixels, given what is between walls and the wall after each column."""
         floor, left = bytes(style.floor), self.columns[0]
         right = PICTURE_SIZE - self.columns[-1] - self.thickness
-        parts = [floor * left + bytes(style.wall) * self.thickness]
-        parts += between + walls
-        parts[1::2], parts[2::2] = between, walls
-        parts.append(floor * right)
-        return b"".join(parts)
+        parts = [floor * left, bytes(style.wall) * self.thickness]
+        for cell, wall in zip(between, walls, strict=True):
+            parts += cell, wall
+        return b"".join([*parts, floor * right])
+
+
+# Without the caches of `_line`, `_tiles` or `_with_tile` the build writes 0.8, 0.55 or 0.65 times
+# as many rows a second at 5x5, and none of them would hit without that of `_grid`: 0.5 times. With
+# the whole row drawn anew instead of one tile exchanged it is 0.77 times as many at 25x25.
 
 
 @lru_cache(maxsize=64)
@@ -247,7 +251,7 @@ def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
 
 @lru_cache(maxsize=4_096)
 def _line(grid: _Grid, style: Style, passages: int) -> Strip:
-    """Return the strip of a horizontal wall; `passages` is the bit set of columns it is open in."""
+    """Return the strip of a horizontal wall; `passages` is the bit set of its openings."""
     floor, wall = bytes(style.floor), bytes(style.wall)
     colours = grid.choose(passages, wall, floor)
     between = [colour * wide for colour, wide in zip(colours, grid.wide, strict=True)]
@@ -260,14 +264,13 @@ def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passage
     """Return the strip of a row of cells, without the walls above and below it."""
     walls = grid.choose(passages, *(bytes(c) * grid.thickness for c in (style.wall, style.floor)))
     cells = list(zip(codes, grid.wide, strict=True))
-    different = set(cells)
-    # What is nested is as far from the bottom as from the top, so the lower half mirrors the upper.
-    insets = sorted({tall * t // 12 for code, _ in different for t, _ in _squares(style, code)})
+    insets = {tall * twelfths // 12 for code in set(codes) for twelfths, _ in _squares(style, code)}
     upper: list[Band] = []
-    for top, bottom in pairwise([*insets, tall - insets[-1]]):
-        looks = {cell: _tile_row(style, *cell, tall, top) for cell in different}
+    for top, bottom in pairwise([*sorted(insets), tall - max(insets)]):
+        looks = {cell: _tile_row(style, *cell, tall, top) for cell in set(cells)}
         row = grid.pixels(style, [looks[cell] for cell in cells], walls)
         upper.append((row, bottom - top))
+    # Nested squares are as far from the bottom as from the top: the lower half mirrors the upper.
     return KeptStrip(upper + upper[-2::-1])
 
 

@@ -1,6 +1,6 @@
-"""What a step does: the one truth shared by solver, roll-out, environment and validation.
+"""The dynamics, shared by solver, rollout, environment and validation.
 
-A wall leaves the agent where it is and costs a step like any other, whatever lies behind it.
+A move into a wall leaves the agent where it is and costs a step, whatever lies behind the wall.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from labyrinth_core.world.labyrinth import Labyrinth, Moves
 GOAL_REWARD = 1.0
 ICE_REWARD = -100.0
 STEP_PENALTY = 0.1
-"""Divided by the number of cells, what a step costs that does not end on the goal."""
+"""The cost of a step that does not end on the goal, times the number of cells."""
 STEP_LIMIT = 40
-"""Times the number of cells, after how many steps an episode is cut: it then returns -4."""
+"""The number of steps for each cell after which an episode is cut; its return is then -4."""
 
 
 class State(NamedTuple):
-    """What changes during an episode."""
+    """The part of the world that changes during an episode."""
 
     agent: int
     """The agent's cell."""
@@ -48,7 +48,7 @@ def is_terminal(labyrinth: Labyrinth, state: State) -> bool:
 
 
 def reward(labyrinth: Labyrinth, state: State) -> float:
-    """Return what the step that led to `state` pays."""
+    """Return the reward of the step that led to `state`."""
     if state.agent == labyrinth.goal:
         return GOAL_REWARD
     if state.agent in labyrinth.ice:
@@ -57,44 +57,48 @@ def reward(labyrinth: Labyrinth, state: State) -> float:
 
 
 def normalised_goal_reward(labyrinth: Labyrinth, optimal_moves: int) -> float:
-    """Return what the goal pays so that an optimal episode returns exactly 1."""
+    """Return the reward of the goal with which an optimal episode returns exactly 1."""
     return GOAL_REWARD + (optimal_moves - 1) * STEP_PENALTY / labyrinth.structure.cells
 
 
 def step_limit(labyrinth: Labyrinth) -> int:
-    """Return after how many steps an episode is truncated."""
+    """Return the number of steps after which an episode is truncated."""
     return STEP_LIMIT * labyrinth.structure.cells
 
 
 def state_count(labyrinth: Labyrinth) -> int:
-    """Return how many states there are: a cell, times three with a door (locked, key, open)."""
+    """Return the number of states: the cells, times three with a door (locked, key held, open)."""
     return labyrinth.structure.cells * (1 if labyrinth.door is None else 3)
 
 
 def state_index(labyrinth: Labyrinth, state: State) -> int:
-    """Return the number of a state: its cell, plus the number of cells for key and for door."""
+    """Return the index of a state: its cell, plus the number of cells for the key and the door."""
     return state.agent + labyrinth.structure.cells * (state.has_key + state.door_open)
 
 
 def state_at(labyrinth: Labyrinth, index: int) -> State:
-    """Return the state with a number; the inverse of `state_index`."""
+    """Return the state with an index; the inverse of `state_index`."""
     phase, agent = divmod(index, labyrinth.structure.cells)
     return State(agent, phase >= 1, phase == 2)
 
 
 def transition_table(labyrinth: Labyrinth) -> list[Moves]:
-    """Return the numbers of the states that the four actions lead to from each state.
+    """Return the indices of the states that the four actions lead to from each state.
 
-    Rows of states that the agent cannot be in mean nothing: on the door before it opened, on
-    the key without having it.
+    Rows of impossible states have no meaning: on the closed door, or on the key without it.
     """
+    moves, cells = labyrinth.structure.moves, labyrinth.structure.cells
     if labyrinth.door is None:
-        return labyrinth.structure.moves
+        return moves
     table = []
     for index in range(state_count(labyrinth)):
-        state = state_at(labyrinth, index)
-        up, right, down, left = (
-            state_index(labyrinth, transition(labyrinth, state, action)) for action in range(4)
-        )
+        after = moves[index % cells]
+        if labyrinth.door in after or labyrinth.key in after:
+            state = state_at(labyrinth, index)
+            up, right, down, left = (
+                state_index(labyrinth, transition(labyrinth, state, action)) for action in range(4)
+            )
+        else:  # Nothing but the cell changes.
+            up, right, down, left = (cell + index - index % cells for cell in after)
         table.append((up, right, down, left))
     return table

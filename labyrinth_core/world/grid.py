@@ -1,6 +1,7 @@
-"""Cells of a grid, actions, and the table that connects them: the only code that does coordinates.
+"""The cells of a grid, the actions, and sets of cells.
 
-A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left.
+A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left. A bit
+set over cells is an integer whose bit `c`, counted from the lowest, stands for cell `c`.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from enum import IntEnum
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
-"""Largest height and width; keeps the cost of text from strangers within bounds."""
+"""The largest height and width; it bounds what a text from a stranger can cost."""
 
 
 class Action(IntEnum):
-    """What an agent can do; `UP` increases the row, and is up in the picture."""
+    """The four moves of an agent; `UP` increases the row, and is up in the picture."""
 
     UP = 0
     RIGHT = 1
@@ -33,13 +34,13 @@ def row_and_column(cell: int, width: int) -> tuple[int, int]:
 
 
 def manhattan(a: int, b: int, width: int) -> int:
-    """Return how many moves two cells are apart when no wall stands between."""
+    """Return the number of moves between two cells of a grid without walls."""
     (row_a, column_a), (row_b, column_b) = divmod(a, width), divmod(b, width)
     return abs(row_a - row_b) + abs(column_a - column_b)
 
 
 def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
-    """Return the cells beside `cell`, by the action that leads there when no wall does not."""
+    """Return the neighbours of `cell`, by the action that leads there unless walled off."""
     row, column = divmod(cell, width)
     beside = {}
     if row + 1 < height:
@@ -53,13 +54,23 @@ def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
     return beside
 
 
+def digits(bits: int, cells: int) -> str:
+    """Return a bit set as text: a digit 1 for each cell in it, a 0 for each other, in order."""
+    return f"{bits:0{cells}b}"[::-1]
+
+
+def bit_set(digits: str) -> int:
+    """Return the bit set that a text describes; the inverse of `digits`."""
+    return int(digits[::-1], 2)
+
+
 def vertical_edges(height: int, width: int) -> int:
-    """Return the bit set of cells with a neighbour above: all but the top row."""
+    """Return the bit set of the cells with a neighbour above: all but the top row."""
     return (1 << (height - 1) * width) - 1
 
 
 def horizontal_edges(height: int, width: int) -> int:
-    """Return the bit set of cells with a neighbour at their right: all but the last column."""
+    """Return the bit set of the cells with a neighbour at the right: all but the last column."""
     row = (1 << width - 1) - 1
     return row * (((1 << height * width) - 1) // ((1 << width) - 1))
 

@@ -1,4 +1,4 @@
-"""Structures and labyrinths: what they are, which are valid, when two are the same."""
+"""Structures and labyrinths: their definition, their validity, and their identity."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
-from functools import cached_property, lru_cache
-from itertools import product
+from functools import cached_property
 
 from labyrinth_core.world.grid import (
     MAX_SIDE,
     MIN_SIDE,
+    bit_set,
+    digits,
     horizontal_edges,
     neighbours,
     row_and_column,
@@ -19,13 +20,10 @@ from labyrinth_core.world.grid import (
 )
 
 UNREACHABLE = -1
-"""Distance of a state from which the goal cannot be reached."""
+"""The distance of a state from which the goal cannot be reached."""
 
 Moves = tuple[int, int, int, int]
-"""Where each action leads from a cell: up, right, down, left."""
-
-_REMEMBERED_CELLS = 1_024
-"""Grids of up to so many cells share their moves; all sixteen of a cell take 2 KB."""
+"""The cells that the four actions lead to from a cell: up, right, down, left."""
 
 
 class LabyrinthError(ValueError):
@@ -37,7 +35,7 @@ class LabyrinthError(ValueError):
 
 
 class Task(str, Enum):
-    """What the agent has to cope with on its way to the goal; one at a time."""
+    """The difficulty on the way to the goal; a labyrinth has exactly one task."""
 
     NAVIGATION = "navigation"
     PARTIAL_OBSERVABILITY = "partial_observability"
@@ -54,9 +52,9 @@ class Structure:
     height: int
     width: int
     up: int
-    """Bit set over cells: there is a passage between the cell and the one above it."""
+    """The bit set of the cells with a passage to the cell above."""
     right: int
-    """Bit set over cells: there is a passage between the cell and the one at its right."""
+    """The bit set of the cells with a passage to the cell at the right."""
 
     def __post_init__(self) -> None:
         if not (MIN_SIDE <= self.height <= MAX_SIDE and MIN_SIDE <= self.width <= MAX_SIDE):
@@ -78,14 +76,13 @@ class Structure:
         Raises:
             ValueError: A pair is not one of neighbours.
         """
-        size = height * width
-        up, right = bytearray(b"0") * size, bytearray(b"0") * size
+        up, right = ["0"] * (height * width), ["0"] * (height * width)
         for pair in passages:
             low, high = sorted(pair)
             if low < 0 or high not in neighbours(low, height, width).values():
                 raise ValueError(f"cells {pair} of a {height}x{width} grid are no neighbours")
-            (up if high - low == width else right)[-1 - low] = ord("1")
-        return cls(height, width, int(up, 2), int(right, 2))
+            (up if high - low == width else right)[low] = "1"
+        return cls(height, width, bit_set("".join(up)), bit_set("".join(right)))
 
     def __reduce__(self) -> tuple[object, ...]:
         return Structure, (self.height, self.width, self.up, self.right)
@@ -97,20 +94,18 @@ class Structure:
 
     @cached_property
     def moves(self) -> list[Moves]:
-        """Where each action leads from each cell; a wall leads back."""
-        width, size = self.width, self.cells
-        # Four bits a cell, those of its open sides: binary digits, read as if hexadecimal.
-        above, beside = int(f"{self.up:b}", 16), int(f"{self.right:b}", 16)
-        sides = above << 3 | beside << 2 | above << 4 * width + 1 | beside << 4
-        # As text, cell 0 first: reading single bits of a long integer costs its whole length.
-        digits = f"{sides:0{size}x}"[::-1]
-        if size <= _REMEMBERED_CELLS:
-            known = _all_moves(size, width)
-            return [moves[digit] for moves, digit in zip(known, digits, strict=True)]
-        steps = map(_all_moves(1, width)[0].__getitem__, digits)  # From cell 0: the differences.
+        """The cells that the actions lead to from each cell; a wall leads back to the cell."""
+        width = self.width
+        up, right = digits(self.up, self.cells), digits(self.right, self.cells)
+        # The last digits are always 0, so an index below 0 finds no passage.
         return [
-            (c + up, c + right, c + down, c + left)
-            for c, (up, right, down, left) in enumerate(steps)
+            (
+                cell + width if up[cell] == "1" else cell,
+                cell + 1 if right[cell] == "1" else cell,
+                cell - width if up[cell - width] == "1" else cell,
+                cell - 1 if right[cell - 1] == "1" else cell,
+            )
+            for cell in range(self.cells)
         ]
 
     def passages(self) -> Iterator[tuple[int, int]]:
@@ -123,18 +118,18 @@ class Structure:
 
     @property
     def loops(self) -> int:
-        """Passages beyond those of a tree."""
+        """The number of passages beyond those of a spanning tree."""
         return self.up.bit_count() + self.right.bit_count() - self.cells + 1
 
     @property
     def junctions(self) -> int:
-        """Cells where ways part: three passages or four lead from them."""
+        """The number of cells with three or four passages."""
         return sum(ways.count(cell) < 2 for cell, ways in enumerate(self.moves))
 
     def distances(self, source: int, blocked: Collection[int] = ()) -> list[int]:
-        """Return how many moves each cell is from `source`, never entering `blocked` cells.
+        """Return the least number of moves from `source` to each cell, avoiding `blocked` cells.
 
-        Cells that cannot be reached have `UNREACHABLE`.
+        It is `UNREACHABLE` for cells that cannot be reached.
         """
         return breadth_first(self.moves, [source], blocked)
 
@@ -145,67 +140,47 @@ class Structure:
 
     @cached_property
     def structure_id(self) -> str:
-        """Sixteen hexadecimal digits, the same on every machine; they fit in an int64."""
+        """The structure's hash, sixteen hexadecimal digits: the same everywhere, fits an int64."""
         return identity(f"{self.height}x{self.width}:{self.up:x}:{self.right:x}")
 
     def transposed(self) -> Structure:
-        """Return the mirror image on the diagonal through cell 0, where rows become columns."""
+        """Return the reflection in the diagonal through cell 0: rows become columns."""
 
         def transpose(bits: int) -> int:
-            text = f"{bits:0{self.cells}b}"
-            return int("".join([text[column :: self.width] for column in range(self.width)]), 2)
+            text = digits(bits, self.cells)
+            return bit_set("".join([text[column :: self.width] for column in range(self.width)]))
 
         return Structure(self.width, self.height, transpose(self.right), transpose(self.up))
 
     def mirrored(self) -> Structure:
-        """Return the mirror image with left and right exchanged."""
+        """Return the reflection that exchanges left and right."""
 
         def mirror(bits: int) -> int:
-            text, width = f"{bits:0{self.cells}b}", self.width
-            rows = range(0, self.cells, width)
-            return int("".join(text[row : row + width][::-1] for row in rows), 2)
+            text = digits(bits, self.cells)
+            rows = range(0, self.cells, self.width)
+            return bit_set("".join([text[row : row + self.width][::-1] for row in rows]))
 
-        # A passage belongs to the cell at its left, which the mirror puts at its right.
+        # A passage belongs to the cell at its left, which the reflection puts at its right.
         return Structure(self.height, self.width, mirror(self.up), mirror(self.right << 1))
 
     def symmetries(self) -> list[Structure]:
         """Return the eight rotations and reflections, this structure first, some equal."""
         images: list[Structure] = [self]
-        image = self
-        # Reflections on two lines, taken in turn, go once through all eight.
+        # The two reflections, applied in turn, go once through all eight.
         step: Callable[[Structure], Structure]
         for step in [Structure.transposed, Structure.mirrored] * 4:
-            image = step(image)
-            images.append(image)
+            images.append(step(images[-1]))
         return images[:8]
 
     def canonical(self) -> Structure:
         """Return the smaller of the structure and its transpose, if that has the same shape.
 
-        The transpose is the mirror image that keeps the default start and goal in place.
+        The transpose is the reflection that keeps the default start and goal in place.
         """
         if self.height != self.width:
             return self
         image = self.transposed()
         return image if (image.up, image.right) < (self.up, self.right) else self
-
-
-@lru_cache(maxsize=16)
-def _all_moves(cells: int, width: int) -> list[dict[str, Moves]]:
-    """Return for each cell the moves from it by the hexadecimal digit of its open sides.
-
-    The bits of that digit, the highest first, are those of up, right, down and left.
-    """
-    return [
-        dict(
-            zip(
-                "0123456789abcdef",
-                product((c, c + width), (c, c + 1), (c, c - width), (c, c - 1)),
-                strict=True,
-            )
-        )
-        for c in range(cells)
-    ]
 
 
 def breadth_first(
@@ -216,17 +191,17 @@ def breadth_first(
     """Return the number of steps from the sources to each node, `UNREACHABLE` where none lead.
 
     Args:
-        successors: Node -> nodes one step on.
-        sources: Nodes at distance 0.
-        blocked: Nodes that are never entered.
+        successors: For each node the nodes one step on.
+        sources: The nodes at distance 0.
+        blocked: The nodes that are never entered.
     """
     distance = [UNREACHABLE] * len(successors)
     queue = list(sources)
     for node in queue:
         distance[node] = 0
     for node in blocked:
-        distance[node] = 0  # As if seen already; taken back at the end.
-    for node in queue:  # It grows meanwhile.
+        distance[node] = 0  # Marked as visited until the search is over.
+    for node in queue:  # The queue grows during the loop.
         steps = distance[node] + 1
         for successor in successors[node]:
             if distance[successor] < 0:
@@ -238,7 +213,7 @@ def breadth_first(
 
 
 def identity(text: str) -> str:
-    """Return sixteen hexadecimal digits for a text: 63 bits of its BLAKE2b hash."""
+    """Return 63 bits of the BLAKE2b hash of a text, as sixteen hexadecimal digits."""
     digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
     return f"{int.from_bytes(digest, 'big') >> 1:016x}"
 
@@ -247,10 +222,10 @@ def identity(text: str) -> str:
 class Labyrinth:
     """A structure with a start, a goal, and a task with its tiles. Cells are indices.
 
-    Whoever holds one knows that it can be solved and that it keeps the rules of its task.
+    Every instance can be solved and keeps the rules of its task.
 
     Raises:
-        LabyrinthError: At construction, for a labyrinth that breaks one of them.
+        LabyrinthError: At construction, if the labyrinth breaks one of them.
     """
 
     structure: Structure
@@ -286,7 +261,7 @@ class Labyrinth:
 
     @cached_property
     def cell_distances(self) -> Sequence[int]:
-        """The least number of moves from each cell to the goal, off the ice, the door open."""
+        """The least number of moves from each cell to the goal, avoiding ice, with an open door."""
         return self.structure.distances(self.goal, self.ice)
 
     def _check_solvable(self) -> None:
@@ -303,7 +278,7 @@ class Labyrinth:
 
     @property
     def size_name(self) -> str:
-        """The size as people write it, height first, such as `4x6`."""
+        """The height and the width, such as `4x6`."""
         return f"{self.structure.height}x{self.structure.width}"
 
     def position(self, cell: int) -> tuple[int, int]:

@@ -1,10 +1,10 @@
-"""Which structures are few walls apart: exactly, and in time near linear in how many there are.
+"""Structures that are few walls apart, found exactly and in almost linear time.
 
-Two structures of one size are as many walls apart as there are passages that only one of them
-has. Cut the passages of the grid into some blocks: structures that are at most `walls` apart
-differ in at most so many blocks, and agree in all others. So for each choice of blocks to leave
-out, the passages in the rest are a key to look up, and whoever shares no key with a structure is
-farther away; whoever does is compared in full. (Manku, Jain and Das Sarma, "Detecting
+The distance of two structures of one size is the number of passages that only one of them has.
+Cut the passages of the grid into blocks: structures that are at most `walls` apart differ in at
+most `walls` blocks, and agree in all others. So for each choice of that many blocks, the passages
+outside them are a key: structures that share no key are farther apart, and those that share one
+are compared in full. (Manku, Jain and Das Sarma, "Detecting
 near-duplicates for web crawling", WWW 2007, section 3.)
 """
 
@@ -18,54 +18,46 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.grid import digits, horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Structure
 
 JOINED_WALLS = 3
-"""Up to so many walls near twins are looked up; beyond, all pairs are compared."""
+"""The largest distance that is looked up; for larger ones all pairs are compared."""
 MOST_PAIRS = 10**10
-"""Up to so many pairs are compared; at 5x5 that takes about half a minute."""
+"""The largest number of pairs that are compared; at 5x5 that takes about half a minute."""
 FAR = -1
-"""Stands for a distance of more than `JOINED_WALLS`, where there are too many pairs."""
+"""A distance of more than `JOINED_WALLS` that is not known, as there are too many pairs."""
 
 _CANDIDATES = 1 << 20
-"""Pairs that are held in memory at a time."""
+"""The number of pairs that are held in memory at a time."""
 _ONES = np.array([byte.bit_count() for byte in range(256)], np.uint8)
 
 
 class Nearest(NamedTuple):
-    """For each structure, the nearest one of some others."""
+    """The nearest one of some others, for each structure."""
 
     walls: NDArray[np.int64]
-    """How many walls away it is, `FAR` if that is not known, shape (structures,)."""
+    """Its distance, `FAR` if that is not known, shape (structures,)."""
     which: NDArray[np.int64]
-    """Which one it is, the first of several, shape (structures,); of no meaning where `FAR`."""
+    """Its index, the first of several, shape (structures,); without meaning where `FAR`."""
 
 
 def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
     """Return which passages are open, shape (structures, passages of the grid).
 
-    First those that lead up, by cell, then those that lead right.
+    The passages that lead up come first, by cell, and then those that lead right.
 
     Args:
-        structures: All of one size; one at least.
+        structures: At least one, all of one size.
     """
-    cells = structures[0].cells
-    length = -(-cells // 8)
-    known = [*structures, _whole(structures[0])]
-    content = b"".join(
-        bits.to_bytes(length, "little") for each in known for bits in (each.up, each.right)
+    height, width, cells = structures[0].height, structures[0].width, structures[0].cells
+    grid = Structure(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+    text = "".join(
+        digits(each.up, cells) + digits(each.right, cells) for each in [*structures, grid]
     )
-    packed = np.frombuffer(content, np.uint8).reshape(len(known), 2, length)
-    table = np.unpackbits(packed, axis=2, count=cells, bitorder="little")
-    flat = table.reshape(len(known), 2 * cells).astype(np.bool_)
-    return flat[:-1, flat[-1]]
-
-
-def _whole(structure: Structure) -> Structure:
-    """Return the structure of the same size with every passage open."""
-    height, width = structure.height, structure.width
-    return Structure(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+    table = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2 * cells) == ord("1")
+    passages: NDArray[np.bool_] = table[:-1, table[-1]]
+    return passages
 
 
 def nearest(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
@@ -95,12 +87,12 @@ def nearest(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
 def _candidates(
     of: NDArray[np.bool_], among: NDArray[np.bool_], walls: int
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield pairs (index in `of`, index in `among`) with all that are at most `walls` apart.
+    """Yield candidate pairs (indices in `of`, indices in `among`), some of them repeatedly.
 
-    The former are in order; a pair may come several times.
+    All pairs that are at most `walls` apart are among them; the former indices are in order.
     """
     blocks, left_out = _cut(of.shape[1], walls, len(among))
-    # A key is the sum of the random numbers of its open passages, and its blocks' sums add up.
+    # A key is the sum of a random number for each open passage, so the sums of blocks add up.
     numbers = np.random.default_rng(0).integers(2**64, size=(of.shape[1],), dtype=np.uint64)
     sums_of, sums_among = (
         np.stack([np.matmul(table[:, block], numbers[block]) for block in blocks], axis=1)
@@ -118,7 +110,7 @@ def _candidates(
         start = 0
         while start < len(of) and ends[-1]:
             done = ends[start - 1] if start else 0
-            # One structure at least, however many share its key.
+            # At least one structure, however many share its key.
             stop = max(int(np.searchsorted(ends, done + _CANDIDATES, side="right")), start + 1)
             queries = np.repeat(np.arange(start, stop), counts[start:stop])
             if len(queries):
@@ -130,15 +122,15 @@ def _candidates(
 def _cut(
     passages: int, walls: int, structures: int
 ) -> tuple[list[NDArray[np.int64]], list[tuple[int, ...]]]:
-    """Return blocks of passages, and each choice of blocks to leave out.
+    """Return blocks of passages, and each choice of `walls` blocks to leave out.
 
-    More blocks make longer keys, which fewer structures share by chance, but more of them.
+    With more blocks there are more keys, but longer ones, which fewer structures share by chance.
     """
 
     def cost(blocks: int) -> float:
-        # Each passage of a random structure tells less than a bit: about 0.7, measured at 5x5.
+        # A passage of a random structure carries about 0.7 bits, measured at 5x5.
         shared_by_chance: float = structures * 2.0 ** (-0.7 * passages * (blocks - walls) / blocks)
-        # To compare a pair takes about a tenth of what it takes to make and look up a key.
+        # Comparing a pair takes about a tenth of the time of making and looking up a key.
         return comb(blocks, walls) * (1 + shared_by_chance / 10)
 
     most = max(walls + 1, min(passages, walls + 8))
@@ -148,9 +140,10 @@ def _cut(
 
 
 def _nearest_of_all(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
-    """Return the nearest by comparing all pairs: they differ where one is open, not both."""
+    """Return the nearest by comparing all pairs."""
     walls, which = np.empty(len(of), np.int64), np.empty(len(of), np.int64)
-    others = among.astype(np.float32)  # Whole numbers below 2 ** 24 are exact.
+    # |a xor b| = |a| + |b| - 2 a.b; float32 is exact for integers below 2 ** 24.
+    others = among.astype(np.float32)
     of_others = others.sum(axis=1)
     step = max(1, 16 * _CANDIDATES // len(among))
     for start in range(0, len(of), step):
@@ -165,16 +158,16 @@ def _nearest_of_all(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
 
 
 class Neighbourhood:
-    """Structures of one size, and whether another one is within a number of walls of them."""
+    """Structures of one size, to find out whether another one is few walls away from any."""
 
     def __init__(self, height: int, width: int, walls: int, structures: int) -> None:
-        """Begin with none.
+        """Begin with no structures.
 
         Args:
-            height: Rows of all structures.
-            width: Columns.
-            walls: A structure at most so far away is near.
-            structures: About how many there will be; only the speed depends on it.
+            height: The number of rows.
+            width: The number of columns.
+            walls: The largest distance that is near.
+            structures: The approximate number of structures to come; it affects only the speed.
         """
         self._walls = walls
         self._shift = height * width
@@ -192,7 +185,7 @@ class Neighbourhood:
             table.setdefault(bits & mask, []).append(bits)
 
     def is_near(self, structure: Structure) -> bool:
-        """Return whether one that was added is at most so many walls away."""
+        """Return whether a structure that was added is at most `walls` away from this one."""
         bits = structure.up | structure.right << self._shift
         return any(
             (bits ^ other).bit_count() <= self._walls

@@ -1,4 +1,4 @@
-"""Episodes: a route replayed through the dynamics."""
+"""Episodes: actions replayed through the dynamics."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from labyrinth_core.world.labyrinth import Labyrinth
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One way through a labyrinth, from its initial state to where the episode ends."""
+    """The states, actions and rewards of one episode, from the initial state of a labyrinth."""
 
     labyrinth: Labyrinth
     states: tuple[State, ...]
     """The T + 1 states visited."""
     actions: NDArray[np.int8]
-    """Action taken in each state but the last, shape (T,)."""
+    """The action taken in each state but the last, shape (T,)."""
     rewards: NDArray[np.float32]
-    """Reward received for each action, shape (T,)."""
+    """The reward received for each action, shape (T,)."""
 
     def __post_init__(self) -> None:
         steps = len(self.states) - 1
@@ -40,7 +40,7 @@ class Episode:
 
     @property
     def terminated(self) -> bool:
-        """Whether it ends on the goal or on ice, instead of being cut."""
+        """Whether the episode ends on the goal or on ice instead of being cut."""
         return is_terminal(self.labyrinth, self.states[-1])
 
 
@@ -48,32 +48,33 @@ def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
     """Return the episode in which the agent takes `actions`, from the initial state on.
 
     Raises:
-        ValueError: An action is none of the four, or comes after the end of the episode.
+        ValueError: An action is not one of the four, or follows the end of the episode.
     """
-    state = initial(labyrinth)
-    states = [state]
+    states = [initial(labyrinth)]
     taken: list[int] = []
-    rewards: list[float] = []
     for action in actions:
         if not 0 <= action < 4:
             raise ValueError(f"action {action}: the actions are 0, 1, 2 and 3")
-        if is_terminal(labyrinth, state):
+        if is_terminal(labyrinth, states[-1]):
             raise ValueError(f"{len(taken)} steps end the episode, but another action follows")
-        state = transition(labyrinth, state, action)
-        states.append(state)
+        states.append(transition(labyrinth, states[-1], action))
         taken.append(action)
-        rewards.append(reward(labyrinth, state))
-    return Episode(
-        labyrinth, tuple(states), np.array(taken, np.int8), np.array(rewards, np.float32)
-    )
+    return _episode(labyrinth, states, taken)
 
 
 def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: int) -> Episode:
     """Return an episode of uniformly random actions, cut after `max_steps`."""
     actions = rng.integers(4, size=max_steps).tolist()
-    state = initial(labyrinth)
-    for step, action in enumerate(actions, start=1):
-        state = transition(labyrinth, state, action)
-        if is_terminal(labyrinth, state):
-            return replay(labyrinth, actions[:step])
-    return replay(labyrinth, actions)
+    states = [initial(labyrinth)]
+    for action in actions:
+        states.append(transition(labyrinth, states[-1], action))
+        if is_terminal(labyrinth, states[-1]):
+            break
+    return _episode(labyrinth, states, actions[: len(states) - 1])
+
+
+def _episode(labyrinth: Labyrinth, states: list[State], actions: list[int]) -> Episode:
+    rewards = [reward(labyrinth, state) for state in states[1:]]
+    return Episode(
+        labyrinth, tuple(states), np.array(actions, np.int8), np.array(rewards, np.float32)
+    )

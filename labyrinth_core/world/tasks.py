@@ -6,7 +6,7 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def _place_key_and_door(
 
 
 def _unavoidable(
-    structure: Structure, start: int, goal: int, blocked: Collection[int] = ()
+    structure: Structure, start: int, goal: int
 ) -> tuple[dict[int, int], dict[int, int]]:
     """Return what lies on every route and what lies before it, in linear time.
 
@@ -99,11 +99,11 @@ def _unavoidable(
         taken; both with the place along that route from which they were found. A cell off the
         route can be reached before a cell on every route if its place is the smaller.
     """
-    moves, distance = structure.moves, structure.distances(goal, blocked)
+    moves, distance = structure.moves, structure.distances(goal)
     unavoidable: dict[int, int] = {}
-    found: dict[int, int] = dict.fromkeys(blocked, len(moves))
+    found: dict[int, int] = {}
     if distance[start] == UNREACHABLE:
-        return unavoidable, {}
+        return unavoidable, found
     route = [start]
     while route[-1] != goal:
         route.append(next(c for c in moves[route[-1]] if distance[c] == distance[route[-1]] - 1))
@@ -121,7 +121,7 @@ def _unavoidable(
                 elif beside not in found:
                     found[beside] = place
                     stack.append(beside)
-    return unavoidable, {cell: place for cell, place in found.items() if cell not in blocked}
+    return unavoidable, found
 
 
 def _place_ice(
@@ -199,11 +199,9 @@ def tiles_matter(labyrinth: Labyrinth) -> bool:
     structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
     if labyrinth.key is not None:
         from_start, from_goal = structure.distances(start), structure.distances(goal)
-        detour = from_start[labyrinth.key] + from_goal[labyrinth.key]
-        return detour > from_start[goal]
+        return from_start[labyrinth.key] + from_goal[labyrinth.key] > from_start[goal]
     if labyrinth.ice:
-        without_ice = structure.distances(start, labyrinth.ice)
-        return without_ice[goal] > structure.distances(start)[goal]
+        return labyrinth.cell_distances[start] > structure.distances(goal)[start]
     return True
 
 
@@ -216,20 +214,26 @@ def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     Raises:
         LabyrinthError: No other start can hold the task.
     """
-    return _first_that_holds(labyrinth, _starts(labyrinth, labyrinth.goal, rng), rng)
+    return _moved(labyrinth, [labyrinth.goal], rng)
 
 
 def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
     goals = rng.permutation(labyrinth.structure.cells).tolist()
-    pairs = (
-        pair for goal in goals if goal != labyrinth.goal for pair in _starts(labyrinth, goal, rng)
-    )
-    return _first_that_holds(labyrinth, pairs, rng)
+    return _moved(labyrinth, [goal for goal in goals if goal != labyrinth.goal], rng)
 
 
-def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> Iterator[tuple[int, int]]:
-    """Yield `(start, goal)` for each start far enough from a goal, in random order."""
+def _moved(labyrinth: Labyrinth, goals: list[int], rng: np.random.Generator) -> Labyrinth:
+    """Return the labyrinth with the first of the goals, and another start, that hold its task."""
+    for goal in goals:
+        for start in _starts(labyrinth, goal, rng):
+            with suppress(LabyrinthError):
+                return place(labyrinth.structure, start, goal, labyrinth.task, rng)
+    raise LabyrinthError(f"no other start or goal can hold {labyrinth.task}")
+
+
+def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> list[int]:
+    """Return the other starts that are far enough from a goal, in random order."""
     structure = labyrinth.structure
     apart = {
         start: manhattan(start, goal, structure.width)
@@ -240,15 +244,4 @@ def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> Iterat
     if goal == labyrinth.goal:
         far_enough = min(far_enough, max(apart.values()))
     starts = [start for start, moves in apart.items() if moves >= far_enough]
-    yield from ((starts[choice], goal) for choice in rng.permutation(len(starts)))
-
-
-def _first_that_holds(
-    labyrinth: Labyrinth, pairs: Iterator[tuple[int, int]], rng: np.random.Generator
-) -> Labyrinth:
-    for start, goal in pairs:
-        try:
-            return place(labyrinth.structure, start, goal, labyrinth.task, rng)
-        except LabyrinthError:
-            continue
-    raise LabyrinthError(f"no other start or goal can hold {labyrinth.task}")
+    return [starts[choice] for choice in rng.permutation(len(starts))]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from labyrinth_core.world.grid import Action
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from itertools import product
 
-_HORIZONTAL = (Action.RIGHT, Action.LEFT)
-_VERTICAL = (Action.UP, Action.DOWN)
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Structure
 
 
 def visible_from(structure: Structure, cell: int) -> frozenset[int]:
@@ -17,27 +16,14 @@ def visible_from(structure: Structure, cell: int) -> frozenset[int]:
     """
     moves = structure.moves
     seen = {cell}
-    rays = [(action,) for action in Action]
-    rays += [(side, updown) for side in _HORIZONTAL for updown in _VERTICAL]  # type: ignore[misc]
-    for ray in rays:
+    for action in Action:
         at = cell
-        while True:
-            onward = at
-            for action in ray:
-                after = moves[onward][action]
-                if after == onward:
-                    break
-                onward = after
-            else:
-                seen.add(onward)
-                at = onward
-                continue
-            break
+        while (after := moves[at][action]) != at:
+            at = after
+            seen.add(at)
+    for side, updown in product((Action.RIGHT, Action.LEFT), (Action.UP, Action.DOWN)):
+        at = cell
+        while (beside := moves[at][side]) != at and (after := moves[beside][updown]) != beside:
+            at = after
+            seen.add(at)
     return frozenset(seen)
-
-
-def visible_cells(labyrinth: Labyrinth, agent: int) -> frozenset[int] | None:
-    """Return the cells the agent sees, with start and goal; None where it sees everything."""
-    if labyrinth.task is not Task.PARTIAL_OBSERVABILITY:
-        return None
-    return visible_from(labyrinth.structure, agent) | {labyrinth.start, labyrinth.goal}

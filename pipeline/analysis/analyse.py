@@ -1,7 +1,7 @@
 """The stage `analyse`: a certificate of leakage, and the shift between splits.
 
-It is left in `analysis.json` in the folder of the dataset, where the card finds it; that of a
-dataset from elsewhere in `analysis/` in `data_dir`.
+They are left in `analysis.json` in the folder of the dataset, beside its counts, where the card
+finds them; the certificate of a dataset from elsewhere in `analysis/` in `data_dir`.
 """
 
 from __future__ import annotations
@@ -18,18 +18,17 @@ from rich.table import Table
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.storage import AnyPath, write_text
-from pipeline.analysis.content import Content, ReadJob, read
 from pipeline.analysis.elsewhere import Files, labyrinths_of
 from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config.run import Run
-from pipeline.machinery.console import console, tracked
-from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.console import console, progress, say
+from pipeline.machinery.counts import Content, DatasetCounts, count_dataset
 
 FORMAT = 1
 LEAKS_SHOWN = 10
-"""Labyrinths that two splits have in common, and that are named in the terminal."""
+"""The largest number of labyrinths shared by two splits that are named in the terminal."""
 SIGNIFICANT = 0.05
 
 
@@ -50,11 +49,11 @@ def run(run: Run) -> None:
         lines = [*_leaks(certificate, files), f"{path} has all of it."]
         console.print(_leakage_table(certificate))
     for line in lines:
-        console.print(line, highlight=False, soft_wrap=True)
+        say(line)
 
 
 def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
-    """Return the certificate of a dataset from elsewhere, the files it is in, and where it lies."""
+    """Return the certificate of a dataset from elsewhere, its files, and where the result lies."""
     splits, files = labyrinths_of(source, run.options.leakage.config)
     certificate = certify(splits)
     name = re.sub(r"[^\w.-]+", "-", source).strip("-")
@@ -67,8 +66,10 @@ def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
 def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
     """Return the certificate and the shifts of a dataset, which are left in its folder."""
     manifest = Manifest.read(folder)
-    contents = read_contents(folder, manifest, workers)
-    certificate = certify({split: held.labyrinths for split, held in contents.items()})
+    counts, contents = read_contents(folder, manifest, workers)
+    counts.write(folder, manifest)
+    labyrinths = {split: content.labyrinths for split, content in contents.items()}
+    certificate = certify(labyrinths, counts.certificate)
     pairs = [("train", split) for split in SPLITS if split != "train"]
     shifts = compare(contents, [*pairs, ("validation", "test")], manifest.config.seed)
     content = {
@@ -84,17 +85,25 @@ def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
     return certificate, shifts
 
 
-def read_contents(folder: AnyPath, manifest: Manifest, workers: int = 1) -> dict[str, Content]:
-    """Return what each split of a dataset holds; raises DatasetError if a shard is damaged."""
-    jobs = [ReadJob(folder, shard) for split in SPLITS for shard in manifest.of(split)]
-    done = zip(jobs, ordered_map(read, jobs, workers), strict=True)
+def read_contents(
+    folder: AnyPath, manifest: Manifest, workers: int = 1
+) -> tuple[DatasetCounts, dict[str, Content]]:
+    """Return the counts of a dataset and the content of each split.
+
+    Raises:
+        DatasetError: A shard is missing, damaged, or not the manifest's.
+    """
     parts: dict[str, list[Content]] = {}
-    total = sum(job.shard.rows for job in jobs)
-    for split, part in tracked(
-        ((job.shard.rows, (job.shard.split, part)) for job, part in done), "analyse", total
-    ):
-        parts.setdefault(split, []).append(part)
-    return {split: Content.joined(of_split) for split, of_split in parts.items()}
+    with progress() as bars:
+        bar = bars.add_task("analyse", total=sum(shard.rows for shard in manifest.shards))
+        counts = count_dataset(
+            folder,
+            manifest,
+            workers,
+            advance=lambda rows: bars.advance(bar, rows),
+            keep=lambda split, content: parts.setdefault(split, []).append(content),
+        )
+    return counts, {split: Content.joined(of_split) for split, of_split in parts.items()}
 
 
 def _write(path: AnyPath, content: Mapping[str, Any]) -> None:
@@ -125,7 +134,7 @@ def _leakage_table(certificate: Certificate) -> Table:
 
 
 def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
-    """Yield what ought not to be, a line for each, the first `LEAKS_SHOWN` of a kind."""
+    """Yield a line for each leak, for the first `LEAKS_SHOWN` of a kind."""
     found = list(_shared(certificate, files))
     for split, count in certificate.repeated.items():
         if count and split not in certificate.strangers:
@@ -158,7 +167,7 @@ def _named(split: str, number: str, files: Files) -> str:
 
 
 def _near(certificate: Certificate) -> Iterator[str]:
-    """Yield how near the splits come to one another, a line a pair."""
+    """Yield a line for each pair of splits that says how near they are."""
     for pair in certificate.pairs:
         least, most = NEAR[0], NEAR[-1]
         yield (
@@ -169,7 +178,7 @@ def _near(certificate: Certificate) -> Iterator[str]:
 
 
 def _shifted(shifts: Sequence[Shift]) -> Iterator[str]:
-    """Yield the measures in which splits differ by more than chance, a line a pair."""
+    """Yield a line for each pair of splits with the measures that differ by more than chance."""
     yield f"Shift that is not chance, by Holm's p of {SIGNIFICANT} or less:"
     for splits, of_pair in groupby(shifts, lambda shift: (shift.first, shift.second)):
         measures = [shift.measure for shift in of_pair if shift.corrected <= SIGNIFICANT]

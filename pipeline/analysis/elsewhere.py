@@ -15,17 +15,17 @@ Files = dict[str, dict[str, str]]
 
 
 def labyrinths_of(source: str, config: str | None) -> tuple[dict[str, list[Labyrinth]], Files]:
-    """Return the labyrinths of each split, in order, and the files they are in, if they are.
+    """Return the labyrinths of each split, in order, and their files, if they are in files.
 
-    Of a dataset no more is read than the column `info`.
+    Only the column `info` of a dataset is read.
 
     Args:
         source: A folder with a folder of `.labyrinth` files for each split; or a dataset with a
             column `info`, as `load_dataset` finds it: in a folder, or by its id on the Hub.
-        config: Of the dataset, if it has several.
+        config: The config of the dataset, if it has several.
 
     Raises:
-        DatasetError: The source is neither, or a labyrinth in it is none.
+        DatasetError: The source is neither, or a text in it does not describe a labyrinth.
     """
     folder = Path(source).expanduser()
     splits: dict[str, list[Labyrinth]] = {}

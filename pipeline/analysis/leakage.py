@@ -1,15 +1,15 @@
 """The certificate of leakage: what the labyrinths of two splits have in common, counted exactly.
 
-Everything is found by looking up keys that are equal where something is in common, so that the
-time grows with the number of labyrinths and not of pairs; `near_twins` has those a few walls
-apart, `symmetry` those that a rotation or reflection makes the same.
+It adds to the certificate of disjointness whatever is alike without being the same. All of it is
+found by looking up keys that are equal where something is in common, so that the time grows with
+the number of labyrinths and not of pairs; `near_twins` finds those a few walls apart, `symmetry`
+those that a rotation or reflection makes the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from math import inf
 from statistics import median
 from typing import Any
@@ -17,171 +17,143 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
-from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, nearest, passage_table
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.analysis.symmetry import canonical_keys
+from pipeline.machinery import certificate as disjointness
+from pipeline.machinery.certificate import (
+    Found,
+    Hashes,
+    Keys,
+    canonical_hashes,
+    counterparts,
+    ids_of,
+    size_of,
+)
 
 NEAR = range(1, JOINED_WALLS + 1)
-"""Walls that near twins are counted by."""
+"""The numbers of walls that near twins are counted by."""
 
 ROUTES = 1_000
-"""Optimal routes of a labyrinth that are compared, at most."""
-
-_DERIVED = [split for split in SPLITS if split not in SAMPLED_SPLITS]
-
-Found = Mapping[str, str]
-"""Id of a labyrinth of the second split -> that of the first such labyrinth of the first split."""
+"""The largest number of optimal routes of a labyrinth that are compared."""
 
 
 @dataclass(frozen=True)
-class Pair:
+class Pair(disjointness.Pair):
     """What the labyrinths of a split have in common with those of another."""
 
-    first: str
-    second: str
-    equal: Found
-    """The structures are the same."""
-    mirrored: Found
-    """Or a rotation or reflection makes the same of them and of their starts and goals."""
     symmetric: Found
-    """Or one makes the same of the structures, wherever start and goal are."""
+    """These, and those whose structures a rotation or reflection makes the same."""
     same_route: Found
-    """An optimal route is also an optimal route there."""
+    """An optimal route of the one is an optimal route of the other."""
     nearest: Mapping[str, tuple[str, int]]
-    """Id -> that of the labyrinth with the nearest structure of its size, and the walls between.
+    """Id -> id of the labyrinth with the nearest structure of its size, and the walls between.
 
-    Missing are those that have none of their size, and those that have none near among too many
-    to compare (`near_twins.MOST_PAIRS`).
+    Labyrinths are missing if there is none of their size, or none near among too many to compare
+    (`near_twins.MOST_PAIRS`).
     """
 
     def within(self, walls: int) -> int:
-        """Return how many structures of the second split are so near to one of the first."""
+        """Return how many labyrinths of the second split are within so many walls of the first."""
         return sum(apart <= walls for _, apart in self.nearest.values())
 
     def spread(self, of: int) -> str:
-        """Return how many walls the nearest one is away, least and median.
+        """Return the distance to the nearest structure in walls, least and median.
 
         Args:
-            of: Labyrinths of the second split; those that are missing are far away.
+            of: The number of labyrinths of the second split; those that are missing are far away.
         """
         walls = [apart for _, apart in self.nearest.values()]
         values = (min(walls, default=inf), median([*walls, *[inf] * (of - len(walls))]))
         return ", ".join("far" if value == inf else f"{value:g}" for value in values)
 
-    def to_json(self, of: int) -> dict[str, Any]:
-        """Return it in plain types, with the counts; `of` as for `spread`."""
-        within = {str(walls): self.within(walls) for walls in NEAR}
-        return vars(self) | {"within": within, "spread": self.spread(of)}
-
 
 @dataclass(frozen=True)
-class Certificate:
-    """What the splits of a dataset have in common."""
+class Certificate(disjointness.Certificate):
+    """What the splits of a dataset have in common, and how near they are to one another."""
 
-    labyrinths: Mapping[str, int]
-    """Split -> different labyrinths in it."""
-    repeated: Mapping[str, int]
-    """Split -> how many of them have the structure of one before."""
-    pairs: tuple[Pair, ...]
-    """Of the splits with structures of their own."""
-    strangers: Mapping[str, Sequence[str]]
-    """Split made of the structures of train -> ids of the labyrinths in it with another one."""
+    pairs: Sequence[Pair]
     cut: int
-    """Labyrinths with more than `ROUTES` optimal routes, of which so many were compared."""
+    """The number of labyrinths with more than `ROUTES` optimal routes, of which so many were
+    compared."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return it in plain types."""
-        pairs = [pair.to_json(self.labyrinths[pair.second]) for pair in self.pairs]
+        """Return the certificate in plain types, with the counts."""
+        pairs = []
+        for pair in self.pairs:
+            within = {str(walls): pair.within(walls) for walls in NEAR}
+            spread = pair.spread(self.labyrinths[pair.second])
+            pairs.append(vars(pair) | {"within": within, "spread": spread})
         return vars(self) | {"pairs": pairs}
 
 
-def certify(splits: Mapping[str, Iterable[Labyrinth]]) -> Certificate:
+def certify(
+    splits: Mapping[str, Iterable[Labyrinth]],
+    certificate: disjointness.Certificate | None = None,
+    most_routes: int = ROUTES,
+) -> Certificate:
     """Return the certificate of a dataset.
 
     Args:
-        splits: The labyrinths of each split. Where there is a train, splits called
-            random, s0 and s0_and_g are taken to be made of its structures; all others are
-            compared with one another.
+        splits: The labyrinths of each split; for what the names mean see `certificate.certify`.
+        certificate: That of their disjointness, if it is known.
+        most_routes: The largest number of optimal routes of a labyrinth that are compared.
     """
-    order = [*(split for split in SPLITS if split in splits), *splits]  # What is there comes once.
-    held = {split: list(dict.fromkeys(splits[split])) for split in order}
-    ids = {split: [labyrinth_id(each) for each in labyrinths] for split, labyrinths in held.items()}
-    structures = {split: [each.structure for each in held[split]] for split in held}
-    train = set(structures.get("train", []))
-    derived = [split for split in held if train and split in _DERIVED]
-    compared = [split for split in held if split not in derived]
-    known = {split: _Known(ids[split], held[split]) for split in compared}
-    return Certificate(
-        labyrinths={split: len(labyrinths) for split, labyrinths in held.items()},
-        repeated={split: len(each) - len(set(each)) for split, each in structures.items()},
-        pairs=tuple(
-            _compared(first, known[first], second, known[second])
-            for first, second in combinations(compared, 2)
-        ),
-        strangers={
-            split: [
-                number
-                for number, structure in zip(ids[split], structures[split], strict=True)
-                if structure not in train
-            ]
-            for split in derived
-        },
-        cut=sum(each.cut for each in known.values()),
-    )
+    held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
+    if certificate is None:
+        keys = {split: Keys.of(labyrinths) for split, labyrinths in held.items()}
+        certificate = disjointness.certify(keys)
+        ids = {split: of_split.labyrinth for split, of_split in keys.items()}
+    else:
+        ids = {split: ids_of(labyrinths) for split, labyrinths in held.items()}
+    known = {
+        split: _Known(labyrinths, ids[split], most_routes)
+        for split, labyrinths in held.items()
+        if split not in certificate.strangers
+    }
+    pairs = [_compared(pair, known[pair.first], known[pair.second]) for pair in certificate.pairs]
+    cut = sum(each.cut for each in known.values())
+    return Certificate(**vars(certificate) | {"pairs": pairs, "cut": cut})
 
 
 class _Known:
-    """The labyrinths of a split with the keys by which they are found."""
+    """The labyrinths of a split with the keys by which counterparts are found."""
 
-    def __init__(self, ids: list[str], labyrinths: list[Labyrinth]) -> None:
-        self.ids = ids
+    def __init__(self, labyrinths: list[Labyrinth], ids: Hashes, most_routes: int) -> None:
+        self.numbers = ids
+        self.ids = [f"{number:016x}" for number in self.numbers]
+        self.symmetric = canonical_hashes(labyrinths, with_ends=False)
+        found = [shortest_routes(each, most_routes + 1) for each in labyrinths]
+        self.cut = sum(len(each) > most_routes for each in found)
+        self.routes = [
+            [(*size_of(each), each.start, bytes(route)) for route in routes[:most_routes]]
+            for each, routes in zip(labyrinths, found, strict=True)
+        ]
         self.of_size: dict[tuple[int, int], tuple[list[int], NDArray[np.bool_]]] = {}
-        """Height and width -> places of the labyrinths of that size, and their passages."""
-        routes = [shortest_routes(each, ROUTES + 1) for each in labyrinths]
-        self.cut = sum(len(each) > ROUTES for each in routes)
-        self.keys: dict[str, list[Sequence[Hashable]]] = {
-            "equal": [[each.structure] for each in labyrinths],
-            "mirrored": [[]] * len(ids),
-            "symmetric": [[]] * len(ids),
-            "same_route": [
-                [(*_size(each), each.start, bytes(route)) for route in of_each[:ROUTES]]
-                for each, of_each in zip(labyrinths, routes, strict=True)
-            ],
-        }
-        for size in dict.fromkeys(map(_size, labyrinths)):
-            places = [place for place, each in enumerate(labyrinths) if _size(each) == size]
+        """Height and width -> indices of the labyrinths of that size, and their passages."""
+        for size, places in disjointness.places_by_size(labyrinths).items():
             table = passage_table([labyrinths[place].structure for place in places])
             self.of_size[size] = places, table
-            ends = np.array([(labyrinths[place].start, labyrinths[place].goal) for place in places])
-            for name, marked in {"mirrored": ends, "symmetric": None}.items():
-                keys = canonical_keys(*size, table, marked)
-                for place, key in zip(places, keys, strict=True):
-                    self.keys[name][place] = [key]
 
 
-def _size(labyrinth: Labyrinth) -> tuple[int, int]:
-    return labyrinth.structure.height, labyrinth.structure.width
+def _compared(pair: disjointness.Pair, base: _Known, other: _Known) -> Pair:
+    symmetric = counterparts(base.numbers, base.symmetric, other.numbers, other.symmetric)
+    return Pair(
+        **vars(pair),
+        symmetric=dict(pair.mirrored) | symmetric,
+        same_route=dict(_same_route(base, other)),
+        nearest=dict(_nearest(base, other)),
+    )
 
 
-def _compared(first: str, base: _Known, second: str, other: _Known) -> Pair:
-    def found(name: str) -> dict[str, str]:
-        """Return who in `other` has a key that somebody in `base` has, and who that is."""
-        owner: dict[Hashable, int] = {}
-        for place, keys in enumerate(base.keys[name]):
-            for key in keys:
-                owner.setdefault(key, place)
-        pairs = zip(other.ids, other.keys[name], strict=True)
-        shared = ((number, [owner[key] for key in keys if key in owner]) for number, keys in pairs)
-        return {number: base.ids[min(places)] for number, places in shared if places}
-
-    equal = found("equal")
-    mirrored = equal | found("mirrored")
-    symmetric = mirrored | found("symmetric")
-    nearest = dict(_nearest(base, other))
-    return Pair(first, second, equal, mirrored, symmetric, found("same_route"), nearest)
+def _same_route(base: _Known, other: _Known) -> Iterator[tuple[str, str]]:
+    owner: dict[tuple[int, int, int, bytes], int] = {}
+    for place, routes in enumerate(base.routes):
+        for route in routes:
+            owner.setdefault(route, place)
+    for number, routes in zip(other.ids, other.routes, strict=True):
+        if places := [owner[route] for route in routes if route in owner]:
+            yield number, base.ids[min(places)]
 
 
 def _nearest(base: _Known, other: _Known) -> Iterator[tuple[str, tuple[str, int]]]:

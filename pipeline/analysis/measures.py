@@ -1,4 +1,4 @@
-"""What is compared between two splits: six measures, each as counts of a labyrinth that add up.
+"""The six measures in which splits are compared, each as counts of a labyrinth that add up.
 
 | measure | of what | distance |
 |---|---|---|
@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.near_twins import passage_table
-from pipeline.analysis.content import Content
 from pipeline.analysis.shift import (
     PERMUTATIONS,
     Floats,
@@ -31,17 +30,18 @@ from pipeline.analysis.shift import (
     permutation_test,
     wasserstein_of_counts,
 )
+from pipeline.machinery.counts import Content
 
 
 class Sample(NamedTuple):
     """One measure of a split."""
 
     counts: NDArray[np.int64]
-    """What is added up over labyrinths, shape (labyrinths, counts)."""
+    """The counts of each labyrinth, which add up, shape (labyrinths, counts)."""
     values: Floats
-    """What the effect is counted in, a mean of each labyrinth, shape (labyrinths, dimensions)."""
+    """The mean of each labyrinth, for the size of the effect, shape (labyrinths, dimensions)."""
     distance: Statistic
-    """Of two such counts, added up."""
+    """The distance of two samples from their added counts."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Shift:
     first: str
     second: str
     labyrinths: tuple[int, int]
-    """N, how many each has: whole labyrinths are exchanged.
+    """The number of labyrinths of each split; permutations exchange whole labyrinths.
 
-    Splits of the same structures, in the same order, exchange those of a structure only.
+    Splits of the same structures, in the same order, exchange labyrinths of one structure only.
     """
     distance: float
     effect: float
@@ -81,10 +81,10 @@ def compare(
     """Return how the splits of each pair differ, in all measures.
 
     Args:
-        contents: Of each split.
-        pairs: Of names of splits.
-        seed: What the permutations follow from.
-        permutations: How many.
+        contents: The content of each split.
+        pairs: The names of the splits to compare.
+        seed: The seed of the permutations.
+        permutations: The number of permutations.
     """
     found = []
     for number, (first, second) in enumerate(pairs):
@@ -169,24 +169,16 @@ def _numbers(values: NDArray[np.int64], most: int) -> Sample:
     return _on_a_grid(below, np.ones(most), values[:, None].astype(float), np.ones_like(values))
 
 
-def _route_length(content: Content, most: int) -> Sample:
-    return _numbers(content.moves, most)
-
-
-def _branching(content: Content, most: int) -> Sample:
-    return _numbers(np.array([each.structure.junctions for each in content.labyrinths]), most)
-
-
-def _loops(content: Content, most: int) -> Sample:
-    return _numbers(np.array([each.structure.loops for each in content.labyrinths]), most)
-
-
 MEASURES: dict[str, Callable[[Content, int], Sample]] = {
     "actions": _actions,
     "trajectories": _trajectories,
     "states": _states,
-    "route length": _route_length,
-    "branching": _branching,
-    "loops": _loops,
+    "route length": lambda content, most: _numbers(content.moves, most),
+    "branching": lambda content, most: _numbers(
+        np.array([each.structure.junctions for each in content.labyrinths]), most
+    ),
+    "loops": lambda content, most: _numbers(
+        np.array([each.structure.loops for each in content.labyrinths]), most
+    ),
 }
-"""How each measure is taken; the number is at least as large as every length and count."""
+"""Name -> the sample of a split; the number is an upper bound of all lengths and counts."""

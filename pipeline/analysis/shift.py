@@ -21,11 +21,11 @@ PERMUTATIONS = 999
 """With the observed one a thousand, so that a p-value is a multiple of 0.001."""
 
 _BLOCK_BYTES = 1 << 26
-"""Memory for the permutations that are worked on at a time."""
+"""The memory for the permutations that are worked on at a time."""
 _ROUNDING = 1e-9
-"""Distances that differ by less are equal, and were only added up in another order."""
+"""Distances that differ by less are equal but for the order of summation."""
 _NOTHING = 1e-14
-"""A divergence below is what rounding leaves of none."""
+"""Divergences below this are rounding errors of zero."""
 
 
 def jensen_shannon(counts_a: ArrayLike, counts_b: ArrayLike) -> Floats:
@@ -35,7 +35,7 @@ def jensen_shannon(counts_a: ArrayLike, counts_b: ArrayLike) -> Floats:
     distributions", IEEE Transactions on Information Theory 49, 2003).
 
     Args:
-        counts_a: How often each value came up, shape (..., values); not all zero.
+        counts_a: How often each value occurs, shape (..., values); not all zero.
         counts_b: As `counts_a`.
 
     Returns:
@@ -131,8 +131,8 @@ def permutation_test(
         a: Counts of each unit, shape (n, counts); whole units are exchanged.
         b: Shape (m, counts).
         statistic: From the added counts of two samples to their distances.
-        rng: Where the permutations come from.
-        permutations: How many.
+        rng: Draws the permutations.
+        permutations: The number of permutations.
         paired: Whether a unit of one belongs to the unit of the other in the same place, and is
             exchanged with that one only.
     """
@@ -162,7 +162,7 @@ def holm(p_values: ArrayLike) -> Floats:
     Holm, "A simple sequentially rejective multiple test procedure", 1979.
 
     Args:
-        p_values: Of one family of tests, shape (tests,).
+        p_values: The p-values of one family of tests, shape (tests,).
 
     Returns:
         Shape (tests,), in the same order.

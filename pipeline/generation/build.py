@@ -9,16 +9,16 @@ sidecar in `.NAME.building`, and a build that was stopped goes on from those.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from itertools import islice
+from typing import Any, TypeVar
 
 from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS, Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
-from labyrinth_core.data.prefetch import batched
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, new_file, write_text
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.errors import ConfigError
@@ -36,9 +36,10 @@ from pipeline.machinery.locks import held
 CELLS_PER_SHARD = 400_000
 """Cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
 
-
 CELLS_PER_BATCH = 2_000
 """Cells of the labyrinths that are sampled, then solved, then drawn: 80 labyrinths at 5x5."""
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -190,6 +191,16 @@ def make_shard(job: ShardJob) -> Shard:
     )
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
+
+
+def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
+    """Yield the items, made `count` at a time.
+
+    Between two stages this keeps the processor at one kind of work for longer, which is faster.
+    """
+    iterator = iter(items)
+    while batch := list(islice(iterator, count)):
+        yield from batch
 
 
 def _finished_shard(job: ShardJob) -> Shard | None:

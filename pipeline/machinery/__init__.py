@@ -1,1 +1,1 @@
-"""What all stages work with: executor, locks, console, front matter."""
+"""What several stages stand on: executor, locks, console, front matter, counts."""

@@ -24,6 +24,11 @@ Item = TypeVar("Item")
 console = Console(markup=False)
 
 
+def say(text: str) -> None:
+    """Print a line as it is, neither coloured nor wrapped."""
+    console.print(text, highlight=False, soft_wrap=True)
+
+
 def progress() -> Progress:
     """Return a context manager that shows the progress bars of a stage."""
     return Progress(
@@ -37,13 +42,7 @@ def progress() -> Progress:
 
 
 def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
-    """Yield items under a progress bar.
-
-    Args:
-        items: Pairs of the amount that an item completes, and the item.
-        description: The word before the bar.
-        total: The sum of all amounts.
-    """
+    """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
     with progress() as bars:
         bar = bars.add_task(description, total=total)
         for amount, item in items:

@@ -11,6 +11,7 @@ import os
 import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager
 from contextvars import ContextVar
 from itertools import islice
@@ -22,13 +23,11 @@ from pipeline.config.errors import ConfigError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-LOSSES = 3
-"""The number of times in a row that workers may be lost before the map gives up."""
+Losses = tuple[type[Exception], ...]
+"""The errors that a backend raises when a worker is lost."""
 
-AHEAD = 4
-"""The number of items a worker that Ray, which cannot stream results, is given at a time."""
-
-_backend: ContextVar[str] = ContextVar("backend", default="local")
+_LOCAL: tuple[str, Losses] = "local", (BrokenExecutor,)
+_backend = ContextVar("backend", default=_LOCAL)
 
 
 @contextmanager
@@ -49,7 +48,7 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         return
     with ExitStack() as stack:
         try:
-            options = {"dask": _dask, "ray": _ray}[executor](stack, workers, address)
+            options, lost = {"dask": _dask, "ray": _ray}[executor](stack, workers, address)
         except ImportError as error:
             install = f"pip install 'labyrinth-datasets[{executor}]'"
             raise ConfigError(f"executor={executor} is not installed: {install}") from error
@@ -59,12 +58,12 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         from joblib import parallel_config
 
         stack.enter_context(parallel_config(backend=executor, **options))
-        token = _backend.set(executor)
+        token = _backend.set((executor, lost))
         stack.callback(_backend.reset, token)
         yield
 
 
-def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
+def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
     import distributed
 
     # It logs each worker that comes or goes.
@@ -79,16 +78,18 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]
                 silence_logs=logging.ERROR,
             )
         )
-    return {"client": stack.enter_context(distributed.Client(place, set_as_default=False))}
+    client = stack.enter_context(distributed.Client(place, set_as_default=False))
+    return {"client": client}, (distributed.KilledWorker,)
 
 
-def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
+def _ray(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     if address and ":" in address:  # Checked here, since Ray would try for minutes.
         host, _, port = address.rpartition(":")
         host = host.removeprefix("ray://").strip("[]")
         socket.create_connection((host, int(port)), timeout=10).close()
     import ray
+    from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
     from ray.util.joblib import register_ray
 
     own = {"num_cpus": workers, "include_dashboard": False} if address is None else {}
@@ -99,7 +100,7 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> dict[str, Any]:
     if workers > processors:
         raise ValueError(f"workers={workers}: the cluster has room for {processors}")
     register_ray()
-    return {}
+    return {}, (OutOfMemoryError, RayActorError, WorkerCrashedError)
 
 
 def ordered_map(
@@ -107,7 +108,7 @@ def ordered_map(
     items: Iterable[Item],
     workers: int,
     *,
-    losses: int = LOSSES,
+    losses: int = 3,
 ) -> Iterator[Result]:
     """Yield `function(item)` for each item, in their order, as they become ready.
 
@@ -117,12 +118,12 @@ def ordered_map(
         function: Picklable, and pure: it may run in another process, and again.
         items: Its arguments; each is taken when a worker is free.
         workers: Processes; with 1, and no cluster, everything happens in this one.
-        losses: Times in a row that workers may be lost.
+        losses: The number of times in a row that workers may be lost.
 
     Raises:
         DatasetError: Workers were lost more often.
     """
-    backend = _backend.get()
+    backend, lost = _backend.get()
     if backend == "local" and workers == 1:
         yield from map(function, items)
         return
@@ -142,7 +143,6 @@ def ordered_map(
         except Exception as error:  # joblib, which asks in a thread of its own, would lose it.
             errors.append(error)
 
-    lost = _losses(backend)
     lost_in_a_row = 0
     while True:
         try:
@@ -170,26 +170,11 @@ def _results(
 ) -> Generator[Result]:
     from joblib import Parallel, delayed
 
-    if backend == "ray":  # It returns no result before all are there.
+    if backend == "ray":  # It returns no result before all are there, so it gets a few at a time.
         with Parallel(n_jobs=workers, batch_size=1) as parallel:
-            while part := list(islice(feed, AHEAD * workers)):
+            while part := list(islice(feed, 4 * workers)):
                 yield from parallel(delayed(function)(item) for item in part)
         return
     parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
     with closing(parallel(delayed(function)(item) for item in feed)) as results:
         yield from results
-
-
-def _losses(backend: str) -> tuple[type[Exception], ...]:
-    """Return the errors that a backend raises when a worker is lost."""
-    if backend == "dask":
-        from distributed import KilledWorker
-
-        return (KilledWorker,)
-    if backend == "ray":
-        from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
-
-        return (OutOfMemoryError, RayActorError, WorkerCrashedError)
-    from concurrent.futures.process import BrokenProcessPool
-
-    return (BrokenProcessPool,)

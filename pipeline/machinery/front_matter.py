@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -17,16 +18,15 @@ DEFAULT_CONFIG = "5x5"
 
 _FENCE = "---\n"
 _CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
-"""Other folders, such as a build's own, are no configs, whatever is in them."""
-
+"""The name of a config; other folders, such as that of a build, are ignored."""
 
 BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
 END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
-"""The marks around what is generated; what a person writes before and after them is kept."""
+"""The end of the generated text; what a person writes before and after the marks is kept."""
 
 
 def check_replaceable(data_dir: AnyPath) -> None:
-    """Raise DatasetError if the folder has a README.md that is no dataset's."""
+    """Raise DatasetError if the folder has a README.md that is not of a dataset."""
     read(data_dir / "README.md")
 
 
@@ -49,7 +49,7 @@ def update(data_dir: AnyPath) -> None:
     """Write the front matter for all finished datasets of a folder; the text below it stays.
 
     Raises:
-        DatasetError: There is a README.md that is no dataset's.
+        DatasetError: There is a README.md that is not of a dataset.
     """
     path = data_dir / "README.md"
     values, text = read(path)
@@ -57,9 +57,14 @@ def update(data_dir: AnyPath) -> None:
     wanted = values | described(manifests)
     if wanted == values and text:
         return  # Not a byte of a card changes when nothing is new.
-    front = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=100)
     text = text or with_generated("", _text(default_config(manifests)))
-    write_text(path, _FENCE + front + _FENCE + text)
+    write_text(path, with_values(wanted, text))
+
+
+def with_values(values: dict[str, Any], text: str) -> str:
+    """Return the content of a README.md with a front matter, as the Hub's client would write it."""
+    front = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=math.inf)
+    return f"{_FENCE}{front}{_FENCE}{text}"
 
 
 def described(manifests: list[Manifest]) -> dict[str, Any]:
@@ -75,7 +80,7 @@ def with_generated(text: str, generated: str) -> str:
     """Return the text of a README.md with its generated part replaced.
 
     Args:
-        text: What is there, empty if nothing; without marks it is a person's, and comes last.
+        text: The text so far; without marks a person wrote it, and it comes last.
         generated: The new part, without marks.
 
     Raises:
@@ -91,10 +96,10 @@ def with_generated(text: str, generated: str) -> str:
 
 
 def read(path: AnyPath) -> tuple[dict[str, Any], str]:
-    """Return the front matter of a README.md and the text below it, both empty without a file.
+    """Return the front matter of a README.md and the text below it; defaults without a file.
 
     Raises:
-        DatasetError: There is a README.md that is no dataset's.
+        DatasetError: There is a README.md that is not of a dataset.
     """
     try:
         content = path.read_text(encoding="utf-8")
@@ -120,28 +125,25 @@ def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
 
 
 def _info(manifest: Manifest) -> dict[str, Any]:
-    splits = []
-    for split in SPLITS:
-        shards = manifest.of(split)
-        splits.append(
-            {
-                "name": split,
-                "num_bytes": sum(shard.bytes for shard in shards),
-                "num_examples": sum(shard.rows for shard in shards),
-            }
-        )
     size = sum(shard.bytes for shard in manifest.shards)
     return {
         "config_name": manifest.config.name,
         "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in COLUMNS],
-        "splits": splits,
+        "splits": [
+            {
+                "name": split,
+                "num_bytes": sum(shard.bytes for shard in manifest.of(split)),
+                "num_examples": sum(shard.rows for shard in manifest.of(split)),
+            }
+            for split in SPLITS
+        ],
         "download_size": size,
         "dataset_size": size,
     }
 
 
 def _dtype(feature: dict[str, Any]) -> Any:
-    """Return a feature the way cards write it."""
+    """Return a feature in the form of the front matter."""
     if feature["_type"] == "ClassLabel":
         return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
     return feature.get("dtype", feature["_type"].lower())

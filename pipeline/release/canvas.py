@@ -28,7 +28,7 @@ MUTED: Colour = (100, 108, 116)
 LINE: Colour = (222, 226, 230)
 
 _FINER = 4
-"""Lines are drawn so much larger and shrunk, for smooth edges."""
+"""The factor by which lines are drawn larger and then shrunk, for smooth edges."""
 
 
 class Sheet:
@@ -58,13 +58,13 @@ class Sheet:
     def labyrinth(
         self, place: tuple[int, int], size: int, labyrinth: Labyrinth, actions: Sequence[int]
     ) -> None:
-        """Draw a labyrinth with the way that an agent takes, without what is above and below it.
+        """Draw a labyrinth and the route of an episode, without the margins above and below.
 
         Args:
-            place: Left and top.
-            size: Its width, or the height of one that is taller than wide.
-            labyrinth: Which; what is hidden from its agent is shown.
-            actions: Of an episode.
+            place: Its left and top edges, in pixels.
+            size: Its width in pixels, or its height if it is taller than wide.
+            labyrinth: What to draw, with everything that its agent does not see.
+            actions: The actions of the episode.
         """
         left, top = place
         picture = picture_with_route(labyrinth, actions, size)
@@ -75,14 +75,14 @@ class Sheet:
         self.image.paste(picture.crop((0, above, size, above + tall)), place)
 
     def save(self, path: AnyPath) -> None:
-        """Write it as a PNG file, whole or not at all."""
+        """Write the picture as a PNG file, all or nothing."""
         file = io.BytesIO()
         self.image.save(file, format="PNG")
         write_bytes(path, file.getvalue())
 
 
 def text_width(text: str, size: int = TEXT) -> float:
-    """Return how wide a line of text is."""
+    """Return the width of a line of text in pixels."""
     return ImageFont.load_default(size).getlength(text)
 
 
@@ -93,7 +93,7 @@ def mixed(first: Colour, second: Colour, part: float) -> Colour:
 
 
 def tallness(structure: Structure, size: int) -> int:
-    """Return the height of a labyrinth in a square picture of that size."""
+    """Return the height that a labyrinth takes in a square picture of that size."""
     return min(size, round(size * structure.height / structure.width))
 
 
@@ -113,7 +113,7 @@ def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) 
 
 
 def _middles(labyrinth: Labyrinth, states: list[State], side: int) -> list[tuple[float, float]]:
-    """Return where the agent's cells have their middle in a picture of that size."""
+    """Return the centres of the agent's cells in a square picture of that size."""
     height, width = labyrinth.structure.height, labyrinth.structure.width
     wall = side / (12 * max(height, width))
     pitch = (side - wall) / max(height, width)
@@ -129,7 +129,7 @@ def _middles(labyrinth: Labyrinth, states: list[State], side: int) -> list[tuple
 
 
 def _draw_route(draw: ImageDraw.ImageDraw, points: list[tuple[float, float]], cell: float) -> None:
-    """Draw a line with a white edge, from the square of the agent to a dot."""
+    """Draw a route with a white edge, from the square of the agent to a dot."""
     agent, (x, y), half = DEFAULT_STYLE.agent, points[0], cell * 0.29
     line, edge = max(cell * 0.14, 3 * _FINER), cell * 0.045
     draw.line(points, fill=PAPER, width=round(line + 2 * edge), joint="curve")

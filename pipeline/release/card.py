@@ -1,7 +1,7 @@
 """The card of a folder of datasets: README.md, Croissant, pictures, citation, changelog, hashes.
 
-Everything in it is counted in the shards, by the stage `analyse` what takes longer, and the same
-data give the same bytes.
+Its numbers are the counts of the datasets and what the stage `analyse` has found out about them;
+the same data give the same bytes.
 """
 
 from __future__ import annotations
@@ -10,14 +10,13 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-import yaml
-
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, progress
+from pipeline.machinery.console import progress, say
+from pipeline.machinery.counts import COUNTS, counts_of
 from pipeline.machinery.locks import held
 from pipeline.release import readme
 from pipeline.release.changelog import updated
@@ -25,12 +24,12 @@ from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.provenance import ARXIV, Release
-from pipeline.release.statistics import DatasetStatistics, measure
+from pipeline.release.statistics import DatasetStatistics, read_closeness
 
 HASHES = "SHA256SUMS"
 
 TASK_CATEGORIES = ["reinforcement-learning"]
-"""Of the Hub's list, https://huggingface.co/tasks."""
+"""Tasks of the Hub's list, https://huggingface.co/tasks."""
 TAGS = [
     "imitation-learning",
     "generalization",
@@ -40,7 +39,7 @@ TAGS = [
     "synthetic",
     f"arxiv:{ARXIV}",
 ]
-"""The last is what makes the Hub link the paper."""
+"""The last one makes the Hub link the paper."""
 
 SIZES = {
     10**3: "n<1K",
@@ -68,11 +67,9 @@ def run(run: Run) -> None:
     datasets = write_card(run.data_dir, workers=run.options.workers)
     rows = sum(dataset.rows for dataset in datasets)
     names = ", ".join(dataset.name for dataset in datasets)
-    console.print(
+    say(
         f"{run.data_dir / 'README.md'} describes {names}: {rows:,} rows, no structure in two "
-        f"splits; with croissant.json, {HASHES} and {readme.PICTURES}.",
-        highlight=False,
-        soft_wrap=True,
+        f"splits; with croissant.json, {HASHES} and {readme.PICTURES}."
     )
 
 
@@ -85,14 +82,14 @@ def write_card(
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
 
-    Who writes to the README.md at the same time, a build of another size say, waits or is waited
-    for, since one of the two would not know of the other's dataset.
+    A process that writes the README.md at the same time, such as a build of another size, waits or
+    is waited for, since one of the two would not know of the other's dataset.
 
     Args:
         data_dir: The folder.
-        repo_id: Of the dataset on the Hub, such as `user/labyrinth`, if it is known.
-        version: Of the release, if it is one.
-        workers: Processes that read shards.
+        repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
+        version: The version of the release, if it is one.
+        workers: The number of processes that read shards.
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
@@ -118,6 +115,8 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         "README.md": _with_front_matter(values, manifests, text),
     }
     _draw(data_dir, datasets, default)
+    for dataset in datasets:
+        dataset.counts.write(data_dir / dataset.name, dataset.manifest)
     for name, content in texts.items():
         write_text(data_dir / name, content)
     _write_hashes(data_dir, manifests)
@@ -134,11 +133,12 @@ def _measured(
         bar = bars.add_task("card", total=rows)
         for manifest in manifests:
             folder = data_dir / manifest.config.name
-            dataset = measure(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            problems = list(dataset.certificate.problems())
+            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
+            problems = list(counts.certificate.problems())
             if problems:
                 raise DatasetError(f"{folder}: {'; '.join(problems)}: no card for such a dataset")
-            datasets.append(dataset)
+            closeness = read_closeness(folder, manifest)
+            datasets.append(DatasetStatistics(manifest, counts, closeness))
     return datasets
 
 
@@ -147,12 +147,12 @@ def _draw(data_dir: AnyPath, datasets: Sequence[DatasetStatistics], default: str
     folder = data_dir / readme.PICTURES
     folder.mkdir(exist_ok=True)
     shown = next(dataset for dataset in datasets if dataset.name == default)
-    banner(shown).save(data_dir / readme.BANNER)
+    banner(shown.splits).save(data_dir / readme.BANNER)
     drawn = set()
     for dataset in datasets:
         for name, figure in FIGURES.items():
             path = data_dir / readme.picture_path(dataset.name, name)
-            figure.draw(dataset).save(path)
+            figure.draw(dataset.splits).save(path)
             drawn.add(path)
     ours = re.compile(rf"\d+x\d+(-\w+)?-({'|'.join(FIGURES)})\.png", re.ASCII)
     for path in folder.iterdir():
@@ -170,9 +170,7 @@ def _changelog(path: AnyPath) -> str:
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
-    """Return the whole README.md; keys that are not ours, and added tags, are kept."""
-    from huggingface_hub import DatasetCard
-
+    """Return the whole README.md; keys that a person added, and added tags, are kept."""
     rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
     own = {
         "license": "mit",
@@ -183,8 +181,7 @@ def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: 
         **front_matter.described(manifests),
     }
     kept = {key: value for key, value in values.items() if key not in own}
-    front = yaml.safe_dump(own | kept, sort_keys=False, allow_unicode=True)
-    return str(DatasetCard(f"---\n{front}---\n{text}"))
+    return front_matter.with_values(own | kept, text)
 
 
 def _joined(ours: list[str], theirs: Any) -> list[str]:
@@ -202,13 +199,13 @@ def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[st
 
     Args:
         data_dir: The folder.
-        manifests: Of its finished datasets.
+        manifests: The manifests of its finished datasets.
     """
     names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
     pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")
     names += [f"{readme.PICTURES}/{path.name}" for path in pictures]
     for manifest in manifests:
-        files = [MANIFEST, ANALYSIS, *(shard.path for shard in manifest.shards)]
+        files = [MANIFEST, COUNTS, ANALYSIS, *(shard.path for shard in manifest.shards)]
         names += [f"{manifest.config.name}/{name}" for name in files]
     return [name for name in names if (data_dir / name).is_file()]
 

@@ -23,8 +23,8 @@ def updated(text: str, manifests: list[Manifest], version: str | None) -> str:
 
     Args:
         text: The changelog so far, empty if there is none.
-        manifests: Of all datasets of the folder.
-        version: Of the release, if it is one.
+        manifests: The manifests of all datasets of the folder.
+        version: The version of the release, if it is one.
     """
     title, entries = _parse(text)
     lines = [_line(manifest) for manifest in manifests]
@@ -44,7 +44,7 @@ def updated(text: str, manifests: list[Manifest], version: str | None) -> str:
 
 
 def _parse(text: str) -> tuple[str, list[tuple[str, list[str]]]]:
-    """Return what is above the first entry, and of each entry its heading and lines."""
+    """Return the text above the first entry, and the heading and lines of each entry."""
     title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
     entries = []
     for part in parts:

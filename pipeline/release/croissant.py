@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS, SPLITS
@@ -26,48 +27,7 @@ from pipeline.release.provenance import (
 from pipeline.release.statistics import DatasetStatistics
 
 REPOSITORY = "repo"
-"""Id of the whole; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
-
-_CONTEXT: dict[str, Any] = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
-    "conformsTo": "dct:conformsTo",
-    "cr": "http://mlcommons.org/croissant/",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "prov": "http://www.w3.org/ns/prov#",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/",
-    "equivalentProperty": "cr:equivalentProperty",
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileProperty": "cr:fileProperty",
-    "fileObject": "cr:fileObject",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
-    "sc": "https://schema.org/",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
-}
-"""Appendix 1 of the specification, and the vocabulary of provenance."""
+"""The id of the repository; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
 
 _DATA_TYPES = {
     "obs": "sc:ImageObject",
@@ -90,7 +50,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         for family, given in PAPER_AUTHORS
     ]
     content = {
-        "@context": _CONTEXT,
+        "@context": _context(),
         "@type": "sc:Dataset",
         "name": "labyrinth",
         "alternateName": "Labyrinth",
@@ -115,6 +75,11 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "recordSet": [_record_set(dataset.manifest.config) for dataset in datasets],
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _context() -> Any:
+    """Return the context of appendix 1 of the specification, with the vocabulary of provenance."""
+    return json.loads(files("pipeline.release").joinpath("croissant_context.json").read_bytes())
 
 
 def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:

@@ -1,14 +1,15 @@
-"""The pictures of a card, drawn from the statistics."""
+"""The pictures of a card, drawn from the counts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from itertools import accumulate
 from typing import NamedTuple
 
 from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.world.grid import Action
+from pipeline.machinery.counts import EXAMPLES, SplitCounts
 from pipeline.machinery.markdown import count
 from pipeline.release.canvas import (
     INK,
@@ -24,8 +25,6 @@ from pipeline.release.canvas import (
     tallness,
     text_width,
 )
-from pipeline.release.statistics import DatasetStatistics, SplitStatistics
-from pipeline.release.tally import EXAMPLES
 
 ACTION_COLOURS: dict[Action, Colour] = {
     Action.UP: DEFAULT_STYLE.agent,
@@ -34,27 +33,30 @@ ACTION_COLOURS: dict[Action, Colour] = {
     Action.LEFT: DEFAULT_STYLE.key,
 }
 
+Splits = Mapping[str, SplitCounts]
+"""The counts of each split of a dataset, in the order of the table of splits."""
+
 _DEEP: Colour = (0, 52, 40)
 _MOST_BARS = 45
-"""Bars of a histogram, above which neighbouring lengths are put together."""
+"""The largest number of bars of a histogram; of more lengths, neighbours share a bar."""
 
 
 class Figure(NamedTuple):
-    """One kind of picture, of which each config has one."""
+    """One kind of picture; each config has one of each kind."""
 
-    draw: Callable[[DatasetStatistics], Sheet]
+    draw: Callable[[Splits], Sheet]
     title: str
     caption: str
 
 
-def banner(statistics: DatasetStatistics) -> Sheet:
+def banner(splits: Splits) -> Sheet:
     """Return a labyrinth of train, of validation and of test, side by side."""
     gap = 60
     size = (WIDTH - 2 * gap - 2) // len(SAMPLED_SPLITS)
-    tall = tallness(statistics.splits[0].examples[0].labyrinth.structure, size)
+    tall = tallness(splits["train"].examples[0].labyrinth.structure, size)
     sheet = Sheet(height=tall + 110)
     for place, name in enumerate(SAMPLED_SPLITS):
-        split = statistics.of(name)
+        split = splits[name]
         left = 1 + place * (size + gap)
         sheet.labyrinth((left, 1), size, *split.examples[0])
         sheet.text((left, tall + 48), name)
@@ -62,16 +64,16 @@ def banner(statistics: DatasetStatistics) -> Sheet:
     return sheet
 
 
-def labyrinths(statistics: DatasetStatistics) -> Sheet:
+def labyrinths(splits: Splits) -> Sheet:
     """Return some labyrinths of each split, each with its first episode."""
     gap, heading = 22, 76
     size = (WIDTH - 2 * MARGIN - (EXAMPLES - 1) * gap) // EXAMPLES
-    tall = tallness(statistics.splits[0].examples[0].labyrinth.structure, size)
-    sheet = Sheet(height=len(statistics.splits) * (heading + tall) + MARGIN)
+    tall = tallness(splits["train"].examples[0].labyrinth.structure, size)
+    sheet = Sheet(height=len(splits) * (heading + tall) + MARGIN)
     top = 0
-    for split in statistics.splits:
+    for name, split in splits.items():
         note = f"{count(split.labyrinths, 'labyrinth')}, {count(split.episodes, 'episode')}"
-        _heading(sheet, top, split.split, note)
+        _heading(sheet, top, name, note)
         for place, example in enumerate(split.examples):
             left = MARGIN + place * (size + gap)
             sheet.labyrinth((left, top + heading), size, *example)
@@ -79,31 +81,27 @@ def labyrinths(statistics: DatasetStatistics) -> Sheet:
     return sheet
 
 
-def visits(statistics: DatasetStatistics) -> Sheet:
+def visits(splits: Splits) -> Sheet:
     """Return a heat map for each split: in which cells its rows have the agent."""
     columns, gap, heading = 2, 48, 70
     size = (WIDTH - 2 * MARGIN - (columns - 1) * gap) // columns
-    rows = -(-len(statistics.splits) // columns)
-    height, width = statistics.splits[0].visits.shape
+    rows = -(-len(splits) // columns)
+    height, width = splits["train"].visits.shape
     cell = size / max(height, width)
     pitch = heading + round(height * cell)
     sheet = Sheet(height=rows * pitch + 130)
-    most = max(_most_visited(s) for s in statistics.splits if s.split != "random")
-    for place, split in enumerate(statistics.splits):
+    most = max(float((s.visits / s.rows).max()) for name, s in splits.items() if name != "random")
+    for place, (name, split) in enumerate(splits.items()):
         left = MARGIN + place % columns * (size + gap)
         top = place // columns * pitch
-        sheet.text((left, top + 50), split.split)
+        sheet.text((left, top + 50), name)
         _heat_map(sheet, (left, top + heading), cell, split, most)
     _scale(sheet, rows * pitch + 40, most)
     return sheet
 
 
-def _most_visited(split: SplitStatistics) -> float:
-    return float(split.visits.max() / split.visits.sum())
-
-
 def _heat_map(
-    sheet: Sheet, place: tuple[float, float], cell: float, split: SplitStatistics, most: float
+    sheet: Sheet, place: tuple[float, float], cell: float, split: SplitCounts, most: float
 ) -> None:
     shares = split.visits / split.visits.sum()
     height, width = shares.shape
@@ -116,11 +114,11 @@ def _heat_map(
             if cell >= 78:
                 ink = PAPER if share > most / 2 else INK
                 middle = (left + (cell - gap) / 2, top + (cell - gap) / 2)
-                sheet.text(middle, _percent(share), SMALL, ink, "mm")
+                sheet.text(middle, f"{share:.0%}", SMALL, ink, "mm")
 
 
 def _scale(sheet: Sheet, top: float, most: float) -> None:
-    """Draw what the colours of a heat map mean."""
+    """Draw the colour scale of the heat maps."""
     steps, height = 100, 26
     left, right = MARGIN + 70, WIDTH - MARGIN - 190
     for step in range(steps):
@@ -144,47 +142,47 @@ def _heat(part: float) -> Colour:
     return mixed(DEFAULT_STYLE.agent, _DEEP, 2 * part - 1)
 
 
-def actions(statistics: DatasetStatistics) -> Sheet:
-    """Return for each split a bar that is divided by how often each action is taken."""
+def actions(splits: Splits) -> Sheet:
+    """Return a bar for each split, divided by how often each action is taken."""
     legend, heading, bar = 84, 66, 64
-    sheet = Sheet(height=legend + len(statistics.splits) * (heading + bar) + MARGIN)
+    sheet = Sheet(height=legend + len(splits) * (heading + bar) + MARGIN)
     left = float(MARGIN)
     for action, colour in ACTION_COLOURS.items():
         sheet.box(left, 30, left + 34, 64, colour)
         sheet.text((left + 48, 60), action.name.lower(), SMALL)
         left += 100 + text_width(action.name.lower(), SMALL)
     top = legend
-    for split in statistics.splits:
-        _heading(sheet, top - 8, split.split, count(int(split.actions.sum()), "action"))
+    for name, split in splits.items():
+        _heading(sheet, top - 8, name, count(int(split.actions.sum()), "action"))
         _divided_bar(sheet, top + heading, bar, split)
         top += heading + bar
     return sheet
 
 
-def _divided_bar(sheet: Sheet, top: float, height: float, split: SplitStatistics) -> None:
+def _divided_bar(sheet: Sheet, top: float, height: float, split: SplitCounts) -> None:
     shares = [float(split.action_shares[action]) for action in ACTION_COLOURS]
     wide = WIDTH - 2 * MARGIN
     ends = [MARGIN + wide * part for part in accumulate(shares, initial=0.0)]
     for place, (share, colour) in enumerate(zip(shares, ACTION_COLOURS.values(), strict=True)):
         left, right = ends[place], ends[place + 1]
         sheet.box(left, top, right - (place < len(shares) - 1) * 2, top + height, colour)
-        if right - left >= text_width(_percent(share), SMALL) + 12:
+        if right - left >= text_width(f"{share:.0%}", SMALL) + 12:
             ink = INK if sum(colour) > 420 else PAPER
             middle = ((left + right) / 2, top + height / 2)
-            sheet.text(middle, _percent(share), SMALL, ink, "mm")
+            sheet.text(middle, f"{share:.0%}", SMALL, ink, "mm")
 
 
-def lengths(statistics: DatasetStatistics) -> Sheet:
-    """Return a histogram of the moves of a demonstration for each split that holds some."""
-    shown = [split for split in statistics.splits if split.split != "random"]
+def lengths(splits: Splits) -> Sheet:
+    """Return a histogram of the lengths of demonstrations for each split that holds some."""
+    shown = {name: split for name, split in splits.items() if name != "random"}
     heading, chart = 84, 150
     sheet = Sheet(height=len(shown) * (heading + chart) + 112)
-    bars = _Bars.over(shown)
-    most = max(max(bars.of(split).values()) / split.episodes for split in shown)
-    for number, split in enumerate(shown):
+    bars = _Bars.over(shown.values())
+    most = max(max(bars.of(split).values()) / split.episodes for split in shown.values())
+    for number, (name, split) in enumerate(shown.items()):
         top = number * (heading + chart)
         note = f"mean {split.mean_moves:.1f}, longest {split.longest:,}"
-        _heading(sheet, top, split.split, note)
+        _heading(sheet, top, name, note)
         bottom = top + heading + chart
         sheet.box(MARGIN, bottom, WIDTH - MARGIN, bottom + 2, LINE)
         for place, episodes in bars.of(split).items():
@@ -198,17 +196,17 @@ def lengths(statistics: DatasetStatistics) -> Sheet:
 
 
 class _Bars(NamedTuple):
-    """How lengths are put on the horizontal axis of the histograms."""
+    """The horizontal axis of the histograms."""
 
     first: int
-    """Moves that the leftmost bar begins with."""
+    """The shortest length of the leftmost bar, in moves."""
     together: int
-    """Lengths that share a bar."""
+    """The number of lengths that share a bar."""
     number: int
-    """Of bars."""
+    """The number of bars."""
 
     @classmethod
-    def over(cls, splits: list[SplitStatistics]) -> _Bars:
+    def over(cls, splits: Collection[SplitCounts]) -> _Bars:
         first = min(min(split.lengths) for split in splits)
         span = max(split.longest for split in splits) - first + 1
         together = -(-span // _MOST_BARS)
@@ -219,7 +217,7 @@ class _Bars(NamedTuple):
         """The width of a bar, in pixels."""
         return (WIDTH - 2 * MARGIN) / self.number
 
-    def of(self, split: SplitStatistics) -> dict[int, int]:
+    def of(self, split: SplitCounts) -> dict[int, int]:
         """Return the episodes in each bar."""
         bars: dict[int, int] = {}
         for moves, episodes in split.lengths.items():
@@ -228,12 +226,12 @@ class _Bars(NamedTuple):
         return bars
 
     def middle(self, moves: float) -> float:
-        """Return where a number of moves is, in pixels."""
+        """Return the horizontal place of a number of moves, in pixels."""
         return MARGIN + ((moves - self.first + 0.5) / self.together) * self.step
 
 
 def _axis(sheet: Sheet, top: float, bars: _Bars) -> None:
-    """Write the moves under the lowest histogram, as many as there is room for."""
+    """Label the axis under the lowest histogram, as densely as there is room for."""
     last = bars.first + (bars.number - 1) * bars.together
     room = text_width(f"  {last:,}", SMALL)
     every = next(n for n in (1, 2, 5, 10, bars.number) if n * bars.step >= room)
@@ -247,10 +245,6 @@ def _axis(sheet: Sheet, top: float, bars: _Bars) -> None:
 def _heading(sheet: Sheet, top: float, text: str, note: str) -> None:
     sheet.text((MARGIN, top + 56), text, TEXT)
     sheet.text((WIDTH - MARGIN, top + 56), note, SMALL, MUTED, "rs")
-
-
-def _percent(share: float) -> str:
-    return f"{share:.0%}"
 
 
 FIGURES = {

@@ -1,4 +1,4 @@
-"""Limits and biases: what the data do not tell, or tell too kindly."""
+"""The limits and biases of datasets, as points for a card."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
     Args:
         datasets: The statistics of each config.
     """
-    splits = [dataset.of("train") for dataset in datasets]
+    splits = [dataset.splits["train"] for dataset in datasets]
     shares = [f"{split.action_shares[[Action.UP, Action.RIGHT]].sum():.0%}" for split in splits]
     forward = ", ".join(
         f"{share} in `{dataset.name}`" for share, dataset in zip(shares, datasets, strict=True)

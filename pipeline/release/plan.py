@@ -1,4 +1,4 @@
-"""What a release would change on the Hub: a comparison of two sets of files, by their hashes."""
+"""The plan of a release: which files on the Hub it would change, by their hashes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from labyrinth_core.data.storage import file_sha256
 _DATA = r"\d+x\d+(-\w+)?/(manifest\.json|\w+-\d{5,}-of-\d{5,}\.parquet)"
 _CARD = (
     r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
-    r"|\d+x\d+(-\w+)?/analysis\.json"
+    r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"
     r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
 )
 
@@ -29,7 +29,7 @@ class RemoteFile(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """What a release would change."""
+    """The changes that a release would make."""
 
     files: Mapping[str, Path]
     """All files of the release, by their path on the Hub."""
@@ -39,7 +39,7 @@ class Plan:
 
     @property
     def bytes(self) -> int:
-        """The size of what has to be sent."""
+        """The number of bytes to be sent."""
         return sum(self.files[path].stat().st_size for path in self.add)
 
     @property
@@ -70,7 +70,7 @@ def make_plan(files: Mapping[str, Path], remote: Mapping[str, RemoteFile]) -> Pl
 
 
 def is_ours(path: str) -> bool:
-    """Return whether a file may be of an earlier release; others are somebody else's."""
+    """Return whether a file may be part of an earlier release; others are left alone."""
     return is_data(path) or re.fullmatch(_CARD, path, re.ASCII) is not None
 
 
@@ -84,5 +84,5 @@ def _same(local: Path, remote: RemoteFile) -> bool:
         return file_sha256(local) == remote.digest
     content = local.read_bytes()
     header = b"blob %d\0" % len(content)
-    # How git names a blob, not a safeguard.
+    # This is how git names a blob; it protects nothing.
     return hashlib.sha1(header + content, usedforsecurity=False).hexdigest() == remote.digest

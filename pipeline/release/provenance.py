@@ -10,10 +10,10 @@ from labyrinth_core import __version__
 from labyrinth_core.data.dataset_config import DatasetConfig
 
 PLACEHOLDER = "user/labyrinth"
-"""Stands for the id of a dataset that is not on the Hub yet."""
+"""The id in examples, of a dataset that is not on the Hub yet."""
 
 UNRELEASED = "0.0.0-unreleased"
-"""Version of a dataset that has none yet, in the form that Croissant asks for."""
+"""The version of a dataset that has none yet, in the form that Croissant asks for."""
 
 DATE = "2026-11-21"
 """The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
@@ -31,13 +31,13 @@ LICENCE_URL = "https://spdx.org/licenses/MIT.html"
 
 @dataclass(frozen=True)
 class Release:
-    """What a card says of the release that it is written for."""
+    """The release that a card is written for."""
 
     repo_id: str | None = None
-    """On the Hub, such as `user/labyrinth`."""
+    """The id on the Hub, such as `user/labyrinth`."""
     version: str | None = None
     date: str = DATE
-    """Of publication, as in 2026-11-21."""
+    """The day of publication, as in 2026-11-21."""
 
     @property
     def name(self) -> str:
@@ -51,7 +51,7 @@ class Release:
 
 
 def command(config: DatasetConfig) -> str:
-    """Return the command line that makes a dataset, every option written out."""
+    """Return the command line that makes a dataset, with every option."""
     train, validation, test = config.buckets
     options = {
         "size": f"{config.height}x{config.width}",

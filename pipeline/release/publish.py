@@ -24,10 +24,9 @@ from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-def
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import PublishOptions, Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, tracked
+from pipeline.machinery.console import say, tracked
 from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
-from pipeline.release.readme import PICTURES
 from pipeline.release.remote import (
     FAULTS,
     WAITS,
@@ -39,7 +38,7 @@ from pipeline.release.remote import (
 )
 
 CACHES = ("_CACHE", "_PATH", "_OFFLINE")
-"""How the names of variables end by which the Hub's clients are told of another cache."""
+"""The ends of the names of environment variables that move the caches of the Hub's clients."""
 
 
 def run(run: Run) -> None:
@@ -62,7 +61,7 @@ def run(run: Run) -> None:
 
 def _publish(run: Run, remote: Remote, options: PublishOptions) -> None:
     exists = remote.check_access(create_pr=options.create_pr)
-    # Before the card: it would say of this version what it does not hold.
+    # Before the card is written, which would describe this version as something else.
     done = exists and _is_published(run.local_dir, remote, options)
     if not done:
         with _carded(run, options) as data_dir:
@@ -71,9 +70,9 @@ def _publish(run: Run, remote: Remote, options: PublishOptions) -> None:
         return
     if options.collection:
         remote.join(options.collection, private=options.private)
-        _say(f"{options.repo_id} is in the collection {options.collection}.")
+        say(f"{options.repo_id} is in the collection {options.collection}.")
     config = front_matter.default_config(front_matter.finished(run.local_dir))
-    _say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
+    say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
 
 
 def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bool) -> bool:
@@ -90,11 +89,11 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
     if not plan.is_done:
         head = _commit(remote, options, plan, head)
         if options.create_pr:
-            _say(f"pull request: {head}; publish again, to tag, once it is merged.")
+            say(f"pull request: {head}; publish again, to tag, once it is merged.")
             return False
     _verify(options, data_dir, head)
     remote.tag(options.version, head)
-    _say(f"tagged {options.version} at {head[:12]}.")
+    say(f"tagged {options.version} at {head[:12]}.")
     return True
 
 
@@ -107,13 +106,14 @@ def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
-        for path in run.local_dir.iterdir():
-            if path.name == PICTURES:
-                shutil.copytree(path, folder / PICTURES)
-            elif path.is_dir():
-                (folder / path.name).symlink_to(path.resolve())
-            elif path.suffix == ".md":  # What a person wrote there is kept.
-                shutil.copy(path, folder)
+        # What is written there takes the place of a link, and does not go through it.
+        shutil.copytree(
+            run.local_dir.resolve(),
+            folder,
+            copy_function=os.symlink,
+            dirs_exist_ok=True,
+            ignore=shutil.ignore_patterns(".*"),  # A build, or a lock.
+        )
         try:
             write_card(folder, options.repo_id, options.version, workers=run.options.workers)
         except DatasetError as error:
@@ -128,10 +128,10 @@ def _files(data_dir: Path) -> dict[str, Path]:
 
 
 def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bool:
-    """Return whether the tag is there already, on these data.
+    """Return whether these data are tagged already.
 
     Raises:
-        PublishError: It is there on others.
+        PublishError: The tag is on other data.
     """
     tagged = remote.tagged(options.version)
     if tagged is None:
@@ -143,7 +143,7 @@ def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bo
             f"({plan.data[0]}): choose another publish.version"
         )
     card = "" if plan.is_done else ", with a card that was written otherwise"
-    _say(f"{options.version} is published already, at {tagged[:12]}{card}.")
+    say(f"{options.version} is published already, at {tagged[:12]}{card}.")
     return True
 
 
@@ -151,13 +151,13 @@ def _print_plan(plan: Plan, options: PublishOptions, exists: bool) -> None:
     if options.dry_run:
         for word, paths in (("add", plan.add), ("keep", plan.keep), ("delete", plan.delete)):
             for path in paths:
-                _say(f"  {word:6} {path}")
+                say(f"  {word:6} {path}")
     tag = (
         "a pull request is not tagged"
         if options.create_pr and not plan.is_done
         else f"the tag {options.version} is to be made"
     )
-    _say(
+    say(
         f"{options.repo_id}{'' if exists else ' (to be created)'}, branch {options.branch}: "
         f"{len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), {len(plan.keep)} to keep, "
         f"{len(plan.delete)} to delete; {tag}."
@@ -197,9 +197,9 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
 
 
 def _uploaded(remote: Remote, options: PublishOptions, plan: Plan) -> list[CommitOperationAdd]:
-    """Return the additions, the content of each large one at the Hub already.
+    """Return the additions, after the content of each large file was sent to the Hub.
 
-    File by file, so that a run that was stopped has not to send again what it has sent.
+    They are sent one by one, so that a run that was stopped does not send a file again.
     """
 
     def upload(path: str) -> tuple[int, CommitOperationAdd]:
@@ -218,7 +218,7 @@ def _uploaded(remote: Remote, options: PublishOptions, plan: Plan) -> list[Commi
 
 def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
     """Load the release from the Hub in another process with an empty cache, by its commit."""
-    _say(f"verifying {commit[:12]} from an empty cache ...")
+    say(f"verifying {commit[:12]} from an empty cache ...")
     command = [sys.executable, "-m", "pipeline.release.verify", options.repo_id, commit]
     with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as home:
         done = subprocess.run(
@@ -234,11 +234,11 @@ def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
         raise PublishError(
             f"the verification of {commit[:12]} failed, so it is not tagged: {reason}"
         )
-    _say(done.stdout.strip())
+    say(done.stdout.strip())
 
 
 def _environment(home: str) -> dict[str, str]:
-    """Return the environment of a process that has no cache but an empty one."""
+    """Return the environment of a process whose caches are empty."""
     kept = {
         name: value
         for name, value in os.environ.items()
@@ -246,7 +246,3 @@ def _environment(home: str) -> dict[str, str]:
     }
     own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
     return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.
-
-
-def _say(text: str) -> None:
-    console.print(text, highlight=False, markup=False, soft_wrap=True)

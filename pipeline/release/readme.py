@@ -1,4 +1,4 @@
-"""The text of a dataset's README.md: a pure function of the statistics and of the release."""
+"""The text of a dataset's README.md, a pure function of its numbers and of the release."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _contents(datasets: Sequence[DatasetStatistics]) -> str:
         (
             (
                 f"`{dataset.name}`",
-                *(f"{split.rows:,}" for split in dataset.splits),
+                *(f"{split.rows:,}" for split in dataset.splits.values()),
                 f"{dataset.rows:,}",
                 f"{sum(shard.bytes for shard in dataset.manifest.shards) / 1e6:.2f}",
             )
@@ -191,14 +191,14 @@ def _uniqueness(datasets: Sequence[DatasetStatistics]) -> str:
     rows = [
         (
             f"`{dataset.name}`",
-            f"`{overlap.first}`, `{overlap.second}`",
-            f"{dataset.of(overlap.first).labyrinths:,} and "
-            f"{dataset.of(overlap.second).labyrinths:,}",
-            f"{overlap.structures:,}",
-            f"{overlap.canonical:,}",
+            f"`{pair.first}`, `{pair.second}`",
+            f"{dataset.splits[pair.first].labyrinths:,} and "
+            f"{dataset.splits[pair.second].labyrinths:,}",
+            f"{len(pair.equal):,}",
+            f"{len(pair.mirrored):,}",
         )
         for dataset in datasets
-        for overlap in dataset.certificate.overlaps
+        for pair in dataset.counts.certificate.pairs
     ]
     shared = table(
         ("config", "splits", "structures", "in both", "in both, or as a mirror image"),
@@ -278,28 +278,28 @@ def _numbers(dataset: DatasetStatistics) -> str:
         ("split", "labyrinths", "loops", "episodes", "rows", "moves", "longest", "return"),
         (
             (
-                f"`{split.split}`",
+                f"`{name}`",
                 f"{split.labyrinths:,}",
-                f"{split.loops:.2f}",
+                f"{split.mean_loops:.2f}",
                 f"{split.episodes:,}",
                 f"{split.rows:,}",
                 f"{split.mean_moves:.2f}",
                 f"{split.longest:,}",
                 f"{split.mean_return:.3f}",
             )
-            for split in dataset.splits
+            for name, split in dataset.splits.items()
         ),
     )
     actions = table(
         ("split", *(action.name.lower() for action in Action), "optimal", "choices"),
         (
             (
-                f"`{split.split}`",
+                f"`{name}`",
                 *(f"{share:.1%}" for share in split.action_shares),
-                f"{split.optimal:.1%}",
-                f"{split.choices:.2f}",
+                f"{split.optimal_share:.1%}",
+                f"{split.mean_choices:.2f}",
             )
-            for split in dataset.splits
+            for name, split in dataset.splits.items()
         ),
     )
     return f"{episodes}\n\n{actions}"
@@ -324,7 +324,7 @@ def _language(datasets: Sequence[DatasetStatistics]) -> str:
 first of `test` in `{smallest.name}`:
 
 ```
-{dump(smallest.of("test").examples[0].labyrinth).strip()}
+{dump(smallest.splits["test"].examples[0].labyrinth).strip()}
 ```
 
 The top line is the highest row. Cells and walls alternate: `|` and `-` are walls, a blank is an

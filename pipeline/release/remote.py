@@ -1,4 +1,4 @@
-"""A dataset on the Hugging Face Hub: what is there, who may change it, what the Hub's errors mean.
+"""A dataset on the Hugging Face Hub: its files, who may change it, what the Hub's errors mean.
 
 The client repeats some of its calls after a fault of the Hub, others not; those are repeated here.
 """
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from json import JSONDecodeError
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import (  # type: ignore[attr-defined]
@@ -36,7 +36,7 @@ class PublishError(DatasetError):
 
 
 def repeated(call: Callable[[], Result]) -> Result:
-    """Return what a call returns that may be made twice, after faults that may pass."""
+    """Return the result of a call that may be made twice, after faults that may pass."""
     for seconds in WAITS:
         try:
             return call()
@@ -48,7 +48,7 @@ def repeated(call: Callable[[], Result]) -> Result:
 
 
 def is_passing(error: Exception) -> bool:
-    """Return whether the same call may succeed later: the line, the server, too many calls."""
+    """Return whether the same call may succeed later: after a fault of the line or the server."""
     status = status_of(error)
     return status is None or status >= 500 or status in (408, 429)
 
@@ -67,6 +67,11 @@ class Remote:
     api: HfApi
     repo_id: str
 
+    def _call(self, method: str, **options: Any) -> Any:
+        """Return what a method of the client, which may be called twice, says of the dataset."""
+        call = getattr(self.api, method)
+        return repeated(lambda: call(self.repo_id, repo_type="dataset", **options))
+
     def check_access(self, *, create_pr: bool) -> bool:
         """Return whether the dataset is there.
 
@@ -80,11 +85,9 @@ class Remote:
                 f"which leaves one in {constants.HF_TOKEN_PATH}"
             )
         user = repeated(self.api.whoami)
-        if repeated(lambda: self.api.repo_exists(self.repo_id, repo_type="dataset")):
+        if self._call("repo_exists"):
             # Anybody who sees a dataset may propose a change of it.
-            repeated(
-                lambda: self.api.auth_check(self.repo_id, repo_type="dataset", write=not create_pr)
-            )
+            self._call("auth_check", write=not create_pr)
             return True
         own = [user["name"], *(organization["name"] for organization in user.get("orgs", []))]
         if self.repo_id.partition("/")[0] not in own:
@@ -98,32 +101,18 @@ class Remote:
 
     def create(self, *, private: bool) -> None:
         """Make the dataset, unless it is there."""
-        repeated(
-            lambda: self.api.create_repo(
-                self.repo_id, repo_type="dataset", private=private, exist_ok=True
-            )
-        )
+        self._call("create_repo", private=private, exist_ok=True)
 
     def create_branch(self, branch: str) -> None:
         """Make a branch at the head of `main`, unless it is there."""
-        repeated(
-            lambda: self.api.create_branch(
-                self.repo_id, branch=branch, repo_type="dataset", exist_ok=True
-            )
-        )
+        self._call("create_branch", branch=branch, exist_ok=True)
 
     def head(self, branch: str) -> str:
-        """Return the commit at the head of a branch; of `main`, where it would be made, if none."""
+        """Return the commit at the head of a branch, or of `main` if there is no such branch."""
         try:
-            return self._commit(branch)
+            return str(self._call("repo_info", revision=branch).sha)
         except RevisionNotFoundError:
-            return self._commit("main")
-
-    def _commit(self, branch: str) -> str:
-        info = repeated(
-            lambda: self.api.repo_info(self.repo_id, repo_type="dataset", revision=branch)
-        )
-        return str(info.sha)
+            return str(self._call("repo_info", revision="main").sha)
 
     def tree(self, commit: str) -> dict[str, RemoteFile]:
         """Return the files of a commit by their paths."""
@@ -140,8 +129,8 @@ class Remote:
 
     def tagged(self, tag: str) -> str | None:
         """Return the commit that a tag points to, None if there is no such tag."""
-        refs = repeated(lambda: self.api.list_repo_refs(self.repo_id, repo_type="dataset"))
-        return next((str(each.target_commit) for each in refs.tags if each.name == tag), None)
+        tags = self._call("list_repo_refs").tags
+        return next((str(each.target_commit) for each in tags if each.name == tag), None)
 
     def tag(self, tag: str, commit: str) -> None:
         """Let a tag point to a commit.
@@ -151,11 +140,7 @@ class Remote:
         """
         if self.tagged(tag) is None:
             try:
-                repeated(
-                    lambda: self.api.create_tag(
-                        self.repo_id, tag=tag, revision=commit, repo_type="dataset"
-                    )
-                )
+                self._call("create_tag", tag=tag, revision=commit)
             except HfHubHTTPError as error:
                 # It is there: by a call whose answer was lost, or by somebody else's.
                 if status_of(error) != 409:
@@ -168,26 +153,19 @@ class Remote:
             )
 
     def join(self, collection: str, *, private: bool) -> None:
-        """Put the dataset into the collection with a title, made if need be."""
-        namespace = self.repo_id.partition("/")[0]
-        joined = repeated(
-            lambda: self.api.create_collection(
-                collection, namespace=namespace, private=private, exists_ok=True
-            )
-        )
-        repeated(
-            lambda: self.api.add_collection_item(
-                joined.slug, self.repo_id, "dataset", exists_ok=True
-            )
-        )
+        """Put the dataset into the collection with a title, which is made if need be."""
+        owner = self.repo_id.partition("/")[0]
+        make, add = self.api.create_collection, self.api.add_collection_item
+        made = repeated(lambda: make(collection, namespace=owner, private=private, exists_ok=True))
+        repeated(lambda: add(made.slug, self.repo_id, "dataset", exists_ok=True))
 
 
 @contextmanager
 def explained(repo_id: str) -> Iterator[None]:
-    """Turn what the client raises into one line that says what to do.
+    """Turn an error of the client into one line that says what to do.
 
     Raises:
-        PublishError: In place of what the client raised.
+        PublishError: In place of the error of the client.
     """
     try:
         yield

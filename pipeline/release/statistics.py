@@ -1,61 +1,36 @@
-"""The numbers of a dataset, counted in its shards."""
+"""The numbers of a dataset that its card shows: its counts, and how near its splits are.
+
+How near they are is in the file that the stage `analyse` has left, if it has.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.storage import AnyPath
-from pipeline.machinery.executor import ordered_map
-from pipeline.release.certificate import Certificate, Closeness, Structures, certify, read_closeness
-from pipeline.release.tally import Example, Tally, TallyJob, tally_shard
+from pipeline.machinery.counts import DatasetCounts, SplitCounts
 
 
-@dataclass(frozen=True, eq=False)
-class SplitStatistics:
-    """The numbers of one split."""
+class Closeness(NamedTuple):
+    """How many labyrinths of a split have what counterpart in another."""
 
-    split: str
-    labyrinths: int
-    episodes: int
-    rows: int
-    lengths: Mapping[int, int]
-    """Moves -> episodes of that many, the fewest moves first."""
-    mean_return: float
-    """Of an episode."""
-    actions: NDArray[np.int64]
-    """How often each action is taken, shape (4,)."""
-    visits: NDArray[np.int64]
-    """Rows with the agent in each cell, shape (height, width), row 0 at the bottom."""
-    choices: float
-    """Optimal actions in a state, a mean over the states acted in."""
-    optimal: float
-    """Share of the actions that are optimal."""
-    loops: float
-    """Passages beyond those of a tree (passages - cells + 1), a mean over the labyrinths."""
-    examples: tuple[Example, ...]
-
-    @property
-    def mean_moves(self) -> float:
-        """Moves of an episode, on average."""
-        return (self.rows - self.episodes) / self.episodes
-
-    @property
-    def longest(self) -> int:
-        """Moves of the longest episode."""
-        return max(self.lengths)
-
-    @property
-    def action_shares(self) -> NDArray[np.float64]:
-        """The share of each action, shape (4,)."""
-        shares: NDArray[np.float64] = self.actions / self.actions.sum()
-        return shares
+    first: str
+    second: str
+    of: int
+    """The number of labyrinths of the second split."""
+    symmetric: int
+    """Those of which a rotation or reflection is in the first split."""
+    within: tuple[int, ...]
+    """Those with one in the first split that is at most 1, 2 and 3 walls away."""
+    same_route: int
+    """Those of which an optimal route is optimal in a labyrinth of the first split."""
+    nearest: str
+    """Walls to the nearest in the first split, least and median."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +38,9 @@ class DatasetStatistics:
     """The numbers of one dataset, one config of a folder."""
 
     manifest: Manifest
-    splits: tuple[SplitStatistics, ...]
-    """In the order of the table of splits."""
-    certificate: Certificate
+    counts: DatasetCounts
     closeness: tuple[Closeness, ...]
-    """Of the pairs of splits, empty if the stage `analyse` has not looked at these rows."""
+    """One for each pair of splits; empty if the stage `analyse` has not looked at these rows."""
 
     @property
     def name(self) -> str:
@@ -75,73 +48,45 @@ class DatasetStatistics:
         return self.manifest.config.name
 
     @property
+    def splits(self) -> Mapping[str, SplitCounts]:
+        """The counts of each split, in the order of the table of splits."""
+        return self.counts.splits
+
+    @property
     def rows(self) -> int:
-        """Rows of all splits."""
-        return sum(split.rows for split in self.splits)
-
-    def of(self, split: str) -> SplitStatistics:
-        """Return the numbers of a split."""
-        return self.splits[list(SPLITS).index(split)]
+        """The number of rows of all splits."""
+        return sum(counts.rows for counts in self.splits.values())
 
 
-def measure(
-    folder: AnyPath,
-    manifest: Manifest,
-    workers: int = 1,
-    advance: Callable[[int], None] = lambda _: None,
-) -> DatasetStatistics:
-    """Return the statistics of a dataset.
+def read_closeness(folder: AnyPath, manifest: Manifest) -> tuple[Closeness, ...]:
+    """Return what the stage `analyse` has found out about a dataset, if it has.
 
     Args:
-        folder: With its shards.
-        manifest: Of that folder.
-        workers: Processes.
-        advance: Called after each shard with the number of its rows.
+        folder: The folder of the dataset.
+        manifest: Its manifest; what was found out about other rows is left alone.
 
     Raises:
-        DatasetError: A shard is missing, damaged, or not the manifest's.
+        DatasetError: The file is damaged.
     """
-    cells = manifest.config.height * manifest.config.width
-    jobs = [TallyJob(folder, shard, cells) for shard in manifest.shards]
-    tallies: dict[str, Tally] = {}
-    for job, tally in zip(jobs, ordered_map(tally_shard, jobs, workers), strict=True):
-        if job.shard.split in tallies:
-            tallies[job.shard.split].add(tally)
-        else:
-            tallies[job.shard.split] = tally
-        advance(job.shard.rows)
-    missing = [split for split in SPLITS if split not in tallies or not tallies[split].rows]
-    if missing:
-        raise DatasetError(f"{folder} has no rows of {', '.join(missing)}: build again")
-    return DatasetStatistics(
-        manifest=manifest,
-        splits=tuple(_statistics(manifest, split, tallies[split]) for split in SPLITS),
-        certificate=certify({split: _structures(tallies[split]) for split in SPLITS}),
-        closeness=read_closeness(folder, manifest),
-    )
-
-
-def _statistics(manifest: Manifest, split: str, tally: Tally) -> SplitStatistics:
-    labyrinths, episodes = len(tally.ids), tally.lengths.total()
-    steps = tally.rows - episodes
-    return SplitStatistics(
-        split=split,
-        labyrinths=labyrinths,
-        episodes=episodes,
-        rows=tally.rows,
-        lengths=dict(sorted(tally.lengths.items())),
-        mean_return=tally.returned / episodes,
-        actions=np.array(tally.actions, np.int64),
-        visits=tally.visits.reshape(manifest.config.height, manifest.config.width),
-        choices=tally.choices / steps,
-        optimal=tally.optimal / steps,
-        loops=tally.loops / labyrinths,
-        examples=tuple(tally.examples),
-    )
-
-
-def _structures(tally: Tally) -> Structures:
-    return Structures(
-        ids=np.array(tally.ids, np.int64),
-        canonical_ids=np.array(tally.canonical_ids, np.int64),
-    )
+    path = folder / ANALYSIS
+    try:
+        content = json.loads(path.read_bytes())
+        if content["fingerprint"] != manifest.fingerprint:
+            return ()
+        leakage = content["leakage"]
+        return tuple(
+            Closeness(
+                str(pair["first"]),
+                str(pair["second"]),
+                int(leakage["labyrinths"][pair["second"]]),
+                len(pair["symmetric"]),
+                tuple(int(pair["within"][walls]) for walls in ("1", "2", "3")),
+                len(pair["same_route"]),
+                str(pair["spread"]),
+            )
+            for pair in leakage["pairs"]
+        )
+    except FileNotFoundError:
+        return ()
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise DatasetError(f"{path} cannot be read: stages=[analyse] writes it anew") from error

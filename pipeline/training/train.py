@@ -20,9 +20,8 @@ from rich.progress import Progress as Bars
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
-from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.following import Policy, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.policy import Policy
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions

@@ -68,12 +68,8 @@ class Axes:
             Shape (..., dimensions).
         """
         ends = np.cumsum([len(points) for points in self.points])[:-1]
-        parts = zip(
-            np.split(counts_a, ends, axis=-1),
-            np.split(counts_b, ends, axis=-1),
-            map(np.diff, self.points),
-            strict=True,
-        )
+        a, b = (np.split(counts, ends, axis=-1) for counts in (counts_a, counts_b))
+        parts = zip(a, b, map(np.diff, self.points), strict=True)
         return np.stack([wasserstein_of_counts(*part) for part in parts], axis=-1)
 
 
@@ -125,21 +121,21 @@ class Discretisation:
             of_actions = self.actions.counts(trajectory.actions.astype(np.float64))
         return np.concatenate([of_actions, self.states.counts(trajectory.states)])
 
-    def action_distance(self, a: Floats, b: Floats) -> Floats:
-        """Return the distance between the actions in two sums of counts, shape (...).
+    def distances(self, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        """Return the distances between two sums of counts, shape (..., counts).
 
-        Jensen-Shannon if they are discrete, else Wasserstein, the mean of the dimensions.
+        Returns:
+            That of the actions, shape (...): Jensen-Shannon if they are discrete, otherwise the
+            mean of the Wasserstein distances in each dimension. And those of the states in each
+            dimension, in its unit, shape (..., dimensions).
         """
+        of_states = -sum(map(len, self.states.points))
+        actions_a, actions_b = a[..., :of_states], b[..., :of_states]
         if isinstance(self.actions, int):
-            return jensen_shannon(a[..., : self.actions], b[..., : self.actions])
-        end = sum(map(len, self.actions.points))
-        distance: Floats = self.actions.distances(a[..., :end], b[..., :end]).mean(axis=-1)
-        return distance
-
-    def state_distances(self, a: Floats, b: Floats) -> Floats:
-        """Return the distance between the states in each dimension, in its unit."""
-        start = -sum(map(len, self.states.points))
-        return self.states.distances(a[..., start:], b[..., start:])
+            actions = jensen_shannon(actions_a, actions_b)
+        else:
+            actions = self.actions.distances(actions_a, actions_b).mean(axis=-1)
+        return actions, self.states.distances(a[..., of_states:], b[..., of_states:])
 
 
 def _edges(values: Floats) -> Floats:

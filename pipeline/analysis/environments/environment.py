@@ -89,16 +89,12 @@ def environment_of(name: str, dataset: DatasetConfig, archive: str | None = None
 
 def _labyrinths(config: DatasetConfig) -> Environment:
     """Return labyrinths with the solver; a seed gives the one that it gives in `LabyrinthEnv`."""
+    size = config.height, config.width
 
     def play(seed: int) -> Trajectory:
         rng = np.random.default_rng(seed)
         labyrinth = sample_labyrinth(
-            config.height,
-            config.width,
-            config.task,
-            rng,
-            algorithm=config.sampler,
-            open_walls=config.open_walls,
+            *size, config.task, rng, algorithm=config.sampler, open_walls=config.open_walls
         )
         episode = replay(labyrinth, shortest_route(labyrinth, rng))
         states = [vector_observation(labyrinth, state) for state in episode.states]

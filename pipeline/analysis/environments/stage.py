@@ -11,7 +11,8 @@ import shutil
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +77,9 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
         summary = Summary.joined(list(tracked(sized, job.name, total=len(job.seeds))))
         results.append(measure(job.name, job.discretisation, summary, run.dataset.seed))
         maps[job.name] = job.discretisation, summary.visits
-        seconds = time.perf_counter() - started
         console.print(
             f"{job.name}: {results[-1].seeds:,} episodes, {results[-1].steps:,} steps, "
-            f"{seconds:.0f} s",
+            f"{time.perf_counter() - started:.0f} s",
             highlight=False,
         )
     results = corrected(results)
@@ -105,20 +105,16 @@ def _job(run: Run, name: str, pilots: int) -> Job:
     return Job(name, run.dataset, archive, discretisation, folder, range(options.seeds))
 
 
-def _made_of(name: str, dataset: DatasetConfig, archive: str | None) -> dict[str, Any]:
+def _made_of(environment: str, dataset: DatasetConfig, archive: str | None) -> dict[str, Any]:
     """Return all that determines the episodes of an environment, in plain types."""
-    if name == LABYRINTH:
+    if environment == LABYRINTH:
         values = dataset.to_json()
         made_of = {key: values[key] for key in ("height", "width", "task", "sampler", "open_walls")}
     else:
-        made_of = {"expert": file_sha256(source_of(name, archive))}
+        made_of = {"expert": file_sha256(source_of(environment, archive))}
     made_of["labyrinth-datasets"] = __version__
-    for library in ("numpy", "gymnasium", "mujoco"):
-        try:
-            made_of[library] = version(library)
-        except PackageNotFoundError:
-            made_of[library] = None
-    return made_of
+    libraries = ("numpy", "gymnasium", "mujoco")
+    return made_of | {name: version(name) if find_spec(name) else None for name in libraries}
 
 
 def summarise(job: Job) -> Summary:

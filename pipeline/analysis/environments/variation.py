@@ -68,12 +68,9 @@ def measure(name: str, discretisation: Discretisation, summary: Summary, seed: i
     changing = scale > 0
     unit = np.where(changing, scale, 1)
 
-    def in_each(a: Floats, b: Floats) -> Floats:
-        return discretisation.state_distances(a, b) / unit
-
     def distances(a: Floats, b: Floats) -> Floats:
-        states = in_each(a, b)[..., changing].mean(axis=-1)
-        return np.stack([discretisation.action_distance(a, b), states], axis=-1)
+        actions, states = discretisation.distances(a, b)
+        return np.stack([actions, (states / unit)[..., changing].mean(axis=-1)], axis=-1)
 
     even, odd = summary.counts[::2], summary.counts[1::2]
     tested = permutation_test(even, odd, distances, np.random.default_rng([seed, *name.encode()]))
@@ -88,6 +85,7 @@ def measure(name: str, discretisation: Discretisation, summary: Summary, seed: i
     ends = np.array([(each[0], each[-1]) for each in discretisation.states.points])
     outside = np.maximum(ends[:, 0] - summary.lowest, summary.highest - ends[:, 1]) / unit
     apart = manhattan_distances(summary.first)
+    _, in_each = discretisation.distances(even.sum(axis=0), odd.sum(axis=0))
     return Variation(
         name=name,
         seeds=len(summary.totals),
@@ -97,7 +95,7 @@ def measure(name: str, discretisation: Discretisation, summary: Summary, seed: i
         least_reward=float(summary.totals.min()),
         actions=actions,
         states=states,
-        state_distances=tuple(in_each(even.sum(axis=0), odd.sum(axis=0)).tolist()),
+        state_distances=tuple((in_each / unit).tolist()),
         first_states=float(apart.sum()),
         first_states_scaled=float((apart / unit)[changing].mean()),
         beyond=float(max(outside.max(), 0)),

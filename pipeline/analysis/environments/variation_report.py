@@ -21,17 +21,38 @@ from pipeline.config.errors import ConfigError
 from pipeline.machinery.markdown import table
 
 Visits = NDArray[np.int64]
+Values = dict[str, Any]
 
-_LIKE_THEIRS = (
-    *("environment", "average reward", "actions differ", "trajectories differ"),
-    *("p-value", "Holm", "effect size"),
-)
-_MORE = (
-    *("environment", "episodes", "steps", "reward, sd", "least reward"),
-    *("actions' p-value", "Holm", "effect size", "two episodes: actions", "trajectories"),
-)
-_FIRST = ("environment", "Manhattan distance", "share of the range")
-"""The headings of the three tables."""
+_REPORTED = ("average_reward", "action_difference", "trajectory_difference", "p_value")
+"""The names of the original's figures in `environments.json`."""
+
+_LIKE_THEIRS = {
+    "environment": "{name}",
+    "average reward": "{average_reward:,.4f} ({original[average_reward]:,.4f})",
+    "actions differ": "{actions[distance]:.4f} ({original[action_difference]:.4f})",
+    "trajectories differ": "{states[distance]:.4f} ({original[trajectory_difference]:.4f})",
+    "p-value": "{states[p_value]:.3f} ({original[p_value]:.3f})",
+    "Holm": "{states[holm]:.3f}",
+    "effect size": "{states[effect]:.4f}",
+}
+_MORE = {
+    "environment": "{name}",
+    "episodes": "{seeds:,}",
+    "steps": "{steps:,}",
+    "reward, sd": "{reward_deviation:,.4f}",
+    "least reward": "{least_reward:,.4f}",
+    "actions' p-value": "{actions[p_value]:.3f}",
+    "Holm": "{actions[holm]:.3f}",
+    "effect size": "{actions[effect]:.4f}",
+    "two episodes: actions": "{actions[two_episodes]:.4f}",
+    "trajectories": "{states[two_episodes]:.4f}",
+}
+_FIRST = {
+    "environment": "{name}",
+    "Manhattan distance": "{first_states:.4f}",
+    "share of the range": "{first_states_scaled:.4f}",
+}
+"""The columns of the three tables: headings, and formats of an environment's values."""
 
 MAPS = "visits"
 """The name of the pictures, before `.png` and `.svg`."""
@@ -58,19 +79,17 @@ def write_report(
         maps: The discretisation and the visits, (2, up, across), of each environment.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    values = [asdict(each) | {"original": _original(each.name)} for each in results]
+    values = [
+        asdict(each) | {"original": dict(zip(_REPORTED, FACTS[each.name].reported, strict=True))}
+        for each in results
+    ]
     write_text(folder / "environments.json", json.dumps(values, indent=2) + "\n")
     write_text(folder / "environments.csv", _csv(values))
-    write_text(folder / "environments.md", _markdown(results))
+    write_text(folder / "environments.md", _markdown(values))
     draw_visits(folder, maps)
 
 
-def _original(name: str) -> dict[str, float]:
-    keys = ("average_reward", "action_difference", "trajectory_difference", "p_value")
-    return dict(zip(keys, FACTS[name].reported, strict=True))
-
-
-def _csv(values: Sequence[dict[str, Any]]) -> str:
+def _csv(values: Sequence[Values]) -> str:
     """Return a row of numbers for each environment; nested values are in columns `part.name`."""
     rows = []
     for each in values:
@@ -88,43 +107,20 @@ def _csv(values: Sequence[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _markdown(results: Sequence[Variation]) -> str:
-    like_theirs, more, first = [], [], []
-    for each in results:
-        reward, actions, trajectories, p_value = FACTS[each.name].reported
-        like_theirs.append(
-            [
-                each.name,
-                f"{each.average_reward:,.4f} ({reward:,.4f})",
-                f"{each.actions.distance:.4f} ({actions:.4f})",
-                f"{each.states.distance:.4f} ({trajectories:.4f})",
-                f"{each.states.p_value:.3f} ({p_value:.3f})",
-                f"{each.states.holm:.3f}",
-                f"{each.states.effect:.4f}",
-            ]
+def _markdown(values: Sequence[Values]) -> str:
+    like_theirs, more, first = (
+        table(
+            list(columns), [[cell.format(**each) for cell in columns.values()] for each in values]
         )
-        more.append(
-            [
-                each.name,
-                f"{each.seeds:,}",
-                f"{each.steps:,}",
-                f"{each.reward_deviation:,.4f}",
-                f"{each.least_reward:,.4f}",
-                f"{each.actions.p_value:.3f}",
-                f"{each.actions.holm:.3f}",
-                f"{each.actions.effect:.4f}",
-                f"{each.actions.two_episodes:.4f}",
-                f"{each.states.two_episodes:.4f}",
-            ]
-        )
-        first.append([each.name, f"{each.first_states:.4f}", f"{each.first_states_scaled:.4f}"])
+        for columns in (_LIKE_THEIRS, _MORE, _FIRST)
+    )
     return "\n\n".join(
         [
             "## Episodes of even and of odd seeds\n\nIn brackets, the original's table 6.",
-            table(_LIKE_THEIRS, like_theirs),
-            table(_MORE, more),
+            like_theirs,
+            more,
             "## First states\n\nTwo of them, the mean of all pairs.",
-            table(_FIRST, first),
+            first,
             f"## Visits\n\n![Where the episodes of even and of odd seeds were]({MAPS}.png)\n",
         ]
     )

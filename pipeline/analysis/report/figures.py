@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FIGURES = "figures"
-"""Folder in that of the report."""
+FIGURES_FOLDER = "figures"
+"""The folder of the figures, in that of the report."""
 
 ACTION_COLOURS: dict[Action, Colour] = {
     Action.UP: DEFAULT_STYLE.agent,
@@ -27,7 +27,7 @@ ACTION_COLOURS: dict[Action, Colour] = {
     Action.DOWN: DEFAULT_STYLE.start,
     Action.LEFT: DEFAULT_STYLE.key,
 }
-"""As in the pictures of a card."""
+"""The colours of actions, as in the pictures of a card."""
 
 _COLUMNS = 3
 _PIXELS_PER_INCH = 200
@@ -39,7 +39,7 @@ _STYLE: dict[Any, Any] = {
     "axes.titlesize": 9,
 }
 _MOST_WRITTEN = 10
-"""Rows or columns up to which the cells of a heat map have their shares written on them."""
+"""The most rows or columns of a heat map whose shares are written on its cells."""
 
 Split = Mapping[str, Any]
 
@@ -50,9 +50,9 @@ def draw_figures(
     """Replace the figures in the folder of a report; return whether there is matplotlib to do so.
 
     Args:
-        datasets: What the page is told of each.
-        results: What it is told of each method that was evaluated.
-        folder: Of the report.
+        datasets: The data of the page on each dataset.
+        results: The data of the page on each method that was evaluated.
+        folder: The folder of the report.
 
     Raises:
         OSError: The folder cannot be written.
@@ -61,7 +61,7 @@ def draw_figures(
         import matplotlib as mpl
     except ImportError:
         return False
-    new, old = folder / f".{FIGURES}.tmp", folder / FIGURES
+    new, old = folder / f".{FIGURES_FOLDER}.tmp", folder / FIGURES_FOLDER
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir()
     try:

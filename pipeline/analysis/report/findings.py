@@ -1,6 +1,6 @@
-"""What others found out about a dataset, as files beside it: its analysis, and evaluated runs.
+"""The findings about a dataset that the report shows: its analysis, and evaluated runs.
 
-The report reads their files, not their code, and tells the page what it shows of them.
+They are read from the files that the stages `analyse` and `evaluate` have left.
 """
 
 from __future__ import annotations
@@ -17,20 +17,23 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 EVALUATIONS = "*/*/evaluation.json"
-"""In the folder of runs, by the stage `evaluate`."""
+"""The files of the stage `evaluate`, in the folder of the runs."""
 
-EXAMPLES = 20
-"""Labyrinths named that two splits have in common, of each kind."""
+MOST_NAMED = 20
+"""The most labyrinths shared by two splits that are named, of each kind."""
 MOST_FAILED = 2_000
-"""Labyrinths named on which a run failed, in each split."""
+"""The most labyrinths of a split that are named because a run failed on them."""
+_SOLVED = next(iter(OUTCOMES))[0]
+"""The letter of an episode that reached the goal, the first letter of its outcome."""
 
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
-"""What two labyrinths may have in common."""
-FIGURES = (
+"""The kinds of what two labyrinths may have in common."""
+SCORES = (
     "labyrinths",
     "sr",
     "sr_interval",
@@ -41,15 +44,15 @@ FIGURES = (
     "accuracy_elsewhere",
     "failures",
 )
-"""What is shown of a run on a split."""
+"""The scores of a run on a split that are shown."""
 
 Told = TypeVar("Told")
 
 
 def read_analysis(folder: Path, manifest: Manifest) -> dict[str, Any] | None:
-    """Return what the page shows of the analysis of a dataset, None if it was not analysed.
+    """Return the data of the page on the analysis of a dataset, None if it was not analysed.
 
-    An analysis of what was in the folder before is none.
+    An analysis of other rows, which were in the folder before, does not count.
 
     Raises:
         DatasetError: The file cannot be read.
@@ -77,20 +80,20 @@ def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
         "first": pair["first"],
         "second": pair["second"],
         "counts": {kind: len(pair[kind]) for kind in KINDS},
-        "examples": {kind: list(pair[kind].items())[:EXAMPLES] for kind in KINDS},
+        "examples": {kind: list(pair[kind].items())[:MOST_NAMED] for kind in KINDS},
         "within": pair["within"],
         "spread": pair["spread"],
     }
 
 
 def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
-    """Return what the page shows of the methods evaluated on datasets, each with its runs.
+    """Return the data of the page on the methods evaluated on datasets, each with its runs.
 
     A method is all that a run's name says but its seed, such as `bc-resnet18`.
 
     Args:
-        run_dir: Folder of the runs; there need not be one.
-        manifests: Of the datasets; runs of others are left out.
+        run_dir: The folder of the runs; it need not exist.
+        manifests: The manifests of the datasets; runs on others are left out.
 
     Raises:
         DatasetError: A file cannot be read.
@@ -108,20 +111,20 @@ class _Run(NamedTuple):
     """One run's evaluation."""
 
     config: str
-    """Of the dataset, such as `5x5`."""
+    """The config of the dataset, such as `5x5`."""
     method: str
     seed: int
     told: Mapping[str, Any]
-    """What the page shows of it alone."""
+    """The data of the page on this run alone."""
     solved: Mapping[str, NDArray[np.float64]]
     """Split -> 1 for each labyrinth that was solved, else 0, shape (labyrinths,)."""
     failed: Mapping[str, Sequence[str]]
-    """Split -> ids of those that were not."""
+    """Split -> ids of the labyrinths that were not solved."""
     baselines: Mapping[str, Any]
 
 
 def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _Run | None:
-    """Return the run that an evaluation tells of, None if it is of no dataset that is there."""
+    """Return the run of an evaluation, None if its dataset is not there."""
     run = content["run"]
     manifest = of.get(run["config"])
     if manifest is None or manifest.fingerprint != run["fingerprint"]:
@@ -129,20 +132,19 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
     seed, told, solved, failed = int(run["seed"]), {}, {}, {}
     for split in EVALUATED_SPLITS:
         scores = content["splits"][split]
-        # `outcomes` has the first letter of each episode's outcome, such as that of "solved".
-        solved[split] = np.array([letter == "s" for letter in scores["outcomes"]], np.float64)
+        solved[split] = np.array([letter == _SOLVED for letter in scores["outcomes"]], np.float64)
         failed[split] = scores["failed"]
         held = sum(shard.labyrinths for shard in manifest.of(split))
         if len(solved[split]) != held:
             raise ValueError(f"{split} has {held} labyrinths, not {len(solved[split])}")
-        told[split] = {figure: scores[figure] for figure in FIGURES} | _named(failed[split])
+        told[split] = {figure: scores[figure] for figure in SCORES} | _named(failed[split])
     method = name.replace(f"-seed{seed}", "", 1)
     shown = {"name": name, "splits": told}
     return _Run(run["config"], method, seed, shown, solved, failed, content["baselines"])
 
 
 def _method(runs: Sequence[_Run]) -> dict[str, Any]:
-    """Return what the page shows of a method: means over its runs, and each run."""
+    """Return the data of the page on a method: means over its runs, and each run."""
     splits = {}
     for split in EVALUATED_SPLITS:
         told = [run.told["splits"][split] for run in runs]

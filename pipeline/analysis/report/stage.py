@@ -22,19 +22,20 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES, draw_figures
+from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES_FOLDER, draw_figures
 from pipeline.analysis.report.findings import read_analysis, read_results
 from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, progress
+from pipeline.machinery.console import console, progress, say
+from pipeline.machinery.counts import DatasetCounts, counts_of
 
 FOLDER = "report"
-"""In the data_dir; nothing of it is published."""
+"""The folder of the report in the data_dir; it is not published."""
 PAGE = "index.html"
 
 PACKED_BYTES = 36_000_000
-"""Of labyrinths and episodes, all datasets together: as base64 that is 48 MB of the page."""
+"""The most bytes of labyrinths and episodes of all datasets; 48 MB of the page, as base64."""
 
 SCRIPTS = (
     "world",
@@ -49,7 +50,7 @@ SCRIPTS = (
     "editor",
     "main",
 )
-"""The page's program, in an order in which each uses those before it."""
+"""The parts of the page's program, each after those that it uses."""
 
 
 def run(run: Run) -> None:
@@ -62,9 +63,7 @@ def run(run: Run) -> None:
     run_dir = Path(run.options.run_dir).expanduser()
     page = write_report(run.local_dir, run_dir, workers=run.options.workers)
     megabytes = page.stat().st_size / 1e6
-    console.print(
-        f"{page} ({megabytes:.1f} MB) opens in any browser.", highlight=False, soft_wrap=True
-    )
+    say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 
 
 def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
@@ -72,8 +71,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
 
     Args:
         data_dir: The folder.
-        run_dir: Folder of the runs trained on them; there need not be one.
-        workers: Processes that read shards.
+        run_dir: The folder of the runs trained on them; it need not exist.
+        workers: The number of processes that read shards.
 
     Raises:
         DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
@@ -89,29 +88,33 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         bar = bars.add_task("report", total=rows)
         for manifest in manifests:
             folder = data_dir / manifest.config.name
-            splits = pack(folder, manifest, limit, workers, lambda rows: bars.advance(bar, rows))
-            datasets.append(describe(manifest, splits, limit, read_analysis(folder, manifest)))
+            analysis = read_analysis(folder, manifest)
+            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
+            splits = {split: pack(folder, manifest, split, limit, workers) for split in SPLITS}
+            datasets.append(describe(manifest, counts, splits, limit, analysis))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)
     results = read_results(run_dir, manifests)
     has_figures = draw_figures(datasets, results, folder)
     if not has_figures:
         console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
-    write_text(folder / PAGE, page(datasets, results, FIGURES if has_figures else None))
+    write_text(folder / PAGE, page(datasets, results, FIGURES_FOLDER if has_figures else None))
     return folder / PAGE
 
 
 def describe(
     manifest: Manifest,
+    counts: DatasetCounts,
     splits: Mapping[str, PackedSplit],
     limit: int,
     analysis: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return what the page is told of a dataset.
+    """Return the data of the page on a dataset.
 
     Args:
-        manifest: Of the dataset.
-        splits: What is in it.
+        manifest: The manifest of the dataset.
+        counts: All that is counted in it.
+        splits: Its labyrinths and episodes.
         limit: About how many bytes of labyrinths and episodes of each split to tell.
         analysis: As from `findings.read_analysis`.
     """
@@ -122,7 +125,10 @@ def describe(
         "width": config.width,
         "task": str(config.task),
         "seed": config.seed,
-        "splits": [{"name": name} | split.to_json(limit) for name, split in splits.items()],
+        "splits": [
+            {"name": name} | split.to_json(counts.splits[name], limit)
+            for name, split in splits.items()
+        ],
         "analysis": analysis,
     }
 
@@ -137,7 +143,7 @@ def page(
     Args:
         datasets: As from `describe`.
         results: As from `findings.read_results`.
-        figures: Folder, from where the page is, in which its figures are as files.
+        figures: The folder with the figures as files, relative to the page.
     """
     data = {
         "version": __version__,
@@ -166,5 +172,5 @@ def _source(name: str) -> str:
 
 
 def _hash(text: str) -> str:
-    """Return a text's hash the way that a content security policy names it."""
+    """Return the hash of a text in the form of a content security policy."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"

@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from labyrinth_core.data import frame_cache, loader, mapped
+from labyrinth_core.data import frame_cache, loader
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
@@ -24,7 +24,13 @@ from labyrinth_core.data.loader import (
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.transitions import Transition, TransitionBatch, Transitions
+from labyrinth_core.data.transitions import (
+    Transition,
+    TransitionBatch,
+    Transitions,
+    as_received,
+    as_sent,
+)
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.rollout import replay
@@ -369,7 +375,7 @@ def test_a_choice_of_transitions_is_sent_as_chosen(kept):
 @pytest.mark.parametrize("chosen", [slice(3, 9), slice(0, 0), slice(None, None, -1)])
 def test_a_part_of_a_mapped_array_is_received_as_that_part(kept, chosen):
     part = kept.frames[chosen]
-    received = mapped.as_received(pickle.loads(pickle.dumps(mapped.as_sent(part))))
+    received = as_received(pickle.loads(pickle.dumps(as_sent(part))))
     np.testing.assert_array_equal(received, part)
 
 
@@ -416,6 +422,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 4])
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_workers_forked_or_spawned_get_the_same(data_dir, kept, cache, tmp_path, method, workers):

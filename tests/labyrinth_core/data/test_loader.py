@@ -370,6 +370,7 @@ def test_from_the_hub_come_only_the_manifest_and_the_split(data_dir, monkeypatch
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", ["load_transitions", "stream_episodes", "stream_transitions"])
 def test_a_hub_that_cannot_be_reached_gives_one_line(tmp_path, function):
     program = (
@@ -651,6 +652,7 @@ def test_a_file_that_is_no_shard_is_refused(data_dir, tmp_path, damage):
         load_transitions(folder, "3x3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [load_transitions, stream_transitions])
 def test_random_flips_in_a_file_never_show_a_traceback(data_dir, tmp_path, load):
     folder = edited(data_dir, tmp_path / "damaged")

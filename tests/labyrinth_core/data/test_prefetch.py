@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from labyrinth_core.data.prefetch import prefetched
+from labyrinth_core.data.loader import prefetched
 
 
 def counted(until, started, closed):
@@ -93,7 +93,7 @@ def test_an_error_of_whoever_reads_ends_the_thread_too():
 def test_a_program_may_end_in_the_middle():
     program = (
         "from itertools import count\n"
-        "from labyrinth_core.data.prefetch import prefetched\n"
+        "from labyrinth_core.data.loader import prefetched\n"
         "numbers = prefetched((number for number in count()), 2)\n"
         "print(next(numbers))\n"
     )

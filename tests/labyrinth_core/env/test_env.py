@@ -69,6 +69,7 @@ def texts(env, count, **options):
     return [env.reset(options=options)[1]["labyrinth"] for _ in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [4, "3x5"])

@@ -63,6 +63,7 @@ def both(envs, call):
     return ours
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("task", Task)
 @pytest.mark.parametrize("kind", ["image", "vector", "state"])

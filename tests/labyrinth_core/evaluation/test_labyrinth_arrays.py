@@ -66,6 +66,7 @@ def test_optimal_actions_are_those_of_all_shortest_routes(datasets, config):
             assert arrays.goal[state]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", CONFIGS.values())
 @pytest.mark.parametrize(
     "arguments",

@@ -110,6 +110,7 @@ def test_any_text_is_a_labyrinth_or_a_syntax_error(text):
     fuzz.check(text)
 
 
+@pytest.mark.slow
 def test_thousands_of_damaged_texts_are_labyrinths_or_syntax_errors():
     summary = fuzz.fuzz(4_000, np.random.SeedSequence(20))
     assert summary.failures == []
@@ -220,6 +221,7 @@ def test_bytes_that_are_no_utf_8_are_reported_where_they_are():
         decode(b"a\r\nbc\xff", "f")
 
 
+@pytest.mark.slow
 def test_the_largest_labyrinth_comes_back_the_same():
     random = int.from_bytes(np.random.default_rng(0).bytes(125_000), "little")
     right = random & horizontal_edges(1_000, 1_000) | (1 << 999) - 1  # Row 0 joins all columns.

@@ -196,7 +196,7 @@ def test_a_strip_of_another_height_is_refused():
 
 def forget():
     """Clear what the encoder remembers."""
-    for cache in (png._strip_piece, png._row_piece, png._repeat_piece, png._header):
+    for cache in (png._strip_piece, png._row_piece, png._repeat_piece):
         cache.cache_clear()
 
 

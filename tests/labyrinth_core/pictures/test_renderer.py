@@ -193,6 +193,7 @@ def test_the_png_holds_the_very_pixels_of_the_array(labyrinth, data):
         np.testing.assert_array_equal(np.asarray(image), render(labyrinth, state))
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(labyrinths(), st.sampled_from([1, 7, 64, 84, 599, 600, 601]), st.data())
 def test_another_size_is_the_area_average_of_the_picture(labyrinth, size, data):
@@ -353,6 +354,7 @@ def largest_difference(first, second):
     return int(np.abs(first.astype(np.int16) - second).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "width"), SIZES)
 def test_opening_or_closing_any_one_wall_shows(height, width):
     structure = some_labyrinth(height, width).structure

@@ -3,7 +3,6 @@
 import pickle
 from collections import Counter
 from dataclasses import FrozenInstanceError, replace
-from unittest.mock import patch
 
 import pytest
 from brute_force import (
@@ -66,13 +65,6 @@ def test_a_move_goes_in_its_direction_or_nowhere(structure):
         for target, step in zip(targets, (structure.width, 1, -structure.width, -1), strict=True):
             assert target in (cell, cell + step)
             assert 0 <= target < structure.cells
-
-
-@given(structures())
-def test_moves_of_a_grid_too_large_for_a_table_are_the_same(structure):
-    again = replace(structure)
-    with patch("labyrinth_core.world.labyrinth._REMEMBERED_CELLS", 0):
-        assert again.moves == structure.moves
 
 
 @given(structures(), randoms)

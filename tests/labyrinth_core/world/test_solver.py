@@ -134,6 +134,7 @@ def test_every_state_of_random_structures_is_solved_optimally(seed):
         assert_optimal_in_every_state(labyrinth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [Task.KEY_AND_DOOR, Task.ICY_FLOOR])
 def test_every_state_of_a_thousand_labyrinths_of_a_task_is_solved_optimally(task):
     for labyrinth in sampled(task, 1000, 1):

@@ -2,10 +2,9 @@
 
 from brute_force import drawn, passages_of, sees, structure_with
 from hypothesis import given
-from strategies import labyrinths, structures
+from strategies import structures
 
-from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.visibility import visible_cells, visible_from
+from labyrinth_core.world.visibility import visible_from
 
 
 def seen(picture):
@@ -27,21 +26,6 @@ def test_exactly_the_places_on_unbroken_lines_of_sight_are_seen(structure):
             if sees(passages, divmod(cell, width), divmod(target, width))
         }
         assert visible_from(structure, cell) == expected
-
-
-@given(labyrinths(Task.PARTIAL_OBSERVABILITY))
-def test_the_agent_its_start_and_its_goal_are_always_visible(labyrinth):
-    for cell in range(labyrinth.structure.cells):
-        visible = visible_cells(labyrinth, cell)
-        assert {cell, labyrinth.start, labyrinth.goal} <= visible
-        assert visible - {labyrinth.start, labyrinth.goal} <= visible_from(
-            labyrinth.structure, cell
-        )
-
-
-@given(labyrinths(Task.NAVIGATION, Task.KEY_AND_DOOR, Task.ICY_FLOOR))
-def test_other_tasks_hide_nothing(labyrinth):
-    assert visible_cells(labyrinth, labyrinth.start) is None
 
 
 def test_straight_rays_go_on_until_a_wall():

@@ -17,6 +17,7 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis import analyse
 from pipeline.analysis.measures import Shift
 from pipeline.config.analysis import LeakageOptions
+from pipeline.machinery.counts import COUNTS, DatasetCounts
 
 
 def infos(folder, split):
@@ -82,9 +83,10 @@ def test_what_is_more_than_chance_is_named_in_the_terminal(
 
 def test_workers_and_another_run_change_no_byte(analysed, make_run):
     run_on(make_run, analysed.parent)
-    before = (analysed / ANALYSIS).read_bytes()
+    before = [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)]
     run_on(make_run, analysed.parent, workers=2)
-    assert (analysed / ANALYSIS).read_bytes() == before
+    assert [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)] == before
+    assert DatasetCounts.read(analysed, Manifest.read(analysed)) is not None
 
 
 def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):

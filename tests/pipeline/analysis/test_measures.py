@@ -19,8 +19,8 @@ from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis.analyse import read_contents
-from pipeline.analysis.content import Content
 from pipeline.analysis.measures import MEASURES, compare
+from pipeline.machinery.counts import Content
 
 PAIR = ("train", "s0_and_g")
 
@@ -34,7 +34,7 @@ def dataset(build, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def contents(dataset):
-    return read_contents(dataset, Manifest.read(dataset))
+    return read_contents(dataset, Manifest.read(dataset))[1]
 
 
 def rows_of(dataset, split):

@@ -20,9 +20,10 @@ from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import shortest_route
 from pipeline.analysis.report import stage as report
 from pipeline.analysis.report.findings import read_analysis, read_results
-from pipeline.analysis.report.packing import pack, pack_walks
+from pipeline.analysis.report.packing import pack, pack_routes
 from pipeline.analysis.report.stage import PAGE, page, write_report
-from pipeline.analysis.walks import walks
+from pipeline.machinery.counts import count_dataset, count_routes
+from pipeline.machinery.routes import routes
 from pipeline.release.card import published_files, write_card
 
 pytestmark = pytest.mark.slow
@@ -54,8 +55,10 @@ def content_of(folder):
 
 def test_the_counts_are_those_of_the_episodes(small_dataset):
     manifest = Manifest.read(small_dataset.folder)
-    for split, packed in pack(small_dataset.folder, manifest, ROOMY).items():
-        told = packed.to_json(ROOMY)
+    counts = count_dataset(small_dataset.folder, manifest)
+    for split in SPLITS:
+        packed = pack(small_dataset.folder, manifest, split, ROOMY)
+        told = packed.to_json(counts.splits[split], ROOMY)
         visits, actions, moves = Counter(), Counter(), Counter()
         labyrinths = {}
         for episode in load_episodes(
@@ -79,29 +82,28 @@ def test_the_counts_are_those_of_the_episodes(small_dataset):
         assert sum(told["visits"]) == sum(actions.values()) + told["episodes"]
 
 
+def routes_in(dataset):
+    """Return the routes of the split train."""
+    episodes = load_episodes(dataset.data_dir, "3x3", observation="vector")
+    return list(routes((each.info, each.actions.tolist(), 0.0) for each in episodes))
+
+
 def test_shards_add_up_to_what_they_are_together(small_dataset):
-    manifest = Manifest.read(small_dataset.folder)
-    episodes = [
-        (episode.info, episode.actions.tolist())
-        for episode in load_episodes(small_dataset.data_dir, "3x3", observation="vector")
-    ]
-    whole = pack_walks(walks(episodes), 9)
-    parts = pack_walks(walks(episodes[:3]), 9)
-    parts.add(pack_walks(walks(episodes[3:]), 9), ROOMY)
-    assert parts.to_json(ROOMY) == whole.to_json(ROOMY)
-    assert whole.to_json(ROOMY) == pack(small_dataset.folder, manifest, 0)["train"].to_json(ROOMY)
+    manifest, found = Manifest.read(small_dataset.folder), routes_in(small_dataset)
+    whole, parts = pack_routes(found, ROOMY), pack_routes(found[:3], ROOMY)
+    parts.extend(pack_routes(found[3:], ROOMY))
+    assert parts == whole == pack(small_dataset.folder, manifest, "train", ROOMY)
 
 
 @pytest.mark.parametrize("limit", [0, 100, 300, 10**6])
 def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_dataset, limit):
-    episodes = [
-        (episode.info, episode.actions.tolist())
-        for episode in load_episodes(small_dataset.data_dir, "3x3", observation="vector")
-    ]
-    told = pack_walks(walks(episodes), 9).to_json(limit)
+    found = routes_in(small_dataset)
+    counts = count_routes(found, (3, 3)).counts
+    told = pack_routes(found, ROOMY).to_json(counts, limit)
     assert told["labyrinths"] == 8
     assert told["shown"] == {0: 0, 100: 2, 300: 6, 10**6: 8}[limit]
     assert sum(len(column["data"]) for column in told["columns"].values()) * 3 / 4 <= limit + 30
+    assert pack_routes(found, limit).to_json(counts, limit) == told
 
 
 def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
@@ -217,5 +219,5 @@ def test_without_matplotlib_the_page_is_written_and_the_extra_named(
 
 
 def test_the_splits_are_in_the_order_of_the_table(small_dataset):
-    packed = pack(small_dataset.folder, Manifest.read(small_dataset.folder), ROOMY)
-    assert list(packed) == list(SPLITS)
+    counts = count_dataset(small_dataset.folder, Manifest.read(small_dataset.folder))
+    assert list(counts.splits) == list(SPLITS)

@@ -33,8 +33,8 @@ from pipeline.generation import build as generation
 from pipeline.generation import render, workplace, write
 from pipeline.generation.validate import validate
 from pipeline.machinery import front_matter
+from pipeline.machinery.counts import count_dataset
 from pipeline.machinery.executor import ordered_map
-from pipeline.release.statistics import measure
 
 Build = Callable[..., Run]
 
@@ -238,7 +238,8 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
         assert replace(part, bytes=same.bytes, sha256=same.sha256) == same
     assert validate(run.folder, divided) == []
     found = [
-        measure(*each).splits for each in ((run.folder, divided), (small_dataset.folder, whole))
+        count_dataset(*each).splits
+        for each in ((run.folder, divided), (small_dataset.folder, whole))
     ]
     assert str(found[0]) == str(found[1])
     loaded = [load_episodes(each.data_dir, "3x3", split="random") for each in (run, small_dataset)]

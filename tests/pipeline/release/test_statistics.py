@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from itertools import combinations
 
@@ -18,11 +19,16 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances
 from pipeline.generation import build
-from pipeline.release.statistics import measure
+from pipeline.machinery.counts import COUNTS, DatasetCounts, count_dataset, counts_of
 
 
 def measured(folder):
-    return measure(folder, Manifest.read(folder))
+    return count_dataset(folder, Manifest.read(folder))
+
+
+def shared(certificate):
+    """Return how many labyrinths each pair of splits shares, plain and as mirror images."""
+    return [(len(pair.equal), len(pair.mirrored)) for pair in certificate.pairs]
 
 
 def episodes(folder, split):
@@ -42,7 +48,7 @@ def episodes(folder, split):
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
     folder = carded / name
-    counted = measured(folder).of(split)
+    counted = measured(folder).splits[split]
     replayed = episodes(folder, split)
     visits = np.zeros(counted.visits.shape, int)
     actions, choices, optimal = Counter(), [], []
@@ -50,14 +56,12 @@ def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
         for state in episode.states:
             visits[divmod(state.agent, labyrinth.structure.width)] += 1
         actions.update(episode.actions.tolist())
-    assert counted.split == split
     assert counted.labyrinths == len(labyrinths(folder, split))
     assert counted.episodes == len(replayed)
     assert counted.rows == len(rows(folder, split)) == visits.sum()
     assert (counted.visits == visits).all()
     assert counted.actions.tolist() == [actions[action] for action in range(4)]
     assert counted.lengths == Counter(len(episode) for _, episode, _ in replayed)
-    assert list(counted.lengths) == sorted(counted.lengths)
     assert counted.longest == max(len(episode) for _, episode, _ in replayed)
     assert counted.mean_moves == pytest.approx(np.mean([len(e) for _, e, _ in replayed]))
     returns = [sum(row["rewards"] for row in of) for _, _, of in replayed]
@@ -70,19 +74,19 @@ def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
                 nearer = [far[after] < far[state.agent] for after in moves[state.agent]]
                 choices.append(sum(nearer))
                 optimal.append(nearer[action])
-        assert counted.choices == pytest.approx(np.mean(choices))
-        assert counted.optimal == pytest.approx(np.mean(optimal))
+        assert counted.mean_choices == pytest.approx(np.mean(choices))
+        assert counted.optimal_share == pytest.approx(np.mean(optimal))
     loops = [
         len(list(s.passages())) - s.cells + 1
         for s in (parse(text).structure for text in labyrinths(folder, split))
     ]
-    assert counted.loops == pytest.approx(np.mean(loops))
+    assert counted.mean_loops == pytest.approx(np.mean(loops))
 
 
 def test_the_demonstrations_of_shortest_routes_are_optimal_and_the_random_policy_is_not(carded):
-    of = measured(carded / DEFAULT).of
-    assert {of(split).optimal for split in SPLITS if split != "random"} == {1.0}
-    assert of("random").optimal < 0.6
+    counted = measured(carded / DEFAULT).splits
+    assert {counted[split].optimal_share for split in SPLITS if split != "random"} == {1.0}
+    assert counted["random"].optimal_share < 0.6
 
 
 def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded):
@@ -90,7 +94,7 @@ def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded)
         first = dict.fromkeys(labyrinths(carded / OTHER, split))
         for labyrinth, episode, of in reversed(episodes(carded / OTHER, split)):
             first[of[0]["info"]] = (labyrinth, tuple(episode.actions.tolist()))
-        assert list(measured(carded / OTHER).of(split).examples) == list(first.values())[:5]
+        assert list(measured(carded / OTHER).splits[split].examples) == list(first.values())[:5]
 
 
 def test_shards_and_workers_change_nothing(carded, build_dataset, tmp_path, monkeypatch):
@@ -99,31 +103,32 @@ def test_shards_and_workers_change_nothing(carded, build_dataset, tmp_path, monk
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
     seen = []
-    cut, whole = measure(folder, manifest, 2, seen.append), measured(carded / DEFAULT)
-    assert sum(seen) == cut.rows == whole.rows
+    cut, whole = count_dataset(folder, manifest, 2, seen.append), measured(carded / DEFAULT)
+    assert sum(seen) == sum(of.rows for of in cut.splits.values())
     assert cut.certificate == whole.certificate
-    for one, other in zip(cut.splits, whole.splits, strict=True):
-        assert one.lengths == other.lengths
+    for split, one in cut.splits.items():
+        other = whole.splits[split]
+        assert (one.rows, one.lengths) == (other.rows, other.lengths)
         assert (one.visits == other.visits).all()
         assert one.examples == other.examples
         assert one.actions.tolist() == other.actions.tolist()
         assert one.mean_return == pytest.approx(other.mean_return)
-        assert (one.choices, one.optimal, one.loops) == (other.choices, other.optimal, other.loops)
+        assert (one.choices, one.optimal) == (other.choices, other.optimal)
+        assert (one.loops, one.junctions, one.moves) == (other.loops, other.junctions, other.moves)
 
 
 def test_the_certificate_of_a_dataset_that_was_built_is_clean(carded):
     for name in (DEFAULT, OTHER):
         certificate = measured(carded / name).certificate
         assert list(certificate.problems()) == []
-        pairs = [(overlap.first, overlap.second) for overlap in certificate.overlaps]
+        pairs = [(pair.first, pair.second) for pair in certificate.pairs]
         assert pairs == list(combinations(SAMPLED_SPLITS, 2))
 
 
 def test_a_structure_copied_from_train_to_test_is_found(folder):
     copied = labyrinths(folder / DEFAULT, "train")[2]
     plant(folder / DEFAULT, "test", labyrinths(folder / DEFAULT, "test")[0], copied)
-    overlaps = measured(folder / DEFAULT).certificate.overlaps
-    assert [overlap[2:] for overlap in overlaps] == [(0, 0), (1, 1), (0, 0)]
+    assert shared(measured(folder / DEFAULT).certificate) == [(0, 0), (1, 1), (0, 0)]
 
 
 def test_a_structure_that_is_the_mirror_image_of_one_in_train_is_found(folder):
@@ -131,7 +136,7 @@ def test_a_structure_that_is_the_mirror_image_of_one_in_train_is_found(folder):
     mirrored = transposed(images[0])
     plant(folder / DEFAULT, "validation", labyrinths(folder / DEFAULT, "validation")[4], mirrored)
     certificate = measured(folder / DEFAULT).certificate
-    assert [overlap[2:] for overlap in certificate.overlaps] == [(0, 1), (0, 0), (0, 0)]
+    assert shared(certificate) == [(0, 1), (0, 0), (0, 0)]
     assert list(certificate.problems()) == [
         "train and validation share 0 structures, 1 when mirror images count"
     ]
@@ -141,7 +146,7 @@ def test_a_structure_that_comes_twice_in_a_split_is_found(folder):
     texts = labyrinths(folder / DEFAULT, "test")
     plant(folder / DEFAULT, "test", texts[0], texts[3])
     certificate = measured(folder / DEFAULT).certificate
-    assert certificate.repeated == {"train": 0, "validation": 0, "test": 1}
+    assert certificate.repeated == dict.fromkeys(SPLITS, 0) | {"test": 1}
     assert list(certificate.problems()) == ["test repeats 1 structures"]
 
 
@@ -151,30 +156,33 @@ def test_a_structure_of_s0_that_is_not_one_of_train_is_found(folder):
     new = dump(Labyrinth(other.structure, old.start, old.goal))
     plant(folder / DEFAULT, "s0", dump(old), new)
     certificate = measured(folder / DEFAULT).certificate
-    assert certificate.strangers == {"random": 0, "s0": 1, "s0_and_g": 0}
+    strangers = {split: len(ids) for split, ids in certificate.strangers.items()}
+    assert strangers == {"random": 0, "s0": 1, "s0_and_g": 0}
     assert list(certificate.problems()) == ["s0 has 1 structures that are not in train"]
 
 
 def test_a_file_that_is_not_the_manifests_is_refused(folder):
     path = shard(folder / DEFAULT, "train")
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(DatasetError, match="is not the file that its manifest describes"):
+    with pytest.raises(DatasetError, match="is damaged: its sha256 is not the manifest's"):
         measured(folder / DEFAULT)
 
 
 def test_a_missing_file_is_named(folder):
     shard(folder / DEFAULT, "s0").unlink()
-    with pytest.raises(DatasetError, match=r"s0-00000-of-00001\.parquet is missing"):
+    with pytest.raises(
+        DatasetError, match=r"s0-00000-of-00001\.parquet cannot be read: .*No such file"
+    ):
         measured(folder / DEFAULT)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda table: table.drop_columns(["actions"]), "cannot be read"),
-        (lambda table: table.slice(1), "does not begin with an episode"),
-        (lambda table: table.slice(0, len(table) - 1), "does not end with its last row"),
-        (lambda table: table.slice(0, 0), "does not begin|holds 0 labyrinths"),
+        (lambda table: table.drop_columns(["actions"]), "every row needs int"),
+        (lambda table: table.slice(1), r"parquet cannot be read: .* an episode must begin"),
+        (lambda table: table.slice(0, len(table) - 1), "episode ends without its last row"),
+        (lambda table: table.slice(0, 0), "holds 0 labyrinths"),
     ],
 )
 def test_rows_that_make_no_episodes_are_refused_in_one_line(folder, change, message):
@@ -184,8 +192,65 @@ def test_rows_that_make_no_episodes_are_refused_in_one_line(folder, change, mess
     assert "\n" not in str(caught.value)
 
 
+def test_a_labyrinth_of_another_size_is_refused_in_one_line(folder):
+    other = labyrinths(folder / OTHER, "train")[0]
+    plant(folder / DEFAULT, "train", labyrinths(folder / DEFAULT, "train")[0], other)
+    with pytest.raises(DatasetError, match=r"parquet cannot be read: .* is 3x4, not 3x3$"):
+        measured(folder / DEFAULT)
+
+
 def test_a_text_that_is_no_labyrinth_is_refused_in_one_line(folder):
     plant(folder / DEFAULT, "train", labyrinths(folder / DEFAULT, "train")[0], "no labyrinth")
     with pytest.raises(DatasetError, match="cannot be read") as caught:
         measured(folder / DEFAULT)
     assert "\n" not in str(caught.value)
+
+
+def test_counts_are_read_again_as_they_were_written(folder):
+    for name in (DEFAULT, OTHER):
+        manifest = Manifest.read(folder / name)
+        counted = measured(folder / name)
+        counted.write(folder / name, manifest)
+        read = DatasetCounts.read(folder / name, manifest)
+        assert read.certificate == counted.certificate
+        assert list(read.splits) == list(SPLITS)
+        for split, counts in counted.splits.items():
+            assert read.splits[split].to_json() == counts.to_json()
+
+
+def test_counts_that_are_there_are_not_counted_again_but_the_files_are_compared(folder):
+    manifest = Manifest.read(folder / DEFAULT)
+    known = json.loads((folder / DEFAULT / COUNTS).read_bytes())
+    known["splits"]["train"]["returned"] = 12.5
+    (folder / DEFAULT / COUNTS).write_text(json.dumps(known))
+    seen = []
+    found = counts_of(folder / DEFAULT, manifest, advance=seen.append)
+    assert found.splits["train"].returned == 12.5
+    assert sum(seen) == sum(counts.rows for counts in found.splits.values())
+    path = shard(folder / DEFAULT, "s0")
+    path.write_bytes(path.read_bytes() + b" ")
+    with pytest.raises(DatasetError, match="is damaged"):
+        counts_of(folder / DEFAULT, manifest)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content | {"fingerprint": "of other rows"},
+        lambda content: content | {"shards": dict.fromkeys(content["shards"], "of other files")},
+        lambda content: content | {"format": 0},
+        lambda content: content | {"splits": {}},
+        lambda content: content | {"certificate": None},
+        lambda content: content | {"splits": {split: {} for split in SPLITS}},
+        lambda content: [content],
+    ],
+)
+def test_counts_of_something_else_are_counted_anew(folder, change):
+    path, manifest = folder / DEFAULT / COUNTS, Manifest.read(folder / DEFAULT)
+    right = path.read_bytes()
+    for wrong in (json.dumps(change(json.loads(right))), "{", "[" * 100_000):
+        path.write_text(wrong)
+        assert DatasetCounts.read(folder / DEFAULT, manifest) is None
+        found = counts_of(folder / DEFAULT, manifest)
+        found.write(folder / DEFAULT, manifest)
+        assert path.read_bytes() == right

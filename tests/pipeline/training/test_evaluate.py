@@ -14,6 +14,8 @@ from pipeline.training import evaluate as stage
 from pipeline.training import train
 from pipeline.training.policy import load_policy
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def trained(small_dataset, make_run, tmp_path_factory):

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.following import follow, greedy_actions, greedy_episodes
 from pipeline.training.methods.method import Problem
+
+pytestmark = pytest.mark.slow
 
 
 class Arbitrary:

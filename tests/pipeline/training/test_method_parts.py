@@ -14,6 +14,8 @@ from pipeline.training.methods import bco, dagger, gail, iupe, sqil
 from pipeline.training.methods.acting import Rollout, draw, roll_out, softmax
 from pipeline.training.methods.method import Problem
 
+pytestmark = pytest.mark.slow
+
 Problems = Callable[..., Problem]
 
 

@@ -18,6 +18,8 @@ from pipeline.training.networks.network import (
     as_input,
 )
 
+pytestmark = pytest.mark.slow
+
 
 def spec(encoder: str, pool_stride: int = 1, task: str = "navigation") -> NetworkSpec:
     return NetworkSpec(encoder, pool_stride, 3, 4, task)

@@ -16,6 +16,8 @@ from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.training import train
 from pipeline.training.methods.method import find
 
+pytestmark = pytest.mark.slow
+
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "new-method.md").read_text(encoding="utf-8")
 
 

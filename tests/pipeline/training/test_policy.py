@@ -13,6 +13,8 @@ from labyrinth_core.data.errors import DatasetError
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import BATCH, NetworkPolicy, load_policy, outputs_of, save_policy
 
+pytestmark = pytest.mark.slow
+
 SPEC = NetworkSpec("cnn", 1, 3, 3, "navigation")
 
 

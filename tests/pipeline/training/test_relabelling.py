@@ -17,6 +17,8 @@ from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem
 from pipeline.training.methods.relabelling import NO_LABEL, ExampleSampler
 
+pytestmark = pytest.mark.slow
+
 
 def sampler_of(datasets: Path, task: str) -> ExampleSampler:
     config = "3x4" if task == "navigation" else f"3x4-{task}"

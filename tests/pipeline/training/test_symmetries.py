@@ -18,6 +18,8 @@ from pipeline.training.networks.symmetry import (
     transformed_actions,
 )
 
+pytestmark = pytest.mark.slow
+
 LABYRINTH = """
 labyrinth:
 -------------

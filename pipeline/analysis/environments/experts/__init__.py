@@ -34,12 +34,10 @@ def expert_of(environment: str, archive: str | None = None) -> Expert:
     """
     if archive is not None:
         return read_archive(archive)
-    return _CONTROLLERS.get(environment) or _linear_policy(source_of(environment))
-
-
-def _linear_policy(path: Path) -> Expert:
-    """Return the policy that `scripts/train_experts.py` wrote to a file."""
-    values = json.loads(path.read_text(encoding="utf-8"))
+    if environment in _CONTROLLERS:
+        return _CONTROLLERS[environment]
+    # A linear policy as `scripts/train_experts.py` wrote it.
+    values = json.loads(source_of(environment).read_text(encoding="utf-8"))
     gain, bias = np.array(values["gain"]), np.array(values["bias"])
     return lambda observation: gain @ observation + bias
 
@@ -52,5 +50,6 @@ def source_of(environment: str, archive: str | None = None) -> Path:
     """
     if archive is not None:
         return located(archive)
-    controlled = environment in _CONTROLLERS
-    return Path(classic.__file__ if controlled else Path(__file__).with_name(f"{environment}.json"))
+    if environment in _CONTROLLERS:
+        return Path(classic.__file__)
+    return Path(__file__).with_name(f"{environment}.json")

@@ -16,7 +16,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from pickle import UnpicklingError  # Raised by torch; nothing is unpickled here.
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,23 +42,15 @@ _UNREADABLE = (OSError, ValueError, LookupError, AttributeError, TypeError, Runt
 """What libraries raise for files that are missing, damaged or of another kind."""
 
 
-class _Layout(NamedTuple):
-    """Where some algorithms' policies are among their weights (Stable-Baselines3 2.9)."""
-
-    layers: str
-    """A regular expression that matches the names of the linear layers."""
-    activation: str
-    """The default activation between the layers."""
-    output: Function
-    """The function that turns the last layer's values into an action."""
-
-
-_LAYOUTS = [
-    _Layout(r"q_net\.q_net\.\d+", "ReLU", np.argmax),  # DQN
-    _Layout(r"actor\.mu\.\d+", "ReLU", np.tanh),  # TD3, DDPG
-    _Layout(r"actor\.(latent_pi\.\d+|mu)", "ReLU", np.tanh),  # SAC
-    _Layout(r"mlp_extractor\.policy_net\.\d+|action_net", "Tanh", lambda mean: mean),  # PPO, A2C
+_LAYOUTS: list[tuple[str, str, Function]] = [
+    (r"q_net\.q_net\.\d+", "ReLU", np.argmax),  # DQN
+    (r"actor\.mu\.\d+", "ReLU", np.tanh),  # TD3, DDPG
+    (r"actor\.(latent_pi\.\d+|mu)", "ReLU", np.tanh),  # SAC
+    (r"mlp_extractor\.policy_net\.\d+|action_net", "Tanh", lambda mean: mean),  # PPO, A2C
 ]
+"""What tells a policy of Stable-Baselines3 2.9 from its weights: a regular expression for the names
+of its linear layers, the default activation between them, and what turns the last layer's values
+into an action."""
 
 
 def located(source: str) -> Path:
@@ -102,16 +94,18 @@ def read_archive(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Array]
     """
     weights, named = _unpacked(source, max_bytes)
     names = [name.removesuffix(".bias") for name in weights if name.endswith(".bias")]
-    for layout in _LAYOUTS:
-        layers = [name for name in names if re.fullmatch(layout.layers, name)]
-        if layers:
-            break
-    else:
+    known = [
+        (layers, activation, output)
+        for pattern, activation, output in _LAYOUTS
+        if (layers := [name for name in names if re.fullmatch(pattern, name)])
+    ]
+    if not known:
         raise DatasetError(f"{source}: no MlpPolicy of PPO, A2C, SAC, TD3, DDPG or DQN is in it")
+    layers, default_activation, default_output = known[0]
     # PPO and A2C have a standard deviation for continuous actions only.
     discrete = layers[-1] == "action_net" and "log_std" not in weights
-    output: Function = np.argmax if discrete else layout.output
-    activation = _ACTIVATIONS[named or layout.activation]
+    output: Function = np.argmax if discrete else default_output
+    activation = _ACTIVATIONS[named or default_activation]
 
     def act(observation: Array) -> int | Array:
         values = observation
@@ -142,9 +136,7 @@ def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], str]:
     try:
         with zipfile.ZipFile(path) as archive:
             stored = io.BytesIO(member(archive, "policy.pth"))
-            with (
-                warnings.catch_warnings()
-            ):  # Torch warns of files that it refuses, or reads anyway.
+            with warnings.catch_warnings():  # Torch warns of files it refuses, or reads anyway.
                 warnings.simplefilter("ignore")
                 tensors = torch.load(stored, map_location="cpu", weights_only=True)
             data = json.loads(member(archive, "data"))

@@ -1,4 +1,4 @@
-"""Keys that structures share when a rotation or reflection makes one of the other."""
+"""Keys that all rotations and reflections of a structure share."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 
 from labyrinth_core.world.near_twins import passage_table
 from labyrinth_core.world.sampling import sample_structures
-from pipeline.analysis.symmetry import canonical_keys
+from labyrinth_core.world.symmetry import canonical_keys
 
 
 def keys_of(structures, cells=None):

@@ -1,0 +1,79 @@
+"""The episodes of a dataset as routes through the states of their labyrinths, without pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from labyrinth_core.data.episodes import grouped
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.source import read_rows
+from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import initial, state_index, transition_table
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import distances
+
+
+class Route(NamedTuple):
+    """The route of one episode."""
+
+    labyrinth: Labyrinth
+    is_first: bool
+    """Whether it is the first route in its labyrinth."""
+    shortest: int
+    """The number of moves of a shortest route in the labyrinth."""
+    states: Sequence[int]
+    """The T + 1 states visited, numbered as in `dynamics`; modulo the cells, the agent's cell."""
+    actions: Sequence[int]
+    """The T actions taken."""
+    returned: float
+    """The sum of the episode's rewards."""
+
+
+def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Route]:
+    """Yield the routes of episodes.
+
+    Args:
+        episodes: The text of the labyrinth, the actions and the return of each episode; the
+            episodes of a labyrinth follow one another.
+
+    Raises:
+        ValueError: A text does not describe a labyrinth, or a number is not an action.
+        IndexError: A number is not an action.
+    """
+    before = None
+    for info, actions, returned in episodes:
+        is_first = info != before
+        if is_first:
+            before = info
+            labyrinth = parse(info)
+            table = transition_table(labyrinth)
+            start = state_index(labyrinth, initial(labyrinth))
+            shortest = distances(labyrinth, table)[start]
+        if min(actions, default=0) < 0:
+            raise ValueError(f"{min(actions)} is not an action")
+        states = [start]
+        for action in actions:
+            states.append(table[states[-1]][action])
+        yield Route(labyrinth, is_first, shortest, states, actions, returned)
+
+
+def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
+    """Yield the routes of a shard, reading one row group at a time.
+
+    Raises:
+        DatasetError: The file is missing, damaged, or its rows do not make episodes.
+    """
+    path = folder / shard.path
+    groups = grouped(read_rows(folder, [shard], pictures=False))
+    try:
+        yield from routes(
+            (rows[0].info, [row.actions for row in rows[:-1]], sum(row.rewards for row in rows))
+            for rows in groups
+        )
+    except (ValueError, IndexError, DatasetError) as error:
+        if str(path) in str(error):  # Of `read_rows`.
+            raise
+        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
