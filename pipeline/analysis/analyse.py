@@ -24,7 +24,8 @@ from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, progress, say
-from pipeline.machinery.counts import Content, DatasetCounts, count_dataset
+from pipeline.machinery.counting import Content, count_dataset
+from pipeline.machinery.counts import DatasetCounts
 
 FORMAT = 1
 LEAKS_SHOWN = 10

@@ -15,16 +15,16 @@ from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import progress, say
-from pipeline.machinery.counts import COUNTS, counts_of
+from pipeline.machinery.console import say
+from pipeline.machinery.counts import COUNTS
 from pipeline.machinery.locks import held
+from pipeline.machinery.statistics import DatasetStatistics, statistics_of
 from pipeline.release import readme
 from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.provenance import ARXIV, Release
-from pipeline.release.statistics import DatasetStatistics, read_closeness
 
 HASHES = "SHA256SUMS"
 
@@ -102,10 +102,12 @@ def write_card(
 
 def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / "README.md")
-    manifests = front_matter.finished(data_dir)
-    if not manifests:
-        raise DatasetError(f"{data_dir} holds no finished dataset: stages=[build] makes one")
-    datasets = _measured(data_dir, manifests, workers)
+    datasets = statistics_of(data_dir, "card", workers)
+    for dataset in datasets:
+        if problems := "; ".join(dataset.counts.certificate.problems()):
+            reason = f"{problems}: no card for such a dataset"
+            raise DatasetError(f"{data_dir / dataset.name}: {reason}")
+    manifests = [dataset.manifest for dataset in datasets]
     default = front_matter.default_config(manifests)
     text = front_matter.with_generated(text, readme.text(datasets, default, release))
     texts = {
@@ -120,25 +122,6 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
     for name, content in texts.items():
         write_text(data_dir / name, content)
     _write_hashes(data_dir, manifests)
-    return datasets
-
-
-def _measured(
-    data_dir: AnyPath, manifests: list[Manifest], workers: int
-) -> list[DatasetStatistics]:
-    """Return the statistics of all datasets; raises DatasetError if two splits share something."""
-    datasets = []
-    with progress() as bars:
-        rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
-        bar = bars.add_task("card", total=rows)
-        for manifest in manifests:
-            folder = data_dir / manifest.config.name
-            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            problems = list(counts.certificate.problems())
-            if problems:
-                raise DatasetError(f"{folder}: {'; '.join(problems)}: no card for such a dataset")
-            closeness = read_closeness(folder, manifest)
-            datasets.append(DatasetStatistics(manifest, counts, closeness))
     return datasets
 
 

@@ -13,7 +13,7 @@ from importlib.resources import files
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS, SPLITS
-from labyrinth_core.data.dataset_config import DatasetConfig
+from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
@@ -24,7 +24,6 @@ from pipeline.release.provenance import (
     Release,
     command,
 )
-from pipeline.release.statistics import DatasetStatistics
 
 REPOSITORY = "repo"
 """The id of the repository; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
@@ -50,7 +49,8 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         for family, given in PAPER_AUTHORS
     ]
     content = {
-        "@context": _context(),
+        # That of appendix 1 of the specification, with the vocabulary of provenance.
+        "@context": json.loads(files(__package__).joinpath("croissant_context.json").read_bytes()),
         "@type": "sc:Dataset",
         "name": "labyrinth",
         "alternateName": "Labyrinth",
@@ -72,14 +72,9 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],
         **_responsible_ai(datasets),
         "distribution": _distribution(datasets, release),
-        "recordSet": [_record_set(dataset.manifest.config) for dataset in datasets],
+        "recordSet": [_record_set(dataset.name) for dataset in datasets],
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-
-
-def _context() -> Any:
-    """Return the context of appendix 1 of the specification, with the vocabulary of provenance."""
-    return json.loads(files("pipeline.release").joinpath("croissant_context.json").read_bytes())
 
 
 def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:
@@ -134,8 +129,8 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
         parts.append(
             {
                 "@type": "cr:FileSet",
-                "@id": _file_set(dataset.manifest.config),
-                "name": _file_set(dataset.manifest.config),
+                "@id": f"files-of-{dataset.name}",
+                "name": f"files-of-{dataset.name}",
                 "description": f"The Parquet files of {dataset.name}.",
                 "containedIn": {"@id": REPOSITORY},
                 "encodingFormat": "application/x-parquet",
@@ -158,49 +153,43 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
     return parts
 
 
-def _file_set(config: DatasetConfig) -> str:
-    return f"files-of-{config.name}"
-
-
-def _record_set(config: DatasetConfig) -> dict[str, Any]:
+def _record_set(config: str) -> dict[str, Any]:
+    splits = ", ".join(f"{split} ({meaning})" for split, meaning in SPLITS.items())
+    of_split = {
+        "extract": {"fileProperty": "fullpath"},
+        "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
+    }
+    fields = [
+        _field(
+            config,
+            "split",
+            f"the split that the row is in: {splits}",
+            ["sc:Text", "cr:Split"],
+            of_split,
+        )
+    ]
+    for column in COLUMNS:
+        source: dict[str, Any] = {"extract": {"column": column.name}}
+        if column.name == "obs":
+            source["transform"] = {"jsonPath": "bytes"}
+        fields.append(_field(config, column.name, column.meaning, _DATA_TYPES[column.name], source))
     return {
         "@type": "cr:RecordSet",
-        "@id": config.name,
-        "name": config.name,
-        "description": f"The rows of the config {config.name}, one for each state of an episode.",
-        "field": [_split_field(config), *(_field(config, column.name) for column in COLUMNS)],
+        "@id": config,
+        "name": config,
+        "description": f"The rows of the config {config}, one for each state of an episode.",
+        "field": fields,
     }
 
 
-def _split_field(config: DatasetConfig) -> dict[str, Any]:
-    splits = ", ".join(f"{split} ({meaning})" for split, meaning in SPLITS.items())
+def _field(
+    config: str, name: str, description: str, kind: str | list[str], source: dict[str, Any]
+) -> dict[str, Any]:
     return {
         "@type": "cr:Field",
-        "@id": f"{config.name}/split",
-        "name": "split",
-        "description": f"The split that the row is in: {splits}.",
-        "dataType": ["sc:Text", "cr:Split"],
-        "source": {
-            "fileSet": {"@id": _file_set(config)},
-            "extract": {"fileProperty": "fullpath"},
-            "transform": {"regex": rf"^.*?{config.name}/(\w+?)-\d+-of-\d+\.parquet$"},
-        },
-    }
-
-
-def _field(config: DatasetConfig, name: str) -> dict[str, Any]:
-    source: dict[str, Any] = {
-        "fileSet": {"@id": _file_set(config)},
-        "extract": {"column": name},
-    }
-    if name == "obs":
-        source["transform"] = {"jsonPath": "bytes"}
-    meaning = next(column.meaning for column in COLUMNS if column.name == name)
-    return {
-        "@type": "cr:Field",
-        "@id": f"{config.name}/{name}",
+        "@id": f"{config}/{name}",
         "name": name,
-        "description": f"{meaning[0].upper()}{meaning[1:]}.",
-        "dataType": _DATA_TYPES[name],
-        "source": source,
+        "description": f"{description[0].upper()}{description[1:]}.",
+        "dataType": kind,
+        "source": {"fileSet": {"@id": f"files-of-{config}"}} | source,
     }

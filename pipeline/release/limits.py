@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from labyrinth_core.world.grid import Action
-from pipeline.release.statistics import DatasetStatistics
+from pipeline.machinery.statistics import DatasetStatistics
 
 
 def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
@@ -20,10 +20,11 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
         f"{share} in `{dataset.name}`" for share, dataset in zip(shares, datasets, strict=True)
     )
     twins = "; ".join(
-        f"`{dataset.name}` {close.within[0]:,} of {close.of:,}"
+        f"`{dataset.name}` {pair['within']['1']:,} of {dataset.analysis['labyrinths']['test']:,}"
         for dataset in datasets
-        for close in dataset.closeness
-        if (close.first, close.second) == ("train", "test")
+        if dataset.analysis
+        for pair in dataset.analysis["pairs"]
+        if (pair["first"], pair["second"]) == ("train", "test")
     )
     points = [
         *_sampler_points(datasets),

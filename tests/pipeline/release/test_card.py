@@ -281,7 +281,7 @@ def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(
 ):
     options = {"labyrinths": 1, "random_steps": 5}
     other = threading.Thread(target=build_dataset, args=(folder, "2x3"), kwargs=options)
-    measured = card._measured
+    measured = card.statistics_of
 
     def measure(*arguments):
         if not other.ident:
@@ -290,7 +290,7 @@ def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(
             assert (folder / "2x3" / "manifest.json").exists()
         return measured(*arguments)
 
-    monkeypatch.setattr(card, "_measured", measure)
+    monkeypatch.setattr(card, "statistics_of", measure)
     card.write_card(folder)
     other.join()
     assert "2x3" in [config["config_name"] for config in front(folder)["configs"]]
