@@ -40,32 +40,27 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or it is damaged.
         OSError: The result cannot be written.
     """
-    if run.options.leakage.source is None:
-        path = run.folder / ANALYSIS
-        certificate, shifts = _analyse(run.folder, run.options.workers)
-        lines = [*_leaks(certificate, {}), *_near(certificate), *_shifted(shifts)]
-        lines.append(f"{path} has all of it; stages=[report] shows it as tables.")
-    else:
-        certificate, files, path = _certified(run.options.leakage.source, run)
-        lines = [*_leaks(certificate, files), f"{path} has all of it."]
-        console.print(_leakage_table(certificate))
-    for line in lines:
+    source = run.options.leakage.source
+    local = _analyse(run.folder, run.options.workers)
+    for line in local if source is None else _certify(source, run):
         say(line)
 
 
-def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
-    """Return the certificate of a dataset from elsewhere, its files, and where the result lies."""
+def _certify(source: str, run: Run) -> Iterator[str]:
+    """Certify a dataset from elsewhere, print the table, and yield the other lines to print."""
     splits, files = labyrinths_of(source, run.options.leakage.config)
     certificate = certify(splits)
     name = re.sub(r"[^\w.-]+", "-", source).strip("-")
     path = run.data_dir / "analysis" / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
-    return certificate, files, path
+    console.print(_leakage_table(certificate))
+    yield from _leaks(certificate, files)
+    yield f"{path} has all of it."
 
 
-def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
-    """Return the certificate and the shifts of a dataset, which are left in its folder."""
+def _analyse(folder: AnyPath, workers: int) -> Iterator[str]:
+    """Analyse a dataset, leave the result in its folder, and yield the lines to print."""
     manifest = Manifest.read(folder)
     counts, contents = read_contents(folder, manifest, workers)
     counts.write(folder, manifest)
@@ -83,7 +78,10 @@ def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
         },
     }
     _write(folder / ANALYSIS, content)
-    return certificate, shifts
+    yield from _leaks(certificate, {})
+    yield from _near(certificate)
+    yield from _shifted(shifts)
+    yield f"{folder / ANALYSIS} has all of it; stages=[report] shows it as tables."
 
 
 def read_contents(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.source import stream_infos
 from labyrinth_core.language.text import labyrinth_id, load, parse
 from labyrinth_core.world.labyrinth import Labyrinth
+
+Source = TypeVar("Source", str, Path)
 
 Files = dict[str, dict[str, str]]
 """Split -> id of a labyrinth -> path of the file it is in."""
@@ -31,28 +34,22 @@ def labyrinths_of(source: str, config: str | None) -> tuple[dict[str, list[Labyr
     splits: dict[str, list[Labyrinth]] = {}
     files: Files = {}
     for path in sorted(folder.glob("*/*.labyrinth")):
-        split, labyrinth = path.parent.name, _loaded(path)
+        split, labyrinth = path.parent.name, _read(load, path)
         splits.setdefault(split, []).append(labyrinth)
         files.setdefault(split, {}).setdefault(labyrinth_id(labyrinth), str(path))
     if not splits:
         streams = stream_infos(str(folder) if folder.is_dir() else source, config)
-        splits = {split: _parsed(split, infos) for split, infos in streams.items()}
+        splits = {
+            split: [
+                _read(parse, info, f"{split} info: no labyrinth: ") for info in dict.fromkeys(infos)
+            ]
+            for split, infos in streams.items()
+        }
     return splits, files
 
 
-def _loaded(path: Path) -> Labyrinth:
+def _read(read: Callable[[Source], Labyrinth], source: Source, where: str = "") -> Labyrinth:
     try:
-        return load(path)
-    except ValueError as error:  # It begins with the path and the place in it.
-        raise DatasetError(str(error).partition("\n")[0]) from error
-
-
-def _parsed(split: str, infos: Iterable[str]) -> list[Labyrinth]:
-    labyrinths = []
-    for info in dict.fromkeys(infos):
-        try:
-            labyrinths.append(parse(info))
-        except ValueError as error:
-            reason = str(error).partition("\n")[0]
-            raise DatasetError(f"{split} info: no labyrinth: {reason}") from error
-    return labyrinths
+        return read(source)
+    except ValueError as error:  # Its first line says what is wrong, those below show the place.
+        raise DatasetError(f"{where}{error}".partition("\n")[0]) from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
@@ -41,20 +42,8 @@ TAGS = [
 ]
 """The last one makes the Hub link the paper."""
 
-SIZES = {
-    10**3: "n<1K",
-    10**4: "1K<n<10K",
-    10**5: "10K<n<100K",
-    10**6: "100K<n<1M",
-    10**7: "1M<n<10M",
-    10**8: "10M<n<100M",
-    10**9: "100M<n<1B",
-    10**10: "1B<n<10B",
-    10**11: "10B<n<100B",
-    10**12: "100B<n<1T",
-}
-"""Rows -> the Hub's word for fewer (`huggingface_hub.DatasetCardData`, size_categories)."""
-MOST = "n>1T"
+_BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
+"""The bounds of the Hub's size categories: thousand, ten thousand and so on."""
 
 
 def run(run: Run) -> None:
@@ -173,17 +162,13 @@ def _joined(ours: list[str], theirs: Any) -> list[str]:
 
 
 def size_category(rows: int) -> str:
-    """Return the Hub's word for a number of rows."""
-    return next((name for bound, name in SIZES.items() if rows < bound), MOST)
+    """Return the Hub's word for a number of rows (`huggingface_hub.DatasetCardData`)."""
+    words = ["n<1K", *(f"{low}<n<{high}" for low, high in pairwise(_BOUNDS)), "n>1T"]
+    return words[min(max(len(str(rows)) - 3, 0), len(_BOUNDS))]
 
 
 def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:
-    """Return the paths in a folder of all files of the datasets and their card.
-
-    Args:
-        data_dir: The folder.
-        manifests: The manifests of its finished datasets.
-    """
+    """Return the paths in a folder of all files of its finished datasets and their card."""
     names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
     pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")
     names += [f"{readme.PICTURES}/{path.name}" for path in pictures]

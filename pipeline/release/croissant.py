@@ -17,6 +17,7 @@ from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
+    DATE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_URL,
@@ -38,12 +39,7 @@ _DATA_TYPES = {
 
 
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
-    """Return the content of croissant.json.
-
-    Args:
-        datasets: The statistics of each config of the folder.
-        release: What is known of the release.
-    """
+    """Return the content of the croissant.json of a folder of datasets."""
     authors = [
         {"@type": "Person", "name": f"{given} {family}", "givenName": given, "familyName": family}
         for family, given in PAPER_AUTHORS
@@ -64,7 +60,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "url": release.url,
         "license": LICENCE_URL,
         "version": release.version or UNRELEASED,
-        "datePublished": release.date,
+        "datePublished": DATE,
         "citeAs": paper_bibtex(),
         "creator": [{"@type": "Organization", "name": "The Labyrinth datasets developers"}],
         "citation": {"@type": "ScholarlyArticle", "url": PAPER_URL, "author": authors},

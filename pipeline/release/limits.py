@@ -9,11 +9,7 @@ from pipeline.machinery.statistics import DatasetStatistics
 
 
 def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
-    """Return the points, in Markdown.
-
-    Args:
-        datasets: The statistics of each config.
-    """
+    """Return the points on the configs of a folder, in Markdown."""
     splits = [dataset.splits["train"] for dataset in datasets]
     shares = [f"{split.action_shares[[Action.UP, Action.RIGHT]].sum():.0%}" for split in splits]
     forward = ", ".join(
