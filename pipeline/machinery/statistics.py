@@ -13,10 +13,20 @@ from typing import Any
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
+from labyrinth_core.world.grid import Action
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import progress
 from pipeline.machinery.counting import counts_of
 from pipeline.machinery.counts import DatasetCounts, SplitCounts
+
+ACTION_COLOURS: dict[Action, Colour] = {
+    Action.UP: DEFAULT_STYLE.agent,
+    Action.RIGHT: DEFAULT_STYLE.goal,
+    Action.DOWN: DEFAULT_STYLE.start,
+    Action.LEFT: DEFAULT_STYLE.key,
+}
+"""The colours of actions in figures."""
 
 MOST_NAMED = 20
 """The most labyrinths shared by two splits that are named, of each kind."""

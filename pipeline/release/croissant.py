@@ -21,7 +21,6 @@ from pipeline.release.provenance import (
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_URL,
-    UNRELEASED,
     Release,
     command,
 )
@@ -59,7 +58,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         ],
         "url": release.url,
         "license": LICENCE_URL,
-        "version": release.version or UNRELEASED,
+        "version": release.version or "0.0.0-unreleased",
         "datePublished": DATE,
         "citeAs": paper_bibtex(),
         "creator": [{"@type": "Organization", "name": "The Labyrinth datasets developers"}],
@@ -155,15 +154,8 @@ def _record_set(config: str) -> dict[str, Any]:
         "extract": {"fileProperty": "fullpath"},
         "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
     }
-    fields = [
-        _field(
-            config,
-            "split",
-            f"the split that the row is in: {splits}",
-            ["sc:Text", "cr:Split"],
-            of_split,
-        )
-    ]
+    meaning = f"the split that the row is in: {splits}"
+    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], of_split)]
     for column in COLUMNS:
         source: dict[str, Any] = {"extract": {"column": column.name}}
         if column.name == "obs":

@@ -9,12 +9,6 @@ from pathlib import Path
 from labyrinth_core import __version__
 from labyrinth_core.data.dataset_config import DatasetConfig
 
-PLACEHOLDER = "user/labyrinth"
-"""The id in examples, of a dataset that is not on the Hub yet."""
-
-UNRELEASED = "0.0.0-unreleased"
-"""The version of a dataset that has none yet, in the form that Croissant asks for."""
-
 DATE = "2026-11-21"
 """The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
 Croissant asks for, where no other is given. A clock would make the same data differ."""
@@ -39,8 +33,8 @@ class Release:
 
     @property
     def name(self) -> str:
-        """The id to write in examples."""
-        return self.repo_id or PLACEHOLDER
+        """The id to write in examples; a placeholder for a dataset that is not on the Hub yet."""
+        return self.repo_id or "user/labyrinth"
 
     @property
     def url(self) -> str:
@@ -76,18 +70,9 @@ def code() -> str:
     # An installation may lie in the repository of somebody else's project.
     if not (root / ".git").exists():
         return version
-    command = [
-        "git",
-        "-C",
-        str(root),
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=40",
-        "--exclude=*",
-    ]
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return version
     commit, changed, _ = done.stdout.strip().partition("-dirty")

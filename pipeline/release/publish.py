@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -36,8 +37,8 @@ from pipeline.release.remote import (
     repeated,
 )
 
-CACHES = ("_CACHE", "_PATH", "_OFFLINE")
-"""The ends of the names of environment variables that move the caches of the Hub's clients."""
+CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
+"""The names of environment variables that move the caches of the Hub's clients."""
 
 
 def run(run: Run) -> None:
@@ -238,10 +239,6 @@ def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
 
 def _environment(home: str) -> dict[str, str]:
     """Return the environment of a process whose caches are empty."""
-    kept = {
-        name: value
-        for name, value in os.environ.items()
-        if not (name.startswith(("HF_", "HUGGINGFACE_", "TRANSFORMERS_")) and name.endswith(CACHES))
-    }
+    kept = {name: value for name, value in os.environ.items() if not CACHES.fullmatch(name)}
     own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
     return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.

@@ -187,23 +187,15 @@ This card was written by {code()}."""
 
 
 def _uniqueness(datasets: Sequence[DatasetStatistics]) -> str:
-    rows = [
-        (
-            f"`{dataset.name}`",
-            f"`{pair.first}`, `{pair.second}`",
-            f"{dataset.splits[pair.first].labyrinths:,} and "
-            f"{dataset.splits[pair.second].labyrinths:,}",
-            f"{len(pair.equal):,}",
-            f"{len(pair.mirrored):,}",
-        )
-        for dataset in datasets
-        for pair in dataset.counts.certificate.pairs
-    ]
-    shared = table(
-        ("config", "splits", "structures", "in both", "in both, or as a mirror image"),
-        rows,
-        "llrrr",
-    )
+    rows = []
+    for dataset in datasets:
+        held = {name: f"{split.labyrinths:,}" for name, split in dataset.splits.items()}
+        for pair in dataset.counts.certificate.pairs:
+            splits = f"`{pair.first}`, `{pair.second}`"
+            both = f"{held[pair.first]} and {held[pair.second]}"
+            shared = f"{len(pair.equal):,}", f"{len(pair.mirrored):,}"
+            rows.append((f"`{dataset.name}`", splits, both, *shared))
+    heading = ("config", "splits", "structures", "in both", "in both, or as a mirror image")
     return f"""## No structure in two splits
 
 Which of `train`, `validation` and `test` a structure may be in follows from a hash of its
@@ -211,7 +203,7 @@ canonical form, the smaller of it and its mirror image that keeps start and goal
 structure cannot be in two of them, neither here nor in a dataset of another seed or length with
 the same `buckets`. This is what the text in `info` says, read from every file here:
 
-{shared}
+{table(heading, rows, "llrrr")}
 
 No split repeats a structure, and those of `random`, `s0` and `s0_and_g` are all structures of
 `train`.{_closeness(datasets)}"""

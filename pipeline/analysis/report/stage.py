@@ -20,12 +20,12 @@ from labyrinth_core import __version__
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES_FOLDER, draw_figures
+from pipeline.analysis.report.figures import FIGURES_FOLDER, draw_figures
 from pipeline.analysis.report.findings import read_results
 from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, say
-from pipeline.machinery.statistics import DatasetStatistics, statistics_of
+from pipeline.machinery.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
 
 FOLDER = "report"
 """The folder of the report in the data_dir; it is not published."""
