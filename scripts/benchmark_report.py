@@ -41,8 +41,10 @@ from pipeline.analysis.report.packing import PackedSplit, pack_routes
 from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.config.run import RunConfig, resolve
 from pipeline.machinery.certificate import Certificate
-from pipeline.machinery.counts import DatasetCounts, count_routes
+from pipeline.machinery.counting import count_routes
+from pipeline.machinery.counts import DatasetCounts
 from pipeline.machinery.routes import Route, routes
+from pipeline.machinery.statistics import DatasetStatistics
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3
@@ -145,7 +147,7 @@ def main() -> None:
     shards = tuple(shard_of(name, split.labyrinths) for name, split in counts.items())
     manifest = Manifest(config, {}, shards)
     dataset = DatasetCounts(counts, Certificate({}, {}, (), {}))
-    told = describe(manifest, dataset, splits, limit)
+    told = describe(DatasetStatistics(manifest, dataset), splits, limit)
     text = page([told], evaluated(manifest, splits))
     seconds = time.perf_counter() - began
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:

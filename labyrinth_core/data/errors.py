@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+MALFORMED = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
+"""What may be raised where JSON from a file is used as if it were as it should be."""
+
 
 class DatasetError(RuntimeError):
     """A dataset is missing, unfinished, damaged, or another than asked for."""

@@ -19,7 +19,7 @@ import numpy as np
 from labyrinth_core import __version__
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
 
@@ -124,7 +124,7 @@ class Manifest:
             )
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
-        except Exception as error:  # Of any kind: the file may hold anything.
+        except (OSError, *MALFORMED) as error:
             raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
 
 

@@ -8,28 +8,38 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 from rich.box import SIMPLE_HEAD
-from rich.table import Table
+from rich.table import Column, Table
 
 from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.source import stream_infos
 from labyrinth_core.data.storage import AnyPath, write_text
-from pipeline.analysis.elsewhere import Files, labyrinths_of
+from labyrinth_core.language.text import labyrinth_id, load, parse
+from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, progress, say
-from pipeline.machinery.counts import Content, DatasetCounts, count_dataset
+from pipeline.machinery.counting import Content, count_dataset
+from pipeline.machinery.counts import DatasetCounts
 
 FORMAT = 1
 LEAKS_SHOWN = 10
 """The largest number of labyrinths shared by two splits that are named in the terminal."""
 SIGNIFICANT = 0.05
+
+Source = TypeVar("Source", str, Path)
+
+Files = dict[str, dict[str, str]]
+"""Split -> id of a labyrinth -> path of the file it is in."""
 
 
 def run(run: Run) -> None:
@@ -39,34 +49,64 @@ def run(run: Run) -> None:
         DatasetError: There is no dataset, or it is damaged.
         OSError: The result cannot be written.
     """
-    if run.options.leakage.source is None:
-        path = run.folder / ANALYSIS
-        certificate, shifts = _analyse(run.folder, run.options.workers)
-        lines = [*_leaks(certificate, {}), *_near(certificate), *_shifted(shifts)]
-        lines.append(f"{path} has all of it; stages=[report] shows it as tables.")
-    else:
-        certificate, files, path = _certified(run.options.leakage.source, run)
-        lines = [*_leaks(certificate, files), f"{path} has all of it."]
-        console.print(_leakage_table(certificate))
-    for line in lines:
+    source = run.options.leakage.source
+    for line in _analyse(run) if source is None else _certify(source, run):
         say(line)
 
 
-def _certified(source: str, run: Run) -> tuple[Certificate, Files, AnyPath]:
-    """Return the certificate of a dataset from elsewhere, its files, and where the result lies."""
+def _certify(source: str, run: Run) -> Iterator[str]:
+    """Certify a dataset from elsewhere, print the table, and yield the other lines to print."""
     splits, files = labyrinths_of(source, run.options.leakage.config)
     certificate = certify(splits)
     name = re.sub(r"[^\w.-]+", "-", source).strip("-")
     path = run.data_dir / "analysis" / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
-    return certificate, files, path
+    console.print(_leakage_table(certificate))
+    yield from _leaks(certificate, files)
+    yield f"{path} has all of it."
 
 
-def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
-    """Return the certificate and the shifts of a dataset, which are left in its folder."""
+def labyrinths_of(source: str, config: str | None) -> tuple[dict[str, list[Labyrinth]], Files]:
+    """Return the labyrinths of each split, in order, and their files, if they are in files.
+
+    Only the column `info` of a dataset is read.
+
+    Args:
+        source: A folder with a folder of `.labyrinth` files for each split; or a dataset with a
+            column `info`, as `load_dataset` finds it: in a folder, or by its id on the Hub.
+        config: The config of the dataset, if it has several.
+
+    Raises:
+        DatasetError: The source is neither, or a text in it does not describe a labyrinth.
+    """
+    folder = Path(source).expanduser()
+    splits: dict[str, list[Labyrinth]] = {}
+    files: Files = {}
+    for path in sorted(folder.glob("*/*.labyrinth")):
+        split, labyrinth = path.parent.name, _read(load, path)
+        splits.setdefault(split, []).append(labyrinth)
+        files.setdefault(split, {}).setdefault(labyrinth_id(labyrinth), str(path))
+    if not splits:
+        streams = stream_infos(str(folder) if folder.is_dir() else source, config)
+        for split, infos in streams.items():
+            where = f"{split} info: no labyrinth: "
+            splits[split] = [_read(parse, info, where) for info in dict.fromkeys(infos)]
+    return splits, files
+
+
+def _read(read: Callable[[Source], Labyrinth], source: Source, where: str = "") -> Labyrinth:
+    try:
+        return read(source)
+    except ValueError as error:  # Its first line says what is wrong, those below show the place.
+        raise DatasetError(f"{where}{error}".partition("\n")[0]) from error
+
+
+def _analyse(run: Run) -> Iterator[str]:
+    """Analyse a dataset, leave the result in its folder, and yield the lines to print."""
+    folder = run.folder
     manifest = Manifest.read(folder)
-    counts, contents = read_contents(folder, manifest, workers)
+    counts, contents = read_contents(folder, manifest, run.options.workers)
     counts.write(folder, manifest)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     certificate = certify(labyrinths, counts.certificate)
@@ -82,7 +122,10 @@ def _analyse(folder: AnyPath, workers: int) -> tuple[Certificate, list[Shift]]:
         },
     }
     _write(folder / ANALYSIS, content)
-    return certificate, shifts
+    yield from _leaks(certificate, {})
+    yield from _near(certificate)
+    yield from _shifted(shifts)
+    yield f"{folder / ANALYSIS} has all of it; stages=[report] shows it as tables."
 
 
 def read_contents(
@@ -111,16 +154,16 @@ def _write(path: AnyPath, content: Mapping[str, Any]) -> None:
 
 
 def _leakage_table(certificate: Certificate) -> Table:
+    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
+    headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
     table = Table(
+        "splits",
+        *(Column(heading, justify="right") for heading in headings),
         title="leakage: labyrinths of the second split with a counterpart in the first",
         caption="nearest: walls to the nearest structure of the first, least and median",
         box=SIMPLE_HEAD,
         padding=0,
     )
-    table.add_column("splits")
-    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
-    for heading in ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest"):
-        table.add_column(heading, justify="right")
     for pair in certificate.pairs:
         of = certificate.labyrinths[pair.second]
         counts = [of, len(pair.equal), len(pair.mirrored), len(pair.symmetric)]

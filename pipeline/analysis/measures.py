@@ -30,7 +30,7 @@ from pipeline.analysis.shift import (
     permutation_test,
     wasserstein_of_counts,
 )
-from pipeline.machinery.counts import Content
+from pipeline.machinery.counting import Content
 
 
 class Sample(NamedTuple):

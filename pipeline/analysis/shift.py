@@ -41,16 +41,11 @@ def jensen_shannon(counts_a: ArrayLike, counts_b: ArrayLike) -> Floats:
     Returns:
         Shape (...).
     """
-    a, b = np.broadcast_arrays(_shares(counts_a), _shares(counts_b))
+    counts = [np.asarray(each, np.float64) for each in (counts_a, counts_b)]
+    a, b = np.broadcast_arrays(*(each / each.sum(axis=-1, keepdims=True) for each in counts))
     middle = (a + b) / 2
     divergence = (_relative_entropy(a, middle) + _relative_entropy(b, middle)) / 2
     return np.sqrt(np.where(divergence < _NOTHING, 0, divergence))
-
-
-def _shares(counts: ArrayLike) -> Floats:
-    array = np.asarray(counts, np.float64)
-    shares: Floats = array / array.sum(axis=-1, keepdims=True)
-    return shares
 
 
 def _relative_entropy(p: Floats, q: Floats) -> Floats:

@@ -74,7 +74,7 @@ def run(run: Run) -> None:
                 workplace.clear()  # What a run left that was killed at the very end.
         else:
             check_capacity(run.dataset)
-            front_matter.check_replaceable(run.data_dir)
+            front_matter.read(run.data_dir / "README.md")  # Not somebody else's.
             manifest = _build(run, workplace)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)

@@ -91,11 +91,7 @@ def counterparts(
 ) -> dict[str, str]:
     """Return which labyrinths of the second split have a hash that one of the first split has.
 
-    Args:
-        first_ids: The ids of the labyrinths of the first split.
-        first: Their hashes.
-        second_ids: The ids of the labyrinths of the second split.
-        second: Their hashes.
+    The arguments are the ids of the labyrinths of each split, and their hashes.
 
     Returns:
         Id of each of them -> id of the first labyrinth of the first split with that hash.

@@ -25,11 +25,6 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 """The end of the generated text; what a person writes before and after the marks is kept."""
 
 
-def check_replaceable(data_dir: AnyPath) -> None:
-    """Raise DatasetError if the folder has a README.md that is not of a dataset."""
-    read(data_dir / "README.md")
-
-
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]

@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from labyrinth_core.data.storage import AnyPath, write_bytes
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
-from labyrinth_core.world.dynamics import State, initial, transition
+from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.rollout import replay
 
 WIDTH = 1080
 MARGIN = 36
@@ -101,9 +102,7 @@ def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) 
     """Return the picture of a labyrinth at its start with a route, `_FINER` times a size."""
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         labyrinth = replace(labyrinth, task=Task.NAVIGATION)
-    states = [initial(labyrinth)]
-    for action in actions:
-        states.append(transition(labyrinth, states[-1], action))
+    states = replay(labyrinth, actions).states
     side = size * _FINER
     image = Image.fromarray(render(labyrinth, states[0]))
     image = image.resize((side, side), Image.Resampling.NEAREST)
@@ -112,32 +111,25 @@ def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) 
     return image
 
 
-def _middles(labyrinth: Labyrinth, states: list[State], side: int) -> list[tuple[float, float]]:
+def _middles(labyrinth: Labyrinth, states: Sequence[State], side: int) -> list[tuple[float, float]]:
     """Return the centres of the agent's cells in a square picture of that size."""
     height, width = labyrinth.structure.height, labyrinth.structure.width
     wall = side / (12 * max(height, width))
     pitch = (side - wall) / max(height, width)
     left = (side - wall - width * pitch) / 2 + wall / 2
     bottom = (side - wall + height * pitch) / 2 + wall / 2
-    return [
-        (
-            left + (state.agent % width + 0.5) * pitch,
-            bottom - (state.agent // width + 0.5) * pitch,
-        )
-        for state in states
-    ]
+    places = [divmod(state.agent, width) for state in states]
+    return [(left + (column + 0.5) * pitch, bottom - (row + 0.5) * pitch) for row, column in places]
 
 
 def _draw_route(draw: ImageDraw.ImageDraw, points: list[tuple[float, float]], cell: float) -> None:
     """Draw a route with a white edge, from the square of the agent to a dot."""
-    agent, (x, y), half = DEFAULT_STYLE.agent, points[0], cell * 0.29
+    agent, half = DEFAULT_STYLE.agent, cell * 0.29
+    (x, y), (last_x, last_y) = points[0], points[-1]
     line, edge = max(cell * 0.14, 3 * _FINER), cell * 0.045
     draw.line(points, fill=PAPER, width=round(line + 2 * edge), joint="curve")
     draw.rectangle((x - half, y - half, x + half, y + half), fill=agent)
     for colour, radius in ((PAPER, line + edge), (agent, line)):
-        draw.ellipse(_around(points[-1], radius), fill=colour)
+        corners = (last_x - radius, last_y - radius, last_x + radius, last_y + radius)
+        draw.ellipse(corners, fill=colour)
     draw.line(points, fill=agent, width=round(line), joint="curve")
-
-
-def _around(point: tuple[float, float], radius: float) -> tuple[float, float, float, float]:
-    return point[0] - radius, point[1] - radius, point[0] + radius, point[1] + radius

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
@@ -15,16 +16,16 @@ from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import progress, say
-from pipeline.machinery.counts import COUNTS, counts_of
+from pipeline.machinery.console import say
+from pipeline.machinery.counts import COUNTS
 from pipeline.machinery.locks import held
+from pipeline.machinery.statistics import DatasetStatistics, statistics_of
 from pipeline.release import readme
 from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.provenance import ARXIV, Release
-from pipeline.release.statistics import DatasetStatistics, read_closeness
 
 HASHES = "SHA256SUMS"
 
@@ -41,20 +42,8 @@ TAGS = [
 ]
 """The last one makes the Hub link the paper."""
 
-SIZES = {
-    10**3: "n<1K",
-    10**4: "1K<n<10K",
-    10**5: "10K<n<100K",
-    10**6: "100K<n<1M",
-    10**7: "1M<n<10M",
-    10**8: "10M<n<100M",
-    10**9: "100M<n<1B",
-    10**10: "1B<n<10B",
-    10**11: "10B<n<100B",
-    10**12: "100B<n<1T",
-}
-"""Rows -> the Hub's word for fewer (`huggingface_hub.DatasetCardData`, size_categories)."""
-MOST = "n>1T"
+_BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
+"""The bounds of the Hub's size categories: thousand, ten thousand and so on."""
 
 
 def run(run: Run) -> None:
@@ -102,10 +91,12 @@ def write_card(
 
 def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / "README.md")
-    manifests = front_matter.finished(data_dir)
-    if not manifests:
-        raise DatasetError(f"{data_dir} holds no finished dataset: stages=[build] makes one")
-    datasets = _measured(data_dir, manifests, workers)
+    datasets = statistics_of(data_dir, "card", workers)
+    for dataset in datasets:
+        if problems := "; ".join(dataset.counts.certificate.problems()):
+            reason = f"{problems}: no card for such a dataset"
+            raise DatasetError(f"{data_dir / dataset.name}: {reason}")
+    manifests = [dataset.manifest for dataset in datasets]
     default = front_matter.default_config(manifests)
     text = front_matter.with_generated(text, readme.text(datasets, default, release))
     texts = {
@@ -120,25 +111,6 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
     for name, content in texts.items():
         write_text(data_dir / name, content)
     _write_hashes(data_dir, manifests)
-    return datasets
-
-
-def _measured(
-    data_dir: AnyPath, manifests: list[Manifest], workers: int
-) -> list[DatasetStatistics]:
-    """Return the statistics of all datasets; raises DatasetError if two splits share something."""
-    datasets = []
-    with progress() as bars:
-        rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
-        bar = bars.add_task("card", total=rows)
-        for manifest in manifests:
-            folder = data_dir / manifest.config.name
-            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            problems = list(counts.certificate.problems())
-            if problems:
-                raise DatasetError(f"{folder}: {'; '.join(problems)}: no card for such a dataset")
-            closeness = read_closeness(folder, manifest)
-            datasets.append(DatasetStatistics(manifest, counts, closeness))
     return datasets
 
 
@@ -190,17 +162,13 @@ def _joined(ours: list[str], theirs: Any) -> list[str]:
 
 
 def size_category(rows: int) -> str:
-    """Return the Hub's word for a number of rows."""
-    return next((name for bound, name in SIZES.items() if rows < bound), MOST)
+    """Return the Hub's word for a number of rows (`huggingface_hub.DatasetCardData`)."""
+    words = ["n<1K", *(f"{low}<n<{high}" for low, high in pairwise(_BOUNDS)), "n>1T"]
+    return words[min(max(len(str(rows)) - 3, 0), len(_BOUNDS))]
 
 
 def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:
-    """Return the paths in a folder of all files of the datasets and their card.
-
-    Args:
-        data_dir: The folder.
-        manifests: The manifests of its finished datasets.
-    """
+    """Return the paths in a folder of all files of its finished datasets and their card."""
     names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
     pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")
     names += [f"{readme.PICTURES}/{path.name}" for path in pictures]

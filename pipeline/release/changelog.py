@@ -32,13 +32,11 @@ def updated(text: str, manifests: list[Manifest], version: str | None) -> str:
     same = [line for line in newest if _GENERATED.fullmatch(line)] == lines
     if same and version is None:
         return text
-    headings = [heading for heading, _ in entries]
     heading = version or _NEW
-    of_person: list[str] = []
-    for replaced in {heading, _NEW} & set(headings):
-        _, old = entries.pop([name for name, _ in entries].index(replaced))
-        of_person += [line for line in old if line and not _GENERATED.fullmatch(line)]
-    entries.insert(0, (heading, ["", *lines, *of_person, ""]))
+    replaced = [line for name, body in entries if name in (heading, _NEW) for line in body]
+    of_person = [line for line in replaced if line and not _GENERATED.fullmatch(line)]
+    kept = [(name, body) for name, body in entries if name not in (heading, _NEW)]
+    entries = [(heading, ["", *lines, *of_person]), *kept]
     parts = [title, *("\n".join([f"## {name}", *body]).rstrip() for name, body in entries)]
     return "\n\n".join(parts) + "\n"
 

@@ -56,22 +56,15 @@ def citation_file(release: Release) -> str:
         values["version"] = release.version
     if release.repo_id:
         values["url"] = release.url
+    authors = [{"family-names": family, "given-names": given} for family, given in PAPER_AUTHORS]
     values["preferred-citation"] = {
         "type": "conference-paper",
         "title": PAPER_TITLE,
-        "authors": [
-            {"family-names": family, "given-names": given} for family, given in PAPER_AUTHORS
-        ],
+        "authors": authors,
         "year": PAPER_YEAR,
         "collection-title": PAPER_VENUE,
         "url": PAPER_URL,
     }
-    values["references"] = [
-        {
-            "type": "software",
-            "title": "Labyrinth datasets",
-            "authors": [{"name": _DEVELOPERS}],
-            "version": __version__,
-        }
-    ]
+    software = {"type": "software", "title": "Labyrinth datasets"}
+    values["references"] = [software | {"authors": [{"name": _DEVELOPERS}], "version": __version__}]
     return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)

@@ -13,18 +13,17 @@ from importlib.resources import files
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS, SPLITS
-from labyrinth_core.data.dataset_config import DatasetConfig
+from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
+    DATE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_URL,
-    UNRELEASED,
     Release,
     command,
 )
-from pipeline.release.statistics import DatasetStatistics
 
 REPOSITORY = "repo"
 """The id of the repository; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
@@ -39,18 +38,14 @@ _DATA_TYPES = {
 
 
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
-    """Return the content of croissant.json.
-
-    Args:
-        datasets: The statistics of each config of the folder.
-        release: What is known of the release.
-    """
+    """Return the content of the croissant.json of a folder of datasets."""
     authors = [
         {"@type": "Person", "name": f"{given} {family}", "givenName": given, "familyName": family}
         for family, given in PAPER_AUTHORS
     ]
     content = {
-        "@context": _context(),
+        # That of appendix 1 of the specification, with the vocabulary of provenance.
+        "@context": json.loads(files(__package__).joinpath("croissant_context.json").read_bytes()),
         "@type": "sc:Dataset",
         "name": "labyrinth",
         "alternateName": "Labyrinth",
@@ -63,8 +58,8 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         ],
         "url": release.url,
         "license": LICENCE_URL,
-        "version": release.version or UNRELEASED,
-        "datePublished": release.date,
+        "version": release.version or "0.0.0-unreleased",
+        "datePublished": DATE,
         "citeAs": paper_bibtex(),
         "creator": [{"@type": "Organization", "name": "The Labyrinth datasets developers"}],
         "citation": {"@type": "ScholarlyArticle", "url": PAPER_URL, "author": authors},
@@ -72,14 +67,9 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],
         **_responsible_ai(datasets),
         "distribution": _distribution(datasets, release),
-        "recordSet": [_record_set(dataset.manifest.config) for dataset in datasets],
+        "recordSet": [_record_set(dataset.name) for dataset in datasets],
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-
-
-def _context() -> Any:
-    """Return the context of appendix 1 of the specification, with the vocabulary of provenance."""
-    return json.loads(files("pipeline.release").joinpath("croissant_context.json").read_bytes())
 
 
 def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:
@@ -134,8 +124,8 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
         parts.append(
             {
                 "@type": "cr:FileSet",
-                "@id": _file_set(dataset.manifest.config),
-                "name": _file_set(dataset.manifest.config),
+                "@id": f"files-of-{dataset.name}",
+                "name": f"files-of-{dataset.name}",
                 "description": f"The Parquet files of {dataset.name}.",
                 "containedIn": {"@id": REPOSITORY},
                 "encodingFormat": "application/x-parquet",
@@ -158,49 +148,36 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
     return parts
 
 
-def _file_set(config: DatasetConfig) -> str:
-    return f"files-of-{config.name}"
-
-
-def _record_set(config: DatasetConfig) -> dict[str, Any]:
+def _record_set(config: str) -> dict[str, Any]:
+    splits = ", ".join(f"{split} ({meaning})" for split, meaning in SPLITS.items())
+    of_split = {
+        "extract": {"fileProperty": "fullpath"},
+        "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
+    }
+    meaning = f"the split that the row is in: {splits}"
+    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], of_split)]
+    for column in COLUMNS:
+        source: dict[str, Any] = {"extract": {"column": column.name}}
+        if column.name == "obs":
+            source["transform"] = {"jsonPath": "bytes"}
+        fields.append(_field(config, column.name, column.meaning, _DATA_TYPES[column.name], source))
     return {
         "@type": "cr:RecordSet",
-        "@id": config.name,
-        "name": config.name,
-        "description": f"The rows of the config {config.name}, one for each state of an episode.",
-        "field": [_split_field(config), *(_field(config, column.name) for column in COLUMNS)],
+        "@id": config,
+        "name": config,
+        "description": f"The rows of the config {config}, one for each state of an episode.",
+        "field": fields,
     }
 
 
-def _split_field(config: DatasetConfig) -> dict[str, Any]:
-    splits = ", ".join(f"{split} ({meaning})" for split, meaning in SPLITS.items())
+def _field(
+    config: str, name: str, description: str, kind: str | list[str], source: dict[str, Any]
+) -> dict[str, Any]:
     return {
         "@type": "cr:Field",
-        "@id": f"{config.name}/split",
-        "name": "split",
-        "description": f"The split that the row is in: {splits}.",
-        "dataType": ["sc:Text", "cr:Split"],
-        "source": {
-            "fileSet": {"@id": _file_set(config)},
-            "extract": {"fileProperty": "fullpath"},
-            "transform": {"regex": rf"^.*?{config.name}/(\w+?)-\d+-of-\d+\.parquet$"},
-        },
-    }
-
-
-def _field(config: DatasetConfig, name: str) -> dict[str, Any]:
-    source: dict[str, Any] = {
-        "fileSet": {"@id": _file_set(config)},
-        "extract": {"column": name},
-    }
-    if name == "obs":
-        source["transform"] = {"jsonPath": "bytes"}
-    meaning = next(column.meaning for column in COLUMNS if column.name == name)
-    return {
-        "@type": "cr:Field",
-        "@id": f"{config.name}/{name}",
+        "@id": f"{config}/{name}",
         "name": name,
-        "description": f"{meaning[0].upper()}{meaning[1:]}.",
-        "dataType": _DATA_TYPES[name],
-        "source": source,
+        "description": f"{description[0].upper()}{description[1:]}.",
+        "dataType": kind,
+        "source": {"fileSet": {"@id": f"files-of-{config}"}} | source,
     }

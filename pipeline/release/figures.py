@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from itertools import accumulate
 from typing import NamedTuple
 
 from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
-from labyrinth_core.world.grid import Action
 from pipeline.machinery.counts import EXAMPLES, SplitCounts
 from pipeline.machinery.markdown import count
+from pipeline.machinery.statistics import ACTION_COLOURS
 from pipeline.release.canvas import (
     INK,
     LINE,
@@ -25,13 +26,6 @@ from pipeline.release.canvas import (
     tallness,
     text_width,
 )
-
-ACTION_COLOURS: dict[Action, Colour] = {
-    Action.UP: DEFAULT_STYLE.agent,
-    Action.RIGHT: DEFAULT_STYLE.goal,
-    Action.DOWN: DEFAULT_STYLE.start,
-    Action.LEFT: DEFAULT_STYLE.key,
-}
 
 Splits = Mapping[str, SplitCounts]
 """The counts of each split of a dataset, in the order of the table of splits."""
@@ -125,13 +119,8 @@ def _scale(sheet: Sheet, top: float, most: float) -> None:
         begin, end = (left + (right - left) * part / steps for part in (step, step + 1))
         sheet.box(begin, top, end + 1, top + height, _heat((step + 0.5) / steps))
     sheet.text((left - 14, top + height / 2), "0%", SMALL, MUTED, "rm")
-    sheet.text(
-        (right + 14, top + height / 2),
-        f"{most:.{0 if most > 0.05 else 1}%} or more",
-        SMALL,
-        MUTED,
-        "lm",
-    )
+    label = f"{most:.{0 if most > 0.05 else 1}%} or more"
+    sheet.text((right + 14, top + height / 2), label, SMALL, MUTED, "lm")
     sheet.text((WIDTH / 2, top + height + 42), "share of the split's rows", SMALL, MUTED, "ms")
 
 
@@ -217,12 +206,11 @@ class _Bars(NamedTuple):
         """The width of a bar, in pixels."""
         return (WIDTH - 2 * MARGIN) / self.number
 
-    def of(self, split: SplitCounts) -> dict[int, int]:
+    def of(self, split: SplitCounts) -> Counter[int]:
         """Return the episodes in each bar."""
-        bars: dict[int, int] = {}
+        bars: Counter[int] = Counter()
         for moves, episodes in split.lengths.items():
-            place = (moves - self.first) // self.together
-            bars[place] = bars.get(place, 0) + episodes
+            bars[(moves - self.first) // self.together] += episodes
         return bars
 
     def middle(self, moves: float) -> float:

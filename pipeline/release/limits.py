@@ -5,26 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from labyrinth_core.world.grid import Action
-from pipeline.release.statistics import DatasetStatistics
+from pipeline.machinery.statistics import DatasetStatistics
+
+_OF_SOLUTIONS = {
+    "shortest": "With `solutions=shortest` a labyrinth has one demonstration, drawn uniformly from "
+    "its shortest routes: where *choices* is above 1, an action that differs from the demonstrated "
+    "one can be as good.",
+    "all": "With `solutions=all` every route without repetition is a demonstration, also long "
+    "ones: see *optimal* for how many actions begin a shortest route.",
+}
+"""Value of `solutions` -> a point that holds for it."""
 
 
 def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
-    """Return the points, in Markdown.
-
-    Args:
-        datasets: The statistics of each config.
-    """
+    """Return the points on the configs of a folder, in Markdown."""
     splits = [dataset.splits["train"] for dataset in datasets]
     shares = [f"{split.action_shares[[Action.UP, Action.RIGHT]].sum():.0%}" for split in splits]
     forward = ", ".join(
         f"{share} in `{dataset.name}`" for share, dataset in zip(shares, datasets, strict=True)
     )
     twins = "; ".join(
-        f"`{dataset.name}` {close.within[0]:,} of {close.of:,}"
+        f"`{dataset.name}` {pair['within']['1']:,} of {dataset.analysis['labyrinths']['test']:,}"
         for dataset in datasets
-        for close in dataset.closeness
-        if (close.first, close.second) == ("train", "test")
+        if dataset.analysis
+        for pair in dataset.analysis["pairs"]
+        if (pair["first"], pair["second"]) == ("train", "test")
     )
+    demonstrated = {dataset.manifest.config.solutions for dataset in datasets}
     points = [
         *_sampler_points(datasets),
         "Disjoint is not far apart. A structure of `test` can differ from one of `train` in a "
@@ -34,7 +41,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
         f"goal top right, so most demonstrated actions are up or right ({forward}): always "
         "compare with a policy that knows only this. `s0` and `s0_and_g` are there to take it "
         "away.",
-        *_solution_points(datasets),
+        *(point for solutions, point in _OF_SOLUTIONS.items() if solutions in demonstrated),
         "All splits are drawn by one renderer, in the same colours and at the same scale: "
         "a result says nothing about other pictures, and nothing about the real world.",
         "The environment is deterministic and no demonstration walks into a wall; states off the "
@@ -45,14 +52,10 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
     configs = [dataset.manifest.config for dataset in datasets]
     if len({(c.height, c.width) for c in configs}) < len(configs):
         same = len({c.buckets for c in configs}) == 1
+        apart = "in different splits: do not learn on one and be judged on another."
         points.append(
             "Configs of one size that differ in their task may hold the same structure, "
-            + (
-                "always in the same split."
-                if same
-                else "and, their `buckets` differing, "
-                "in different splits: do not learn on one and be judged on another."
-            )
+            + ("always in the same split." if same else f"and, their `buckets` differing, {apart}")
         )
     return points
 
@@ -72,22 +75,5 @@ def _sampler_points(datasets: Sequence[DatasetStatistics]) -> list[str]:
         points.append(
             f"The sampler {', '.join(others)} does not draw spanning trees uniformly: some kinds "
             "of labyrinths are much likelier than others."
-        )
-    return points
-
-
-def _solution_points(datasets: Sequence[DatasetStatistics]) -> list[str]:
-    solutions = {dataset.manifest.config.solutions for dataset in datasets}
-    points = []
-    if "shortest" in solutions:
-        points.append(
-            "With `solutions=shortest` a labyrinth has one demonstration, drawn uniformly from its "
-            "shortest routes: where "
-            "*choices* is above 1, an action that differs from the demonstrated one can be as good."
-        )
-    if "all" in solutions:
-        points.append(
-            "With `solutions=all` every route without repetition is a demonstration, also long "
-            "ones: see *optimal* for how many actions begin a shortest route."
         )
     return points

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+
+from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data.storage import file_sha256
 
@@ -17,14 +17,6 @@ _CARD = (
     r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"
     r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
 )
-
-
-class RemoteFile(NamedTuple):
-    """A file on the Hub."""
-
-    digest: str
-    """SHA-256 of a large file; for others the hash that git gives a blob."""
-    large: bool
 
 
 @dataclass(frozen=True)
@@ -53,12 +45,12 @@ class Plan:
         return [path for path in [*self.add, *self.delete] if is_data(path)]
 
 
-def make_plan(files: Mapping[str, Path], remote: Mapping[str, RemoteFile]) -> Plan:
+def make_plan(files: Mapping[str, Path], remote: Mapping[str, str]) -> Plan:
     """Return what to change so that the Hub holds these files.
 
     Args:
         files: By their path on the Hub.
-        remote: What it holds now.
+        remote: What it holds now, as from `Remote.tree`.
     """
     keep = [path for path, local in files.items() if path in remote and _same(local, remote[path])]
     return Plan(
@@ -79,10 +71,6 @@ def is_data(path: str) -> bool:
     return re.fullmatch(_DATA, path, re.ASCII) is not None
 
 
-def _same(local: Path, remote: RemoteFile) -> bool:
-    if remote.large:
-        return file_sha256(local) == remote.digest
-    content = local.read_bytes()
-    header = b"blob %d\0" % len(content)
-    # This is how git names a blob; it protects nothing.
-    return hashlib.sha1(header + content, usedforsecurity=False).hexdigest() == remote.digest
+def _same(local: Path, digest: str) -> bool:
+    """Return whether a file has the SHA-256, of 64 digits, or the name that git gives a blob."""
+    return digest == (file_sha256(local) if len(digest) == 64 else git_hash(local.read_bytes()))

@@ -9,12 +9,6 @@ from pathlib import Path
 from labyrinth_core import __version__
 from labyrinth_core.data.dataset_config import DatasetConfig
 
-PLACEHOLDER = "user/labyrinth"
-"""The id in examples, of a dataset that is not on the Hub yet."""
-
-UNRELEASED = "0.0.0-unreleased"
-"""The version of a dataset that has none yet, in the form that Croissant asks for."""
-
 DATE = "2026-11-21"
 """The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
 Croissant asks for, where no other is given. A clock would make the same data differ."""
@@ -36,13 +30,11 @@ class Release:
     repo_id: str | None = None
     """The id on the Hub, such as `user/labyrinth`."""
     version: str | None = None
-    date: str = DATE
-    """The day of publication, as in 2026-11-21."""
 
     @property
     def name(self) -> str:
-        """The id to write in examples."""
-        return self.repo_id or PLACEHOLDER
+        """The id to write in examples; a placeholder for a dataset that is not on the Hub yet."""
+        return self.repo_id or "user/labyrinth"
 
     @property
     def url(self) -> str:
@@ -74,23 +66,14 @@ def command(config: DatasetConfig) -> str:
 def code() -> str:
     """Return which code this is: version and, in a clone of the repository, the commit."""
     version = f"labyrinth-datasets {__version__}"
-    folder = Path(__file__).parent
+    root = Path(__file__).parents[2]
     # An installation may lie in the repository of somebody else's project.
-    if _git(folder, "ls-files", "--error-unmatch", Path(__file__).name) is None:
+    if not (root / ".git").exists():
         return version
-    commit = _git(folder, "rev-parse", "HEAD")
-    if not commit:
-        return version
-    changed = _git(folder, "status", "--porcelain", "--untracked-files=no")
-    return f"{version}, git commit `{commit}`{' with changes' if changed else ''}"
-
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    """Return what git prints, None if it fails or is not there."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     try:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True
-        )
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        return None
-    return done.stdout.strip()
+        return version
+    commit, changed, _ = done.stdout.strip().partition("-dirty")
+    return f"{version}, git commit `{commit}`{' with changes' if changed else ''}"

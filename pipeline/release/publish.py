@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,16 +29,15 @@ from pipeline.release.card import published_files, write_card
 from pipeline.release.plan import Plan, make_plan
 from pipeline.release.remote import (
     FAULTS,
-    WAITS,
     PublishError,
     Remote,
     explained,
-    is_passing,
     reasons,
+    repeated,
 )
 
-CACHES = ("_CACHE", "_PATH", "_OFFLINE")
-"""The ends of the names of environment variables that move the caches of the Hub's clients."""
+CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
+"""The names of environment variables that move the caches of the Hub's clients."""
 
 
 def run(run: Run) -> None:
@@ -171,7 +170,8 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
     """
     additions = _uploaded(remote, options, plan)
     deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
-    for seconds in (*WAITS, None):
+
+    def commit() -> str:
         try:
             info = remote.api.create_commit(
                 options.repo_id,
@@ -182,18 +182,17 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
                 parent_commit=parent,
                 create_pr=options.create_pr,
             )
-            return str(info.pr_url if options.create_pr else info.oid)
         except FAULTS as error:
             head = remote.head(options.branch)
-            if head != parent:
-                if make_plan(plan.files, remote.tree(head)).is_done:
-                    return head
-                raise PublishError(reasons(options.repo_id)[412]) from error
-            # A pull request may be there all the same, and would be made a second time.
-            if seconds is None or options.create_pr or not is_passing(error):
+            if head == parent:
                 raise
-            time.sleep(seconds)
-    raise AssertionError("the last attempt returns or raises")
+            if make_plan(plan.files, remote.tree(head)).is_done:
+                return head
+            raise PublishError(reasons(options.repo_id)[412]) from error
+        return str(info.pr_url if options.create_pr else info.oid)
+
+    # A pull request may be there in spite of a fault, and would be made a second time.
+    return commit() if options.create_pr else repeated(commit)
 
 
 def _uploaded(remote: Remote, options: PublishOptions, plan: Plan) -> list[CommitOperationAdd]:
@@ -239,10 +238,6 @@ def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
 
 def _environment(home: str) -> dict[str, str]:
     """Return the environment of a process whose caches are empty."""
-    kept = {
-        name: value
-        for name, value in os.environ.items()
-        if not (name.startswith(("HF_", "HUGGINGFACE_", "TRANSFORMERS_")) and name.endswith(CACHES))
-    }
+    kept = {name: value for name, value in os.environ.items() if not CACHES.fullmatch(name)}
     own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
     return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.

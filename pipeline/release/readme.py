@@ -10,6 +10,7 @@ from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
 from pipeline.machinery.markdown import count, table
+from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex, software_bibtex
 from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits
@@ -22,7 +23,6 @@ from pipeline.release.provenance import (
     code,
     command,
 )
-from pipeline.release.statistics import DatasetStatistics
 
 PICTURES = "pictures"
 BANNER = f"{PICTURES}/labyrinth.png"
@@ -49,8 +49,8 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         _uniqueness(datasets),
         _statistics(datasets, default),
         _language(datasets),
-        _limits(datasets),
-        _ending(),
+        "\n".join(["## Limits and biases\n", *(f"- {point}" for point in limits(datasets))]),
+        _ENDING,
     ]
     return "\n\n".join(sections)
 
@@ -77,9 +77,8 @@ The data are made anew by the software *Labyrinth datasets*; they are not the au
 
 
 def _loading(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
-    name, revision = release.name, ""
-    if release.version:
-        revision = f', revision="{release.version}"'
+    name = release.name
+    revision = f', revision="{release.version}"' if release.version else ""
     shard = next(d for d in datasets if d.name == default).manifest.of("train")[0]
     hint = (
         ""
@@ -188,23 +187,15 @@ This card was written by {code()}."""
 
 
 def _uniqueness(datasets: Sequence[DatasetStatistics]) -> str:
-    rows = [
-        (
-            f"`{dataset.name}`",
-            f"`{pair.first}`, `{pair.second}`",
-            f"{dataset.splits[pair.first].labyrinths:,} and "
-            f"{dataset.splits[pair.second].labyrinths:,}",
-            f"{len(pair.equal):,}",
-            f"{len(pair.mirrored):,}",
-        )
-        for dataset in datasets
-        for pair in dataset.counts.certificate.pairs
-    ]
-    shared = table(
-        ("config", "splits", "structures", "in both", "in both, or as a mirror image"),
-        rows,
-        "llrrr",
-    )
+    rows = []
+    for dataset in datasets:
+        held = {name: f"{split.labyrinths:,}" for name, split in dataset.splits.items()}
+        for pair in dataset.counts.certificate.pairs:
+            splits = f"`{pair.first}`, `{pair.second}`"
+            both = f"{held[pair.first]} and {held[pair.second]}"
+            shared = f"{len(pair.equal):,}", f"{len(pair.mirrored):,}"
+            rows.append((f"`{dataset.name}`", splits, both, *shared))
+    heading = ("config", "splits", "structures", "in both", "in both, or as a mirror image")
     return f"""## No structure in two splits
 
 Which of `train`, `validation` and `test` a structure may be in follows from a hash of its
@@ -212,7 +203,7 @@ canonical form, the smaller of it and its mirror image that keeps start and goal
 structure cannot be in two of them, neither here nor in a dataset of another seed or length with
 the same `buckets`. This is what the text in `info` says, read from every file here:
 
-{shared}
+{table(heading, rows, "llrrr")}
 
 No split repeats a structure, and those of `random`, `s0` and `s0_and_g` are all structures of
 `train`.{_closeness(datasets)}"""
@@ -223,12 +214,16 @@ def _closeness(datasets: Sequence[DatasetStatistics]) -> str:
     rows = [
         (
             f"`{dataset.name}`",
-            f"`{pair.first}`, `{pair.second}`",
-            *(f"{count:,}" for count in (pair.of, pair.symmetric, *pair.within, pair.same_route)),
-            pair.nearest,
+            f"`{pair['first']}`, `{pair['second']}`",
+            f"{dataset.analysis['labyrinths'][pair['second']]:,}",
+            f"{pair['counts']['symmetric']:,}",
+            *(f"{count:,}" for count in pair["within"].values()),
+            f"{pair['counts']['same_route']:,}",
+            pair["spread"],
         )
         for dataset in datasets
-        for pair in dataset.closeness
+        if dataset.analysis
+        for pair in dataset.analysis["pairs"]
     ]
     if not rows:
         return ""
@@ -334,13 +329,7 @@ door, `I` ice. The three settings switch a task on. `labyrinth_core.language.tex
 the grammar; the [paper]({PAPER_URL}) introduces it."""
 
 
-def _limits(datasets: Sequence[DatasetStatistics]) -> str:
-    points = "\n".join(f"- {point}" for point in limits(datasets))
-    return f"## Limits and biases\n\n{points}"
-
-
-def _ending() -> str:
-    return f"""## Licence
+_ENDING = f"""## Licence
 
 [MIT](https://opensource.org/license/mit).
 

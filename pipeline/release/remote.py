@@ -20,7 +20,6 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 )
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from pipeline.release.plan import RemoteFile
 
 WAITS = (0.2, 1.0, 3.0)
 """Seconds before each repetition of a call, after a fault of the Hub or of the line."""
@@ -35,22 +34,26 @@ class PublishError(DatasetError):
     """A release that could not be made, in one line."""
 
 
-def repeated(call: Callable[[], Result]) -> Result:
-    """Return the result of a call that may be made twice, after faults that may pass."""
-    for seconds in WAITS:
-        try:
-            return call()
-        except FAULTS as error:
-            if not is_passing(error):
-                raise
-        time.sleep(seconds)
-    return call()
-
-
 def is_passing(error: Exception) -> bool:
     """Return whether the same call may succeed later: after a fault of the line or the server."""
     status = status_of(error)
     return status is None or status >= 500 or status in (408, 429)
+
+
+def repeated(
+    call: Callable[[], Result],
+    faults: tuple[type[Exception], ...] = FAULTS,
+    may_pass: Callable[[Exception], bool] = is_passing,
+) -> Result:
+    """Return the result of a call that may be made twice, after faults that may pass."""
+    for seconds in WAITS:
+        try:
+            return call()
+        except faults as error:
+            if not may_pass(error):
+                raise
+        time.sleep(seconds)
+    return call()
 
 
 def status_of(error: Exception) -> int | None:
@@ -114,15 +117,13 @@ class Remote:
         except RevisionNotFoundError:
             return str(self._call("repo_info", revision="main").sha)
 
-    def tree(self, commit: str) -> dict[str, RemoteFile]:
-        """Return the files of a commit by their paths."""
+    def tree(self, commit: str) -> dict[str, str]:
+        """Return path -> SHA-256 of each large file of a commit, git's hash of each other."""
         entries = self.api.list_repo_tree(
             self.repo_id, repo_type="dataset", revision=commit, recursive=True
         )
         return {
-            entry.path: RemoteFile(
-                entry.lfs.sha256 if entry.lfs else entry.blob_id, bool(entry.lfs)
-            )
+            entry.path: entry.lfs.sha256 if entry.lfs else entry.blob_id
             for entry in entries
             if isinstance(entry, RepoFile)
         }

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import os
 import sys
-import time
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -27,7 +26,7 @@ from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from pipeline.machinery import front_matter
 from pipeline.release.card import published_files
 from pipeline.release.plan import make_plan
-from pipeline.release.remote import WAITS, Remote
+from pipeline.release.remote import Remote, repeated
 
 
 def verify(repo_id: str, commit: str, folder: Path) -> str:
@@ -50,19 +49,15 @@ def verify(repo_id: str, commit: str, folder: Path) -> str:
 
 
 def _verified_rows(repo_id: str, commit: str, manifest: Manifest) -> int:
-    """Return the number of rows of a config, loaded again after a fault that may pass."""
+    """Return the number of rows of a config, loaded again after any fault."""
     from datasets.exceptions import DatasetsError
 
-    for seconds in (*WAITS, None):
-        try:
-            return _load(repo_id, commit, manifest)
-        except (OSError, ValueError, HTTPError, DatasetsError) as error:
-            if seconds is None:
-                reason = one_line(error.__cause__ or error)
-                name = manifest.config.name
-                raise DatasetError(f"{name} cannot be loaded: {reason}") from error
-            time.sleep(seconds)
-    raise AssertionError("the last attempt returns or raises")
+    faults = (OSError, ValueError, HTTPError, DatasetsError)
+    try:
+        return repeated(lambda: _load(repo_id, commit, manifest), faults, lambda _: True)
+    except faults as error:
+        reason = one_line(error.__cause__ or error)
+        raise DatasetError(f"{manifest.config.name} cannot be loaded: {reason}") from error
 
 
 def _load(repo_id: str, commit: str, manifest: Manifest) -> int:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.world.grid import Action
+from pipeline.machinery.statistics import ACTION_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,14 +21,6 @@ if TYPE_CHECKING:
 
 FIGURES_FOLDER = "figures"
 """The folder of the figures, in that of the report."""
-
-ACTION_COLOURS: dict[Action, Colour] = {
-    Action.UP: DEFAULT_STYLE.agent,
-    Action.RIGHT: DEFAULT_STYLE.goal,
-    Action.DOWN: DEFAULT_STYLE.start,
-    Action.LEFT: DEFAULT_STYLE.key,
-}
-"""The colours of actions, as in the pictures of a card."""
 
 _COLUMNS = 3
 _PIXELS_PER_INCH = 200

@@ -1,22 +1,18 @@
-"""The findings about a dataset that the report shows: its analysis, and evaluated runs.
-
-They are read from the files that the stages `analyse` and `evaluate` have left.
-"""
+"""The evaluated runs that the report shows, read from the files that `evaluate` has left."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -24,15 +20,11 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 EVALUATIONS = "*/*/evaluation.json"
 """The files of the stage `evaluate`, in the folder of the runs."""
 
-MOST_NAMED = 20
-"""The most labyrinths shared by two splits that are named, of each kind."""
 MOST_FAILED = 2_000
 """The most labyrinths of a split that are named because a run failed on them."""
 _SOLVED = next(iter(OUTCOMES))[0]
 """The letter of an episode that reached the goal, the first letter of its outcome."""
 
-KINDS = ("equal", "mirrored", "symmetric", "same_route")
-"""The kinds of what two labyrinths may have in common."""
 SCORES = (
     "labyrinths",
     "sr",
@@ -45,45 +37,6 @@ SCORES = (
     "failures",
 )
 """The scores of a run on a split that are shown."""
-
-Told = TypeVar("Told")
-
-
-def read_analysis(folder: Path, manifest: Manifest) -> dict[str, Any] | None:
-    """Return the data of the page on the analysis of a dataset, None if it was not analysed.
-
-    An analysis of other rows, which were in the folder before, does not count.
-
-    Raises:
-        DatasetError: The file cannot be read.
-    """
-    path = folder / ANALYSIS
-    return _read(path, partial(_analysis, manifest)) if path.is_file() else None
-
-
-def _analysis(manifest: Manifest, content: Mapping[str, Any]) -> dict[str, Any] | None:
-    if content["fingerprint"] != manifest.fingerprint:
-        return None
-    leakage = content["leakage"]
-    return {
-        "labyrinths": leakage["labyrinths"],
-        "repeated": leakage["repeated"],
-        "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
-        "pairs": [_pair(pair) for pair in leakage["pairs"]],
-        "permutations": content["shift"]["permutations"],
-        "shift": content["shift"]["measures"],
-    }
-
-
-def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "first": pair["first"],
-        "second": pair["second"],
-        "counts": {kind: len(pair[kind]) for kind in KINDS},
-        "examples": {kind: list(pair[kind].items())[:MOST_NAMED] for kind in KINDS},
-        "within": pair["within"],
-        "spread": pair["spread"],
-    }
 
 
 def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
@@ -101,7 +54,10 @@ def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str,
     of = {manifest.config.name: manifest for manifest in manifests}
     methods: dict[tuple[str, str], list[_Run]] = {}
     for path in sorted(run_dir.glob(EVALUATIONS)):
-        run = _read(path, partial(_run, path.parent.name, of))
+        try:
+            run = _run(path.parent.name, of, json.loads(path.read_bytes()))
+        except MALFORMED as error:
+            raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
         if run is not None:
             methods.setdefault((run.config, run.method), []).append(run)
     return [_method(sorted(runs, key=lambda run: run.seed)) for runs in methods.values()]
@@ -169,10 +125,3 @@ def _method(runs: Sequence[_Run]) -> dict[str, Any]:
 def _named(failed: Sequence[str]) -> dict[str, Any]:
     """Return the ids of labyrinths that were not solved, up to a limit, and how many there are."""
     return {"failed": failed[:MOST_FAILED], "unsolved": len(failed)}
-
-
-def _read(path: Path, tell: Callable[[Any], Told]) -> Told:
-    try:
-        return tell(json.loads(path.read_bytes()))
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error

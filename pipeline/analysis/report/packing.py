@@ -7,13 +7,13 @@ page draws the pictures from that, so they are not stored.
 from __future__ import annotations
 
 import base64
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
@@ -31,9 +31,9 @@ _NUMBER_BYTES = 4
 class PackedSplit:
     """Labyrinths with their episodes, in order."""
 
-    fixed: dict[str, bytearray] = field(default_factory=dict)
+    fixed: dict[str, bytearray] = field(default_factory=lambda: defaultdict(bytearray))
     """Columns of which each labyrinth has as many bytes."""
-    numbers: dict[str, list[int]] = field(default_factory=dict)
+    numbers: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
     """Columns of one number a labyrinth; `length`, one an episode."""
     actions: bytearray = field(default_factory=bytearray)
     """The actions of all episodes, one after the other."""
@@ -50,36 +50,33 @@ class PackedSplit:
         if route.is_first:
             self._add_labyrinth(route.labyrinth, route.shortest)
         self.numbers["episodes"][-1] += 1
-        self.numbers.setdefault("length", []).append(len(route.actions))
+        self.numbers["length"].append(len(route.actions))
         self.actions.extend(route.actions)
 
     def extend(self, other: PackedSplit) -> None:
         """Add the shard that follows."""
         for name, column in other.fixed.items():
-            self.fixed.setdefault(name, bytearray()).extend(column)
+            self.fixed[name] += column
         for name, values in other.numbers.items():
-            self.numbers.setdefault(name, []).extend(values)
+            self.numbers[name] += values
         self.actions.extend(other.actions)
 
     def _add_labyrinth(self, labyrinth: Labyrinth, shortest: int) -> None:
         structure = labyrinth.structure
         wide = (structure.cells + 7) // 8
-        for name, value in {
-            "id": bytes.fromhex(labyrinth_id(labyrinth)),
-            "structure": bytes.fromhex(structure.structure_id),
-            "up": structure.up.to_bytes(wide, "little"),
-            "right": structure.right.to_bytes(wide, "little"),
-        }.items():
-            self.fixed.setdefault(name, bytearray()).extend(value)
+        self.fixed["id"] += bytes.fromhex(labyrinth_id(labyrinth))
+        self.fixed["structure"] += bytes.fromhex(structure.structure_id)
+        self.fixed["up"] += structure.up.to_bytes(wide, "little")
+        self.fixed["right"] += structure.right.to_bytes(wide, "little")
         if labyrinth.ice:
             ice = sum(1 << cell for cell in labyrinth.ice)
-            self.fixed.setdefault("ice", bytearray()).extend(ice.to_bytes(wide, "little"))
+            self.fixed["ice"] += ice.to_bytes(wide, "little")
         numbers = {"start": labyrinth.start, "goal": labyrinth.goal, "moves": shortest}
         numbers |= {"loops": structure.loops, "episodes": 0}
         if labyrinth.key is not None and labyrinth.door is not None:
             numbers |= {"key": labyrinth.key, "door": labyrinth.door}
         for name, number in numbers.items():
-            self.numbers.setdefault(name, []).append(number)
+            self.numbers[name].append(number)
 
     def to_json(self, counts: SplitCounts, limit: int) -> dict[str, Any]:
         """Return the counts of all labyrinths, and as many of the first as take `limit` bytes."""
@@ -123,12 +120,9 @@ def _base64(data: bytes | bytearray) -> dict[str, str]:
 
 def _quarters(actions: bytes | bytearray) -> bytes:
     """Return actions in two bits each, the first in the lowest of its byte."""
-    padded = np.zeros(-(-len(actions) // 4) * 4, np.uint8)
-    padded[: len(actions)] = np.frombuffer(actions, np.uint8)
-    packed: NDArray[np.uint8] = (padded.reshape(-1, 4) << np.array([0, 2, 4, 6], np.uint8)).sum(
-        axis=1, dtype=np.uint8
-    )
-    return packed.tobytes()
+    column = np.frombuffer(actions, np.uint8)[:, None]
+    bits = np.unpackbits(column, axis=1, count=2, bitorder="little")
+    return np.packbits(bits, bitorder="little").tobytes()
 
 
 def pack_routes(routes: Iterable[Route], limit: int) -> PackedSplit:
@@ -153,14 +147,7 @@ def _pack_shard(folder: AnyPath, limit: int, shard: Shard) -> PackedSplit:
 def pack(
     folder: AnyPath, manifest: Manifest, split: str, limit: int, workers: int = 1
 ) -> PackedSplit:
-    """Return the first labyrinths of a split, as many as there is room for.
-
-    Args:
-        folder: The folder with the dataset's shards.
-        manifest: Its manifest.
-        split: The name of the split.
-        limit: About how many bytes to pack; one labyrinth at least.
-        workers: The number of processes.
+    """Return the first labyrinths of a split of a dataset packed, as from `pack_routes`.
 
     Raises:
         DatasetError: A shard is missing, damaged, or its rows do not make episodes.

@@ -18,17 +18,14 @@ from typing import Any
 
 from labyrinth_core import __version__
 from labyrinth_core.data.columns import SPLITS
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from pipeline.analysis.report.figures import ACTION_COLOURS, FIGURES_FOLDER, draw_figures
-from pipeline.analysis.report.findings import read_analysis, read_results
+from pipeline.analysis.report.figures import FIGURES_FOLDER, draw_figures
+from pipeline.analysis.report.findings import read_results
 from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
-from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, progress, say
-from pipeline.machinery.counts import DatasetCounts, counts_of
+from pipeline.machinery.console import console, say
+from pipeline.machinery.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
 
 FOLDER = "report"
 """The folder of the report in the data_dir; it is not published."""
@@ -78,23 +75,16 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
         OSError: The folder cannot be written.
     """
-    manifests = front_matter.finished(data_dir)
-    if not manifests:
-        raise DatasetError(f"{data_dir} holds no finished dataset: stages=[build] makes one")
-    limit = PACKED_BYTES // (len(manifests) * len(SPLITS))
+    found = statistics_of(data_dir, "report", workers)
+    limit = PACKED_BYTES // (len(found) * len(SPLITS))
     datasets = []
-    with progress() as bars:
-        rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
-        bar = bars.add_task("report", total=rows)
-        for manifest in manifests:
-            folder = data_dir / manifest.config.name
-            analysis = read_analysis(folder, manifest)
-            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            splits = {split: pack(folder, manifest, split, limit, workers) for split in SPLITS}
-            datasets.append(describe(manifest, counts, splits, limit, analysis))
+    for of in found:
+        folder = data_dir / of.name
+        packed = {split: pack(folder, of.manifest, split, limit, workers) for split in SPLITS}
+        datasets.append(describe(of, packed, limit))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)
-    results = read_results(run_dir, manifests)
+    results = read_results(run_dir, [of.manifest for of in found])
     has_figures = draw_figures(datasets, results, folder)
     if not has_figures:
         console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
@@ -103,22 +93,16 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
 
 
 def describe(
-    manifest: Manifest,
-    counts: DatasetCounts,
-    splits: Mapping[str, PackedSplit],
-    limit: int,
-    analysis: Mapping[str, Any] | None = None,
+    dataset: DatasetStatistics, splits: Mapping[str, PackedSplit], limit: int
 ) -> dict[str, Any]:
     """Return the data of the page on a dataset.
 
     Args:
-        manifest: The manifest of the dataset.
-        counts: All that is counted in it.
+        dataset: Its counts and its analysis.
         splits: Its labyrinths and episodes.
         limit: About how many bytes of labyrinths and episodes of each split to tell.
-        analysis: As from `findings.read_analysis`.
     """
-    config = manifest.config
+    config = dataset.manifest.config
     return {
         "name": config.name,
         "height": config.height,
@@ -126,10 +110,10 @@ def describe(
         "task": str(config.task),
         "seed": config.seed,
         "splits": [
-            {"name": name} | split.to_json(counts.splits[name], limit)
+            {"name": name} | split.to_json(dataset.splits[name], limit)
             for name, split in splits.items()
         ],
-        "analysis": analysis,
+        "analysis": dataset.analysis,
     }
 
 

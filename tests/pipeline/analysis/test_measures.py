@@ -20,7 +20,7 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.analysis.analyse import read_contents
 from pipeline.analysis.measures import MEASURES, compare
-from pipeline.machinery.counts import Content
+from pipeline.machinery.counting import Content
 
 PAIR = ("train", "s0_and_g")
 

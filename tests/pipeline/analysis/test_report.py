@@ -19,11 +19,12 @@ from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import shortest_route
 from pipeline.analysis.report import stage as report
-from pipeline.analysis.report.findings import read_analysis, read_results
+from pipeline.analysis.report.findings import read_results
 from pipeline.analysis.report.packing import pack, pack_routes
 from pipeline.analysis.report.stage import PAGE, page, write_report
-from pipeline.machinery.counts import count_dataset, count_routes
+from pipeline.machinery.counting import count_dataset, count_routes
 from pipeline.machinery.routes import routes
+from pipeline.machinery.statistics import read_analysis
 from pipeline.release.card import published_files, write_card
 
 pytestmark = pytest.mark.slow
