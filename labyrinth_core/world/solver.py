@@ -34,12 +34,16 @@ def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]
     goals = range(labyrinth.goal, count, cells)
     # States on the door before it opened cannot be: nothing leads there, nothing may come from it.
     impossible = (labyrinth.door, labyrinth.door + cells)
-    predecessors: list[tuple[int, ...]] = [()] * count
-    for state, successors in enumerate(table or transition_table(labyrinth)):
-        if state not in impossible:
-            for successor in successors:
-                predecessors[successor] += (state,)
-    return breadth_first(predecessors, goals)
+    return breadth_first(_predecessors(table or transition_table(labyrinth)), goals, impossible)
+
+
+def _predecessors(table: Table) -> list[list[int]]:
+    """Return for each state the states with an action that leads to it."""
+    predecessors: list[list[int]] = [[] for _ in table]
+    for state, successors in enumerate(table):
+        for successor in successors:
+            predecessors[successor].append(state)
+    return predecessors
 
 
 def optimal_actions(labyrinth: Labyrinth) -> NDArray[np.bool_]:
@@ -145,56 +149,30 @@ def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[i
 
 def _simple_routes(labyrinth: Labyrinth) -> Iterator[list[int]]:
     table = transition_table(labyrinth)
-    count, cells = len(table), labyrinth.structure.cells
-    goals = set(range(labyrinth.goal, count, cells))
-    predecessors: list[list[int]] = [[] for _ in range(count)]
-    for state, successors in enumerate(table):
-        for successor in set(successors) - {state}:
-            predecessors[successor].append(state)
-    visited = bytearray(count)
-    for cell in labyrinth.ice:
-        visited[cell] = True
+    goals = range(labyrinth.goal, len(table), labyrinth.structure.cells)
+    predecessors = _predecessors(table)
+    path: list[int] = []
+    actions: list[int] = []
 
     def promising(state: int) -> Iterator[tuple[int, int]]:
-        """Yield the moves from `state` after which the goal is within reach unvisited."""
-        alive = _reaching(goals, predecessors, visited)
-        for action, successor in enumerate(table[state]):
-            if not visited[successor] and successor in alive:
-                yield action, successor
+        """Add a state to the path, and yield the moves after which a goal is within reach.
 
-    start = state_index(labyrinth, initial(labyrinth))
-    visited[start] = True
-    path, actions, moves = [start], list[int](), [promising(start)]
-    while path:
-        move = next(moves[-1], None)
-        if move is None:
-            visited[path.pop()] = False
+        Within reach, that is, without visiting a state twice; a search that also went into dead
+        ends would take exponentially long.
+        """
+        path.append(state)
+        distance = breadth_first(predecessors, goals, [*path, *labyrinth.ice])
+        return ((a, after) for a, after in enumerate(table[state]) if distance[after] >= 0)
+
+    moves = [promising(state_index(labyrinth, initial(labyrinth)))]
+    while moves:
+        action, state = next(moves[-1], (None, 0))
+        if action is None:
+            path.pop()
             moves.pop()
-            if actions:
-                actions.pop()
-            continue
-        action, state = move
-        if state in goals:
+            del actions[-1:]
+        elif state in goals:
             yield [*actions, action]
         else:
-            visited[state] = True
-            path.append(state)
             actions.append(action)
             moves.append(promising(state))
-
-
-def _reaching(
-    goals: set[int], predecessors: Sequence[Sequence[int]], visited: bytearray
-) -> set[int]:
-    """Return the unvisited states from which a goal can be reached over unvisited states.
-
-    Without this a search for simple routes loses itself in dead ends, exponentially.
-    """
-    alive = set(goals)
-    stack = list(goals)
-    while stack:
-        for state in predecessors[stack.pop()]:
-            if not visited[state] and state not in alive:
-                alive.add(state)
-                stack.append(state)
-    return alive
