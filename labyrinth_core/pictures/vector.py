@@ -1,4 +1,4 @@
-"""The vector form of a state, as the authors' environment has it: tiles, then a grid of walls.
+"""The vector form of a state, as in the authors' environment: tiles, then a grid of walls.
 
 A labyrinth of height x width cells has a wall grid of (2 height - 1) x (2 width - 1) entries, row
 0 at the bottom: cells at even rows and columns, passages between them, and the points where four
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.grid import row_and_column
+from labyrinth_core.world.grid import digits, row_and_column
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import visible_from
 
@@ -57,10 +57,9 @@ def wall_grid(labyrinth: Labyrinth) -> VectorArray:
 
 def _mask(bits: int, height: int, width: int) -> NDArray[np.bool_]:
     """Return a bit set over cells as an array, shape (height, width)."""
-    size = height * width
-    packed = np.frombuffer(bits.to_bytes((size + 7) // 8, "little"), np.uint8)
-    flat = np.unpackbits(packed, count=size, bitorder="little")
-    return flat.reshape(height, width).astype(np.bool_)
+    text = np.frombuffer(digits(bits, height * width).encode(), np.uint8)
+    mask: NDArray[np.bool_] = text.reshape(height, width) == ord("1")
+    return mask
 
 
 def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:

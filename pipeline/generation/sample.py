@@ -109,17 +109,22 @@ def _fill(
     """
     seen = KeySet()
     in_vain = 0
-    for structure in _candidates(config):
+    candidates = sample_structures(
+        config.height,
+        config.width,
+        np.random.default_rng(np.random.SeedSequence(config.seed)),
+        algorithm=config.sampler,
+        open_walls=config.open_walls,
+    )
+    for structure in candidates:
         in_vain += 1
         if in_vain > PATIENCE:
             raise _not_enough(config, found)
-        key = int(structure.structure_id, 16)
-        if key in seen:
-            continue
         split = split_of(structure, config.buckets)
         if split not in splits or found[split] == config.labyrinths:
             continue
-        seen.add(key)
+        if not seen.add(int(structure.structure_id, 16)):
+            continue
         too_near = near and any(near[other].is_near(structure) for other in near if other != split)
         if not too_near and holds_task(config, split, structure):
             in_vain = 0
@@ -141,16 +146,6 @@ def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
     return ConfigError(
         f"labyrinths={config.labyrinths}: of {config.name} the sampler found {counts}{apart}, and "
         f"no other in {PATIENCE:,} draws; {try_} another open_walls or sampler"
-    )
-
-
-def _candidates(config: DatasetConfig) -> Iterator[Structure]:
-    return sample_structures(
-        config.height,
-        config.width,
-        np.random.default_rng(np.random.SeedSequence(config.seed)),
-        algorithm=config.sampler,
-        open_walls=config.open_walls,
     )
 
 
