@@ -1,7 +1,7 @@
 """Optimal behaviour: distances, optimal actions, shortest routes and simple routes.
 
 Everything works on the numbered states of `dynamics`, so each task is solved by the same code:
-in key and door the search runs over agent, key and door; ice is a state that ends without goal.
+in key and door the search runs over agent, key and door; ice is a terminal state.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Moves, breadt
 Table = Sequence[Moves]
 
 Randomness = np.random.Generator | Callable[[], np.random.Generator]
-"""Or what makes one, if there is a choice: making it takes longer than a small labyrinth."""
+"""A generator, or a function that makes one, which takes longer than solving a small labyrinth."""
 
 
 def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]:
-    """Return the least number of moves from each state to the goal, `UNREACHABLE` if none do.
+    """Return the least number of moves from each state to the goal, or `UNREACHABLE`.
 
     Args:
-        labyrinth: What to solve.
-        table: Its transition table, when the caller has it.
+        labyrinth: The labyrinth to solve.
+        table: Its transition table, if the caller has it.
     """
     if labyrinth.door is None:
         return labyrinth.cell_distances
     cells, count = labyrinth.structure.cells, state_count(labyrinth)
     goals = range(labyrinth.goal, count, cells)
-    # States on the door before it opened cannot be: nothing leads there, nothing may come from it.
+    # The agent cannot stand on a closed door: no action leads there, and none may lead away.
     impossible = (labyrinth.door, labyrinth.door + cells)
     return breadth_first(_predecessors(table or transition_table(labyrinth)), goals, impossible)
 
@@ -94,7 +94,7 @@ def _count_shortest_routes(table: Table, distance: Sequence[int], start: int) ->
     """Return how many shortest routes lead on from each state that one from `start` visits."""
     ahead: dict[int, list[int]] = {}
     queue = [start]
-    for state in queue:  # It grows meanwhile, by distance from the start.
+    for state in queue:  # The queue grows during the loop.
         if state not in ahead:
             nearer = distance[state] - 1
             ahead[state] = [after for after in table[state] if distance[after] == nearer >= 0]
@@ -115,8 +115,8 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
     """Return the actions of every shortest route, in the order of the actions.
 
     Args:
-        labyrinth: What to solve.
-        limit: Stop after so many.
+        labyrinth: The labyrinth to solve.
+        limit: The number of routes to stop at.
     """
     table = transition_table(labyrinth)
     distance = distances(labyrinth, table)
@@ -137,11 +137,11 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
 def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[int]]:
     """Return the actions of every route that visits no state twice, shortest first.
 
-    In key and door a state is a cell, a key and a door: the agent may come back with the key.
+    In key and door the agent may come back to a cell with the key, which is another state.
 
     Args:
-        labyrinth: What to solve.
-        limit: Stop the search after so many routes; those found are not always the shortest.
+        labyrinth: The labyrinth to solve.
+        limit: The number of routes to stop at; those found first are not always the shortest.
     """
     found = list(islice(_simple_routes(labyrinth), limit))
     return sorted(found, key=lambda actions: (len(actions), actions))
