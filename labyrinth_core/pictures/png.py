@@ -34,7 +34,7 @@ Strip = tuple[Band, ...]
 
 
 class KeptStrip(Strip):
-    """A strip that is drawn once and used in many pictures; caches know it by its identity."""
+    """A strip that is drawn once and used in many pictures; caches compare it by identity."""
 
     __slots__ = ()
     __hash__ = object.__hash__
@@ -42,12 +42,12 @@ class KeptStrip(Strip):
 
 
 LEVEL = 3
-"""Of zlib, for rows of pixels: most are compressed for one picture and never met again.
+"""The zlib level for rows of pixels, most of which occur in a single picture.
 
-A changed level changes the bytes of every picture, though not its pixels.
+Another level would change the bytes of every picture, though not its pixels.
 """
 REPEAT_LEVEL = 9
-"""Of zlib, for repeated rows: most of a picture, and the same in all pictures."""
+"""The zlib level for repeated rows, which are most of a picture and the same in all pictures."""
 
 _WINDOW_BITS, _MEMORY_LEVEL = -12, 5
 _ADLER_MODULUS = 65_521
@@ -78,16 +78,16 @@ def encode(strips: Sequence[Strip], width: int) -> bytes:
 
     Args:
         strips: The picture from top to bottom; every row has `3 * width` bytes.
-        width: Pixels in a row.
+        width: The number of pixels in a row.
     """
     return Mosaic(strips, width).encode({})
 
 
 class Mosaic:
-    """A picture of which some strips are exchanged for others, at the price of those alone."""
+    """A picture that is encoded with some strips exchanged, at the cost of those strips alone."""
 
     def __init__(self, strips: Sequence[Strip], width: int) -> None:
-        """Take the picture with nothing exchanged; see `encode`."""
+        """Compress the picture with nothing exchanged; the arguments are those of `encode`."""
         self._pieces = list(map(_strip_piece, strips))
         self._below, *self._sums = _sums(self._pieces)
         self._parts = [_DATA_START, *[piece[0] for piece in self._pieces]]
@@ -97,7 +97,7 @@ class Mosaic:
         """Return the PNG file of the picture with some strips exchanged.
 
         Args:
-            changes: Place of a strip, counted from the top -> one of the same height.
+            changes: Index of a strip, counted from the top -> another of the same height.
 
         Raises:
             ValueError: A strip is not of that height.

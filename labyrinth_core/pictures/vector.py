@@ -18,9 +18,9 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import visible_from
 
 OPEN, WALL, ICE = 0, 1, 2
-"""Entries of the wall grid; what the agent does not see looks like a wall."""
+"""The entries of the wall grid; what the agent does not see looks like a wall."""
 GONE = -1
-"""Position of a key that was picked up, or of a door that was opened."""
+"""The position of a key that was picked up, or of a door that was opened."""
 
 VectorArray = NDArray[np.int32]
 
@@ -63,11 +63,11 @@ def _mask(bits: int, height: int, width: int) -> NDArray[np.bool_]:
 
 
 def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
-    """Turn into wall, in place, the cells that are hidden and the passages between two of them.
+    """Turn hidden cells, and the passages between two of them, into walls, in place.
 
     Args:
         grids: Wall grids, shape (..., 2 height - 1, 2 width - 1).
-        visible: Which cells are seen, shape (..., height, width).
+        visible: Whether each cell is seen, shape (..., height, width).
     """
     grids[..., ::2, ::2][~visible] = WALL
     grids[..., 1::2, ::2][~(visible[..., :-1, :] | visible[..., 1:, :])] = WALL
@@ -76,7 +76,7 @@ def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
 
 @lru_cache(maxsize=1024)
 def initial_vector(labyrinth: Labyrinth) -> VectorArray:
-    """Return the vector of the initial state, nothing hidden; read-only, as it is kept."""
+    """Return the vector of the initial state, nothing hidden; read-only, since it is cached."""
     width = labyrinth.structure.width
     tiles = [labyrinth.start, labyrinth.start, labyrinth.goal]
     if labyrinth.key is not None and labyrinth.door is not None:
@@ -88,7 +88,7 @@ def initial_vector(labyrinth: Labyrinth) -> VectorArray:
 
 
 def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
-    """Return what the agent observes in a state, as a vector of its own.
+    """Return what the agent observes in a state, as a new vector.
 
     Returns:
         Shape (tiles + (2 height - 1) * (2 width - 1),), dtype int32. First the positions of

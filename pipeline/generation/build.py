@@ -1,9 +1,9 @@
-"""The build: sample, solve, render and write, composed; then the manifest, last of all.
+"""The build, which composes sample, solve, render and write; the manifest comes last.
 
-In a local folder, work happens in `.NAME.building` beside the target, and the finished dataset is
-moved into place. In an object store, which cannot rename, shards are uploaded under their final
-names, and what makes a dataset of them is the manifest. Either way each finished shard has a
-sidecar in `.NAME.building`, and a build that was stopped goes on from those.
+A local dataset is built in `.NAME.building` beside its final folder, and moved there once finished.
+In an object store, which cannot rename, shards are uploaded under their final names, and the
+manifest makes them a dataset. Either way each finished shard has a sidecar in `.NAME.building`,
+from which a build that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ class ShardJob:
     structures: list[Structure]
     path: AnyPath
     sidecar: AnyPath
-    """The file that says the shard is finished, and what it holds."""
+    """The file that marks the shard as finished, and describes it."""
 
 
 def run(run: Run) -> None:
     """Build the dataset of a run, unless it is there already.
 
     Raises:
-        ConfigError: There are not as many labyrinths as asked for.
-        DatasetError: The folder holds another dataset, or something else.
+        ConfigError: There are fewer labyrinths than asked for.
+        DatasetError: The folder holds another dataset, or other files.
         OSError: The folder cannot be written.
     """
     workplace = Workplace(run.folder)
@@ -68,7 +68,7 @@ def run(run: Run) -> None:
         if manifest is not None:
             console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
             if workplace.is_for(run.dataset) or not workplace.has_begun:
-                workplace.clear()  # What a run left that was killed at the very end.
+                workplace.clear()  # A run was killed at the very end.
         else:
             check_capacity(run.dataset)
             front_matter.check_replaceable(run.data_dir)
@@ -82,7 +82,7 @@ def run(run: Run) -> None:
 
 
 def _finished(run: Run) -> Manifest | None:
-    """Return the manifest of a dataset that was built with the same options before."""
+    """Return the manifest of the dataset if it is finished, and was built with the same options."""
     folder = run.folder
     if not (folder / MANIFEST).is_file():
         unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
@@ -118,7 +118,7 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
         manifest = Manifest(run.dataset, current_versions(), tuple(in_order))
         workplace.commit(manifest)
-    except ConfigError:  # The sampler found too few, so that no dataset will come of it.
+    except ConfigError:  # The sampler found too few, so the shards are of no use.
         workplace.clear()
         raise
     except OSError as error:

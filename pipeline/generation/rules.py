@@ -1,4 +1,4 @@
-"""What the labyrinths of each split, and the routes through them, have to be."""
+"""The rules for the labyrinths of each split, and for the routes through them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pipeline.generation.solve import all_routes
 
 
 def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
-    """Yield what is wrong with a labyrinth in a split."""
+    """Yield the rules of a split that a labyrinth breaks."""
     structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
     if not structure.is_connected:
         yield "not every cell can be reached"
@@ -28,7 +28,7 @@ def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) 
     if split in ("s0", "s0_and_g"):
         if start == first_start or (goal == first_goal) != (split == "s0"):
             yield "start and goal are not changed as the split says"
-        # Only next to nothing is far enough where no cell is.
+        # The smallest grids have no cells that are farther apart.
         least = min((config.height + config.width) // 2, config.height + config.width - 3)
         if manhattan(start, goal, config.width) < least:
             yield f"start and goal are less than {least} moves apart"

@@ -1,4 +1,4 @@
-"""The episodes of each labyrinth: optimal routes, or a random policy."""
+"""The episodes of each labyrinth, from the routes through it or from a random policy."""
 
 from __future__ import annotations
 
