@@ -50,8 +50,9 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.tasks import change_start_and_goal
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
+from pipeline.generation.randomness import item_rng
 from pipeline.generation.render import Picture, Pictures, render
-from pipeline.generation.sample import item_rng, labyrinth_of, sample
+from pipeline.generation.sample import labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
 

@@ -19,7 +19,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
@@ -33,15 +33,13 @@ from labyrinth_core.world.tasks import (
 )
 from pipeline.config.errors import ConfigError
 from pipeline.generation.key_set import KeySet
+from pipeline.generation.randomness import item_rng
 
 PATIENCE = 300_000
 """The number of structures drawn in vain after which the sampler gives up."""
 
 COUNTABLE_EDGES = 13
 """The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
-
-PLACING, ACTING = 0, 1
-"""The purposes of the randomness of a structure."""
 
 _TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
@@ -177,21 +175,6 @@ def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) ->
 def _variant(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Labyrinth:
     change = change_start if split == "s0" else change_start_and_goal
     return change(labyrinth, item_rng(config, split, labyrinth.structure))
-
-
-def item_rng(
-    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
-) -> np.random.Generator:
-    """Return a generator for one structure in one split, independent of all others.
-
-    Args:
-        config: The configuration of the dataset.
-        split: One of the six splits.
-        structure: The structure.
-        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
-    """
-    key = (list(SPLITS).index(split), int(structure.structure_id, 16), purpose)
-    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
 
 
 def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:

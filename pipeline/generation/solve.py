@@ -12,7 +12,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode, random_episode, replay
 from labyrinth_core.world.solver import shortest_route, shortest_routes, simple_routes
-from pipeline.generation.sample import ACTING, item_rng
+from pipeline.generation.randomness import ACTING, item_rng
 
 
 class Solution(NamedTuple):
