@@ -227,13 +227,9 @@ class _ShardCheck:
     def meant(
         self, labyrinth: Labyrinth, state: State, after: State, rows: list[Row]
     ) -> int | None:
-        """Return the action that leads to the next picture, if it is not the one taken.
+        """Return the action from `state` to the next picture, if it is not the one to `after`.
 
-        Args:
-            labyrinth: The labyrinth.
-            state: The state in which the action was taken.
-            after: The state that the action leads to.
-            rows: The next row, and the one after it if there is one.
+        `rows` are the next row, and the one after it if there is one.
         """
         row, *later = rows
         if row.obs == self.pictures[after].png:
