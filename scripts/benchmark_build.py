@@ -27,7 +27,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
@@ -35,7 +34,6 @@ from statistics import median
 from typing import NamedTuple, TypeVar
 from unittest.mock import patch
 
-import numpy as np
 from joblib.externals.loky import get_reusable_executor
 from measuring import machine
 from PIL import Image
@@ -52,8 +50,9 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.tasks import change_start_and_goal
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
+from pipeline.generation.randomness import item_rng
 from pipeline.generation.render import Picture, Pictures, render
-from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
+from pipeline.generation.sample import labyrinth_of, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.write import write
 
@@ -169,7 +168,12 @@ def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
         clock.turn_to("write")
         files = {split: Path(folder) / f"{split}.parquet" for split in SAMPLED_SPLITS}
         written = [
-            write(file, make_episodes(config, split, places, structures[split], clock))
+            write(
+                file,
+                split,
+                len(structures[split]),
+                make_episodes(config, split, places, structures[split], clock),
+            )
             for split, file in files.items()
         ]
         clock.turn_to("write")
@@ -200,12 +204,12 @@ def make_episodes(
 ) -> Iterator[list[Row]]:
     """Yield the rows of each episode as `build.make_shard` does, measuring the time by stage."""
 
-    def place() -> Iterator[tuple[Labyrinth, Callable[[], np.random.Generator]]]:
+    def place() -> Iterator[Labyrinth]:
         for structure in structures:
             labyrinth = labyrinth_of(config, split, structure)
             if places == "anywhere":
                 labyrinth = change_start_and_goal(labyrinth, item_rng(config, split, structure))
-            yield labyrinth, partial(item_rng, config, split, structure, ACTING)
+            yield labyrinth
 
     count = max(1, build.CELLS_PER_BATCH // (config.height * config.width))
     labyrinths = clock.timed(place(), "sample", count)

@@ -42,7 +42,7 @@ from measuring import machine, ratio, take_turns
 
 from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
-from labyrinth_core.pictures import png_reading, renderer
+from labyrinth_core.pictures import png, renderer
 from labyrinth_core.pictures import resize as shrinking
 from pipeline.config.run import RunConfig, resolve
 
@@ -110,7 +110,7 @@ def forget() -> None:
     """Clear the caches of pictures, so that the process is like a new one."""
     for remembered in (
         pictures._remembering_decoder,
-        png_reading._unpack,
+        png._unpack,
         shrinking._remembering_shares,
         shrinking._remembering_narrow,
         renderer._tiles,

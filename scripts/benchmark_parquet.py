@@ -15,7 +15,6 @@ import argparse
 import io
 import time
 from collections.abc import Iterator
-from functools import partial
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -26,7 +25,7 @@ from labyrinth_core.data.columns import Row
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import write as writing
 from pipeline.generation.render import render
-from pipeline.generation.sample import ACTING, item_rng, labyrinth_of, sample
+from pipeline.generation.sample import labyrinth_of, sample
 from pipeline.generation.solve import solve
 
 WAYS: dict[str, tuple[int, dict[str, Any]]] = {
@@ -61,11 +60,8 @@ def episodes_of(size: str, labyrinths: int, split: str) -> list[list[Row]]:
     """Return the rows of each episode of a split."""
     options = RunConfig(stages=["build"], size=size, labyrinths=labyrinths, data_dir="unused")
     config = resolve(options).dataset
-    items = (
-        (labyrinth_of(config, split, each), partial(item_rng, config, split, each, ACTING))
-        for each in sample(config)["train"]
-    )
-    solutions = enumerate(solve(config, split, items))
+    labyrinths = (labyrinth_of(config, split, each) for each in sample(config)["train"])
+    solutions = enumerate(solve(config, split, labyrinths))
     return [rows for n, solution in solutions for rows in render(split, n, solution.episodes)]
 
 

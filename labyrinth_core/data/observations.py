@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.png_reading import strips_of
+from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Painter, Style
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.vector import vector_observation

@@ -1,12 +1,13 @@
-"""A lossless PNG encoder for pictures that are made of few distinct rows of pixels.
+"""PNG files of pictures that are made of few distinct rows of pixels, written and read quickly.
 
-General encoders compress every pixel of every picture, which costs milliseconds. Here a picture
-is a sequence of strips, a strip a few rows of pixels with the number of times each is repeated.
-Each strip is compressed once, ended with a full flush so that it stands alone, and remembered; a
-picture is the strips joined. The Adler-32 of the whole follows from those of the strips, so that of
-a picture with a few strips exchanged follows from theirs. A repeated row is the filter "up" over
-nothing but zeros, whatever the row holds, so its compressed form depends only on the length: what
-a new strip costs is one row of pixels.
+General encoders and decoders go through every pixel of every picture, which takes milliseconds.
+Here a picture is a sequence of strips, a strip a few rows of pixels with the number of times each
+is repeated. Each strip is compressed once, ended with a full flush so that it stands alone, and
+remembered; a picture is the strips joined. The Adler-32 of the whole follows from those of the
+strips, so that of a picture with a few strips exchanged follows from theirs. A repeated row is the
+filter "up" over nothing but zeros, whatever the row holds, so its compressed form depends only on
+the length: what a new strip costs is one row of pixels. Reading such a file, too, unpacks each
+different row once.
 
 Pictures are truecolour, 8 bits a channel (colour type 2), so that every reader sees three
 channels. Format: PNG, https://www.w3.org/TR/png-3/; deflate, RFC 1951; Adler-32, RFC 1950.
@@ -33,7 +34,7 @@ Strip = tuple[Band, ...]
 
 
 class KeptStrip(Strip):
-    """A strip that is drawn once and used in many pictures; caches know it by its identity."""
+    """A strip that is drawn once and used in many pictures; caches compare it by identity."""
 
     __slots__ = ()
     __hash__ = object.__hash__
@@ -41,18 +42,21 @@ class KeptStrip(Strip):
 
 
 LEVEL = 3
-"""Of zlib, for rows of pixels: most are compressed for one picture and never met again.
+"""The zlib level for rows of pixels, most of which occur in a single picture.
 
-A changed level changes the bytes of every picture, though not its pixels.
+Another level would change the bytes of every picture, though not its pixels.
 """
 REPEAT_LEVEL = 9
-"""Of zlib, for repeated rows: most of a picture, and the same in all pictures."""
+"""The zlib level for repeated rows, which are most of a picture and the same in all pictures."""
 
 _WINDOW_BITS, _MEMORY_LEVEL = -12, 5
 _ADLER_MODULUS = 65_521
 _FILTER_NONE = b"\x00"
 _FILTER_UP = b"\x02"
-_ZLIB_HEADER = b"\x78\x01"
+_DATA_START = b"IDAT\x78\x01"
+"""The name of the chunk with the data, and the header of zlib (RFC 1950, section 2.2)."""
+_FLUSH = b"\x00\x00\xff\xff"
+"""The end of a full flush: the length of an empty stored block (RFC 1951, section 3.2.4)."""
 _LAST_BLOCK = b"\x03\x00"
 """An empty deflate block marked as the last."""
 _NUMBER, _SUMS = struct.Struct(">I"), struct.Struct(">HH")
@@ -74,26 +78,26 @@ def encode(strips: Sequence[Strip], width: int) -> bytes:
 
     Args:
         strips: The picture from top to bottom; every row has `3 * width` bytes.
-        width: Pixels in a row.
+        width: The number of pixels in a row.
     """
     return Mosaic(strips, width).encode({})
 
 
 class Mosaic:
-    """A picture of which some strips are exchanged for others, at the price of those alone."""
+    """A picture that is encoded with some strips exchanged, at the cost of those strips alone."""
 
     def __init__(self, strips: Sequence[Strip], width: int) -> None:
-        """Take the picture with nothing exchanged; see `encode`."""
+        """Compress the picture with nothing exchanged; the arguments are those of `encode`."""
         self._pieces = list(map(_strip_piece, strips))
         self._below, *self._sums = _sums(self._pieces)
-        self._parts = [b"IDAT" + _ZLIB_HEADER, *[piece[0] for piece in self._pieces]]
+        self._parts = [_DATA_START, *[piece[0] for piece in self._pieces]]
         self._header = _header(width, (self._below[0] + self._pieces[0].length) // (3 * width + 1))
 
     def encode(self, changes: Mapping[int, Strip]) -> bytes:
         """Return the PNG file of the picture with some strips exchanged.
 
         Args:
-            changes: Place of a strip, counted from the top -> one of the same height.
+            changes: Index of a strip, counted from the top -> another of the same height.
 
         Raises:
             ValueError: A strip is not of that height.
@@ -110,9 +114,73 @@ class Mosaic:
             parts[place + 1] = compressed
         parts.append(_LAST_BLOCK)
         parts.append(_SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS))
-        data = b"".join(parts)
-        length, check = _NUMBER.pack(len(data) - 4), _NUMBER.pack(zlib.crc32(data))
-        return b"".join((self._header, length, data, check, _END))
+        return _file(self._header, b"".join(parts))
+
+
+def strips_of(png: bytes, size: int) -> list[Strip] | None:
+    """Return the strips of a PNG file made by `encode`, each a single band.
+
+    Args:
+        png: The file.
+        size: The pixels on each side of the picture.
+
+    Returns:
+        None for every other file: of another size or encoder, damaged, or no PNG at all.
+    """
+    header, stride = _header(size, size), 3 * size + 1
+    chunk = png[len(header) + 4 : -len(_END) - 4]
+    *parts, last = chunk[len(_DATA_START) : -4].split(_FLUSH)
+    if not chunk.startswith(_DATA_START) or last != _LAST_BLOCK or png != _file(header, chunk):
+        return None
+    pieces: list[Piece] = []
+    bands: list[Band] = []
+    for part in parts:
+        unpacked = _unpack(part + _FLUSH, stride, size)
+        if unpacked is None:
+            return None
+        row, piece = unpacked
+        pieces.append(piece)
+        if row:
+            bands.append((row, 1))
+        elif bands:
+            bands[-1] = (bands[-1][0], bands[-1][1] + piece.length // stride)
+        else:
+            return None
+    if sum([piece.length for piece in pieces]) != size * stride:
+        return None
+    _, a, b = _sums(pieces)
+    is_sound = chunk[-4:] == _SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS)
+    return [(band,) for band in bands] if is_sound else None
+
+
+@lru_cache(maxsize=8_192)
+def _unpack(compressed: bytes, stride: int, most: int) -> tuple[bytes, Piece] | None:
+    """Return a row of pixels, or b"" for repetitions of the row above, with the piece it is from.
+
+    Args:
+        compressed: Bytes up to a full flush.
+        stride: The length of a row with its filter.
+        most: The number of rows of the picture; more are not unpacked.
+
+    Returns:
+        None if it is neither of the two.
+    """
+    deflate = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        data = deflate.decompress(compressed, stride * most + 1)
+    except zlib.error:
+        return None
+    row = data[1:] if data.startswith(_FILTER_NONE) and len(data) == stride else b""
+    repeats = data == (_FILTER_UP + bytes(stride - 1)) * (len(data) // stride)
+    if deflate.eof or not (row or repeats):
+        return None
+    return row, _piece(compressed, data)
+
+
+def _file(header: bytes, chunk: bytes) -> bytes:
+    """Return the PNG file of a header and one chunk of data, which begins with its name."""
+    length, check = _NUMBER.pack(len(chunk) - 4), _NUMBER.pack(zlib.crc32(chunk))
+    return b"".join((header, length, chunk, check, _END))
 
 
 def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
@@ -157,7 +225,10 @@ def _repeat_piece(length: int, times: int) -> Piece:
 def _compress(data: bytes, level: int) -> Piece:
     # Rows are short: a small window and a small memory hold all of one, and are set up sooner.
     deflate = zlib.compressobj(level, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
-    compressed = deflate.compress(data) + deflate.flush(zlib.Z_FULL_FLUSH)
+    return _piece(deflate.compress(data) + deflate.flush(zlib.Z_FULL_FLUSH), data)
+
+
+def _piece(compressed: bytes, data: bytes) -> Piece:
     adler = zlib.adler32(data)
     return Piece(compressed, adler & 0xFFFF, adler >> 16, len(data))
 

@@ -14,7 +14,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Mosaic, Strip
+from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
@@ -97,13 +97,9 @@ class Painter:
         # Below the lowest row of cells there is a wall and perhaps a margin.
         self._lowest = len(self._strips) - 2 - (self._grid.bottom > 0)
 
-    @cached_property
-    def _mosaic(self) -> Mosaic:
-        return Mosaic(self._strips, PICTURE_SIZE)
-
     def png(self, state: State) -> bytes:
         """Return the picture of a state as a PNG file of `PICTURE_SIZE`."""
-        return self._mosaic.encode(self.changes(state))
+        return encode(self.strips(state), PICTURE_SIZE)
 
     def array(self, state: State, image_size: int = PICTURE_SIZE) -> NDArray[np.uint8]:
         """Return the picture of a state, shape (image_size, image_size, 3)."""
@@ -160,22 +156,21 @@ class Painter:
         return self._draw(codes | hidden, right, up)
 
     def _draw(self, codes: dict[int, int], right: list[int], up: list[int]) -> list[Strip]:
-        """Return all strips, given what cells show, and the open passages of each row."""
+        """Return all strips, given the open passages of each row, and the codes of cells.
+
+        Cells without a code show the floor.
+        """
         grid, style = self._grid, self._style
-        strips = [grid.margin_strip(grid.top, style.floor)] if grid.top else []
+        margin, width = bytes(style.floor) * PICTURE_SIZE, self._labyrinth.structure.width
+        strips: list[Strip] = [((margin, grid.top),)] if grid.top else []
         for row in range(len(right) - 1, -1, -1):
+            shown = [codes.get(cell, _FLOOR) for cell in range(row * width, (row + 1) * width)]
             strips.append(_line(grid, style, up[row]))
-            strips.append(self._cells(row, codes, right[row]))
+            strips.append(_tiles(grid, style, grid.tall(row), tuple(shown), right[row]))
         strips.append(_line(grid, style, 0))
         if grid.bottom:
-            strips.append(grid.margin_strip(grid.bottom, style.floor))
+            strips.append(((margin, grid.bottom),))
         return strips
-
-    def _cells(self, row: int, codes: dict[int, int], passages: int) -> Strip:
-        """Return the strip of a row of cells; cells without a code show the floor."""
-        width = self._labyrinth.structure.width
-        shown = [codes.get(cell, _FLOOR) for cell in range(row * width, (row + 1) * width)]
-        return _tiles(self._grid, self._style, self._grid.tall(row), tuple(shown), passages)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +200,6 @@ class _Grid:
     def wide(self) -> list[int]:
         """The pixels between the walls left and right of each column."""
         return [right - left - self.thickness for left, right in pairwise(self.columns)]
-
-    def margin_strip(self, height: int, colour: Colour) -> Strip:
-        return ((bytes(colour) * PICTURE_SIZE, height),)
 
     def choose(self, passages: int, closed: bytes, opened: bytes) -> list[bytes]:
         """Return for each column `opened` if its bit is set, else `closed`."""
@@ -314,20 +306,17 @@ def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
 def _squares(style: Style, code: int) -> list[tuple[int, Colour]]:
     """Return the squares that a cell shows, as (inset in twelfths of a cell, colour)."""
     agent, tile = code & ~7, code & 7
-    squares = [(0, style.floor)]
-    if tile == _KEY:
-        squares += [(3, style.wall), (4, style.key)]
-    elif tile == _OPEN_DOOR:
-        squares += [(0, style.door), (1, style.floor)]
-    elif tile != _FLOOR:
-        colours = {
-            _START: style.start,
-            _GOAL: style.goal,
-            _DOOR: style.door,
-            _ICE: style.ice,
-            _HIDDEN: style.hidden,
-        }
-        squares += [(0, colours[tile])]
+    shown = {
+        _FLOOR: [],
+        _START: [(0, style.start)],
+        _GOAL: [(0, style.goal)],
+        _KEY: [(3, style.wall), (4, style.key)],
+        _DOOR: [(0, style.door)],
+        _OPEN_DOOR: [(0, style.door), (1, style.floor)],
+        _ICE: [(0, style.ice)],
+        _HIDDEN: [(0, style.hidden)],
+    }
+    squares = [(0, style.floor), *shown[tile]]
     if agent:
         squares += [(2, style.agent)]
     if agent == _AGENT_WITH_KEY:

@@ -1,13 +1,13 @@
-"""Pictures at another size straight from their strips.
+"""Pictures at another size, computed directly from their strips.
 
 By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
 `area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
 between the four pixels nearest to its centre, with no antialiasing, as tensors are resized by
 default (`torch.nn.functional.interpolate`, `align_corners=False`): thin lines between two centres
-vanish. That is for comparison with results that were got so.
+vanish. It is for comparison with results that were obtained that way.
 
-A strip comes back at the same height in many pictures, so what it adds to the pixels of the small
-picture is worked out once. All sums are in whole numbers.
+A strip occurs at the same height in many pictures, so what it adds to the pixels of the small
+picture is computed once. All sums are in whole numbers.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.png import PICTURE_SIZE, Strip
 
 REMEMBERED_BYTES = 32 * 2**20
-"""About what the shares of strips that are remembered may take, for each size of picture.
+"""The size of the cache of shares of strips, for each size of picture.
 
-The narrowed rows they are made of may take as much again.
+The cache of narrowed rows, which shares are made of, may be as large.
 """
 
 RESIZES = ("area", "bilinear")
-"""How a picture becomes smaller; `bilinear` makes none larger."""
+"""The ways to resize a picture; `bilinear` makes it smaller only."""
 
 
 class _Share(NamedTuple):
-    """What a strip adds to a small picture, before the division."""
+    """The sums that a strip adds to a small picture, before the division."""
 
     first: int
     """The first row of pixels that it touches."""
@@ -40,15 +40,15 @@ class _Share(NamedTuple):
     sums: NDArray[np.int32]
     """Shape (end - first, image_size * 3); at most 255 * 600 * 600 in all, which fits."""
     height: int
-    """Rows of the strip in the large picture."""
+    """The number of rows of the strip in the large picture."""
 
 
 def shrink(strips: Sequence[Strip], image_size: int, resize: str = "area") -> NDArray[np.uint8]:
     """Return a picture at another size, its values rounded.
 
     Args:
-        strips: The picture of `PICTURE_SIZE` each way, from top to bottom.
-        image_size: Side of the result, shape (image_size, image_size, 3).
+        strips: The picture of `PICTURE_SIZE`, from top to bottom.
+        image_size: The side of the result, shape (image_size, image_size, 3).
         resize: One of `RESIZES`.
     """
     if image_size == PICTURE_SIZE:
@@ -71,7 +71,7 @@ def area_average(picture: NDArray[np.uint8], image_size: int) -> NDArray[np.uint
 
     Args:
         picture: Shape (side, side, 3).
-        image_size: Side of the result, shape (image_size, image_size, 3).
+        image_size: The side of the result, shape (image_size, image_size, 3).
     """
     side = len(picture)
     if side == image_size:
@@ -92,7 +92,7 @@ def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=4)
 def _remembering_shares(image_size: int, resize: str = "area") -> Callable[[Strip, int], _Share]:
-    # A tenth of a picture is about what a strip is of, with the rows it shares with the next.
+    # A strip covers about a tenth of a picture, and touches two rows that others touch as well.
     share_bytes = 4 * 3 * image_size * (image_size // 10 + 2)
     shares = max(32, REMEMBERED_BYTES // share_bytes)
     return lru_cache(maxsize=shares)(partial(_share, image_size=image_size, resize=resize))
@@ -128,9 +128,9 @@ def _narrow(row: bytes, image_size: int, resize: str) -> NDArray[np.int32]:
 
 @lru_cache(maxsize=4)
 def _weights(image_size: int, resize: str, side: int = PICTURE_SIZE) -> NDArray[np.float64]:
-    """Return how much each pixel counts in a small one, shape (image_size, side).
+    """Return the weight of each pixel in each small one, shape (image_size, side).
 
-    In whole numbers, and the same in all for every small pixel: by `area` the unit is 1 /
+    Weights are whole numbers with the same sum for every small pixel: by `area` the unit is 1 /
     `image_size` of a pixel, by `bilinear` half of that.
     """
     small = np.arange(image_size)[:, None]

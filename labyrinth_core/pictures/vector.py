@@ -1,4 +1,4 @@
-"""The vector form of a state, as the authors' environment has it: tiles, then a grid of walls.
+"""The vector form of a state, as in the authors' environment: tiles, then a grid of walls.
 
 A labyrinth of height x width cells has a wall grid of (2 height - 1) x (2 width - 1) entries, row
 0 at the bottom: cells at even rows and columns, passages between them, and the points where four
@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.grid import row_and_column
+from labyrinth_core.world.grid import digits, row_and_column
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import visible_from
 
 OPEN, WALL, ICE = 0, 1, 2
-"""Entries of the wall grid; what the agent does not see looks like a wall."""
+"""The entries of the wall grid; what the agent does not see looks like a wall."""
 GONE = -1
-"""Position of a key that was picked up, or of a door that was opened."""
+"""The position of a key that was picked up, or of a door that was opened."""
 
 VectorArray = NDArray[np.int32]
 
@@ -57,18 +57,17 @@ def wall_grid(labyrinth: Labyrinth) -> VectorArray:
 
 def _mask(bits: int, height: int, width: int) -> NDArray[np.bool_]:
     """Return a bit set over cells as an array, shape (height, width)."""
-    size = height * width
-    packed = np.frombuffer(bits.to_bytes((size + 7) // 8, "little"), np.uint8)
-    flat = np.unpackbits(packed, count=size, bitorder="little")
-    return flat.reshape(height, width).astype(np.bool_)
+    text = np.frombuffer(digits(bits, height * width).encode(), np.uint8)
+    mask: NDArray[np.bool_] = text.reshape(height, width) == ord("1")
+    return mask
 
 
 def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
-    """Turn into wall, in place, the cells that are hidden and the passages between two of them.
+    """Turn hidden cells, and the passages between two of them, into walls, in place.
 
     Args:
         grids: Wall grids, shape (..., 2 height - 1, 2 width - 1).
-        visible: Which cells are seen, shape (..., height, width).
+        visible: Whether each cell is seen, shape (..., height, width).
     """
     grids[..., ::2, ::2][~visible] = WALL
     grids[..., 1::2, ::2][~(visible[..., :-1, :] | visible[..., 1:, :])] = WALL
@@ -77,7 +76,7 @@ def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
 
 @lru_cache(maxsize=1024)
 def initial_vector(labyrinth: Labyrinth) -> VectorArray:
-    """Return the vector of the initial state, nothing hidden; read-only, as it is kept."""
+    """Return the vector of the initial state, nothing hidden; read-only, since it is cached."""
     width = labyrinth.structure.width
     tiles = [labyrinth.start, labyrinth.start, labyrinth.goal]
     if labyrinth.key is not None and labyrinth.door is not None:
@@ -89,7 +88,7 @@ def initial_vector(labyrinth: Labyrinth) -> VectorArray:
 
 
 def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
-    """Return what the agent observes in a state, as a vector of its own.
+    """Return what the agent observes in a state, as a new vector.
 
     Returns:
         Shape (tiles + (2 height - 1) * (2 width - 1),), dtype int32. First the positions of

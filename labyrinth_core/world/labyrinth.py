@@ -184,7 +184,7 @@ class Structure:
 
 
 def breadth_first(
-    successors: list[tuple[int, ...]] | list[Moves],
+    successors: Sequence[Sequence[int]],
     sources: Iterable[int],
     blocked: Collection[int] = (),
 ) -> list[int]:

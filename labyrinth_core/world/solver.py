@@ -1,7 +1,7 @@
 """Optimal behaviour: distances, optimal actions, shortest routes and simple routes.
 
 Everything works on the numbered states of `dynamics`, so each task is solved by the same code:
-in key and door the search runs over agent, key and door; ice is a state that ends without goal.
+in key and door the search runs over agent, key and door; ice is a terminal state.
 """
 
 from __future__ import annotations
@@ -18,28 +18,32 @@ from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Moves, breadt
 Table = Sequence[Moves]
 
 Randomness = np.random.Generator | Callable[[], np.random.Generator]
-"""Or what makes one, if there is a choice: making it takes longer than a small labyrinth."""
+"""A generator, or a function that makes one, which takes longer than solving a small labyrinth."""
 
 
 def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]:
-    """Return the least number of moves from each state to the goal, `UNREACHABLE` if none do.
+    """Return the least number of moves from each state to the goal, or `UNREACHABLE`.
 
     Args:
-        labyrinth: What to solve.
-        table: Its transition table, when the caller has it.
+        labyrinth: The labyrinth to solve.
+        table: Its transition table, if the caller has it.
     """
     if labyrinth.door is None:
         return labyrinth.cell_distances
     cells, count = labyrinth.structure.cells, state_count(labyrinth)
     goals = range(labyrinth.goal, count, cells)
-    # States on the door before it opened cannot be: nothing leads there, nothing may come from it.
+    # The agent cannot stand on a closed door: no action leads there, and none may lead away.
     impossible = (labyrinth.door, labyrinth.door + cells)
-    predecessors: list[tuple[int, ...]] = [()] * count
-    for state, successors in enumerate(table or transition_table(labyrinth)):
-        if state not in impossible:
-            for successor in successors:
-                predecessors[successor] += (state,)
-    return breadth_first(predecessors, goals)
+    return breadth_first(_predecessors(table or transition_table(labyrinth)), goals, impossible)
+
+
+def _predecessors(table: Table) -> list[list[int]]:
+    """Return for each state the states with an action that leads to it."""
+    predecessors: list[list[int]] = [[] for _ in table]
+    for state, successors in enumerate(table):
+        for successor in successors:
+            predecessors[successor].append(state)
+    return predecessors
 
 
 def optimal_actions(labyrinth: Labyrinth) -> NDArray[np.bool_]:
@@ -90,7 +94,7 @@ def _count_shortest_routes(table: Table, distance: Sequence[int], start: int) ->
     """Return how many shortest routes lead on from each state that one from `start` visits."""
     ahead: dict[int, list[int]] = {}
     queue = [start]
-    for state in queue:  # It grows meanwhile, by distance from the start.
+    for state in queue:  # The queue grows during the loop.
         if state not in ahead:
             nearer = distance[state] - 1
             ahead[state] = [after for after in table[state] if distance[after] == nearer >= 0]
@@ -111,8 +115,8 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
     """Return the actions of every shortest route, in the order of the actions.
 
     Args:
-        labyrinth: What to solve.
-        limit: Stop after so many.
+        labyrinth: The labyrinth to solve.
+        limit: The number of routes to stop at.
     """
     table = transition_table(labyrinth)
     distance = distances(labyrinth, table)
@@ -133,11 +137,11 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
 def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[int]]:
     """Return the actions of every route that visits no state twice, shortest first.
 
-    In key and door a state is a cell, a key and a door: the agent may come back with the key.
+    In key and door the agent may come back to a cell with the key, which is another state.
 
     Args:
-        labyrinth: What to solve.
-        limit: Stop the search after so many routes; those found are not always the shortest.
+        labyrinth: The labyrinth to solve.
+        limit: The number of routes to stop at; those found first are not always the shortest.
     """
     found = list(islice(_simple_routes(labyrinth), limit))
     return sorted(found, key=lambda actions: (len(actions), actions))
@@ -145,56 +149,30 @@ def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[i
 
 def _simple_routes(labyrinth: Labyrinth) -> Iterator[list[int]]:
     table = transition_table(labyrinth)
-    count, cells = len(table), labyrinth.structure.cells
-    goals = set(range(labyrinth.goal, count, cells))
-    predecessors: list[list[int]] = [[] for _ in range(count)]
-    for state, successors in enumerate(table):
-        for successor in set(successors) - {state}:
-            predecessors[successor].append(state)
-    visited = bytearray(count)
-    for cell in labyrinth.ice:
-        visited[cell] = True
+    goals = range(labyrinth.goal, len(table), labyrinth.structure.cells)
+    predecessors = _predecessors(table)
+    path: list[int] = []
+    actions: list[int] = []
 
     def promising(state: int) -> Iterator[tuple[int, int]]:
-        """Yield the moves from `state` after which the goal is within reach unvisited."""
-        alive = _reaching(goals, predecessors, visited)
-        for action, successor in enumerate(table[state]):
-            if not visited[successor] and successor in alive:
-                yield action, successor
+        """Add a state to the path, and yield the moves after which a goal is within reach.
 
-    start = state_index(labyrinth, initial(labyrinth))
-    visited[start] = True
-    path, actions, moves = [start], list[int](), [promising(start)]
-    while path:
-        move = next(moves[-1], None)
-        if move is None:
-            visited[path.pop()] = False
+        Within reach, that is, without visiting a state twice; a search that also went into dead
+        ends would take exponentially long.
+        """
+        path.append(state)
+        distance = breadth_first(predecessors, goals, [*path, *labyrinth.ice])
+        return ((a, after) for a, after in enumerate(table[state]) if distance[after] >= 0)
+
+    moves = [promising(state_index(labyrinth, initial(labyrinth)))]
+    while moves:
+        action, state = next(moves[-1], (None, 0))
+        if action is None:
+            path.pop()
             moves.pop()
-            if actions:
-                actions.pop()
-            continue
-        action, state = move
-        if state in goals:
+            del actions[-1:]
+        elif state in goals:
             yield [*actions, action]
         else:
-            visited[state] = True
-            path.append(state)
             actions.append(action)
             moves.append(promising(state))
-
-
-def _reaching(
-    goals: set[int], predecessors: Sequence[Sequence[int]], visited: bytearray
-) -> set[int]:
-    """Return the unvisited states from which a goal can be reached over unvisited states.
-
-    Without this a search for simple routes loses itself in dead ends, exponentially.
-    """
-    alive = set(goals)
-    stack = list(goals)
-    while stack:
-        for state in predecessors[stack.pop()]:
-            if not visited[state] and state not in alive:
-                alive.add(state)
-                stack.append(state)
-    return alive

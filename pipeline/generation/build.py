@@ -1,19 +1,19 @@
-"""The build: sample, solve, render and write, composed; then the manifest, last of all.
+"""The build, which composes sample, solve, render and write; the manifest comes last.
 
-In a local folder, work happens in `.NAME.building` beside the target, and the finished dataset is
-moved into place. In an object store, which cannot rename, shards are uploaded under their final
-names, and what makes a dataset of them is the manifest. Either way each finished shard has a
-sidecar in `.NAME.building`, and a build that was stopped goes on from those.
+A local dataset is built in `.NAME.building` beside its final folder, and moved there once finished.
+In an object store, which cannot rename, shards are uploaded under their final names, and the
+manifest makes them a dataset. Either way each finished shard has a sidecar in `.NAME.building`,
+from which a build that was stopped goes on.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
-from functools import partial
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS, Row
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -24,7 +24,7 @@ from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.render import render
-from pipeline.generation.sample import ACTING, check_capacity, item_rng, labyrinth_of, stream
+from pipeline.generation.sample import check_capacity, labyrinth_of, stream
 from pipeline.generation.solve import solve
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
@@ -34,34 +34,34 @@ from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.locks import held
 
 CELLS_PER_SHARD = 400_000
-"""Cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
+"""The number of cells of all labyrinths in a shard: 16,000 at 5x5, some tens of megabytes."""
 
 CELLS_PER_BATCH = 2_000
-"""Cells of the labyrinths that are sampled, then solved, then drawn: 80 labyrinths at 5x5."""
+"""The number of cells of the labyrinths that each stage takes at once: 80 labyrinths at 5x5."""
 
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
 class ShardJob:
-    """All that a worker needs to know to make one shard; the same job, the same bytes."""
+    """All that a worker needs to make one shard; equal jobs give equal bytes."""
 
     config: DatasetConfig
     split: str
     first: int
-    """Place of its first labyrinth in the split."""
+    """The index of its first labyrinth in the split."""
     structures: list[Structure]
     path: AnyPath
     sidecar: AnyPath
-    """The file that says the shard is finished, and what it holds."""
+    """The file that marks the shard as finished, and describes it."""
 
 
 def run(run: Run) -> None:
     """Build the dataset of a run, unless it is there already.
 
     Raises:
-        ConfigError: There are not as many labyrinths as asked for.
-        DatasetError: The folder holds another dataset, or something else.
+        ConfigError: There are fewer labyrinths than asked for.
+        DatasetError: The folder holds another dataset, or other files.
         OSError: The folder cannot be written.
     """
     workplace = Workplace(run.folder)
@@ -71,7 +71,7 @@ def run(run: Run) -> None:
         if manifest is not None:
             console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
             if workplace.is_for(run.dataset) or not workplace.has_begun:
-                workplace.clear()  # What a run left that was killed at the very end.
+                workplace.clear()  # A run was killed at the very end.
         else:
             check_capacity(run.dataset)
             front_matter.read(run.data_dir / "README.md")  # Not somebody else's.
@@ -85,7 +85,7 @@ def run(run: Run) -> None:
 
 
 def _finished(run: Run) -> Manifest | None:
-    """Return the manifest of a dataset that was built with the same options before."""
+    """Return the manifest of the dataset if it is finished, and was built with the same options."""
     folder = run.folder
     if not (folder / MANIFEST).is_file():
         unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
@@ -121,7 +121,7 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
         manifest = Manifest(run.dataset, current_versions(), tuple(in_order))
         workplace.commit(manifest)
-    except ConfigError:  # The sampler found too few, so that no dataset will come of it.
+    except ConfigError:  # The sampler found too few, so the shards are of no use.
         workplace.clear()
         raise
     except OSError as error:
@@ -137,7 +137,7 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
 
 
 def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
-    """Yield each job as soon as its structures are sampled, with those of the same structures."""
+    """Yield the jobs that a list of structures is for, as soon as it has been sampled."""
     size = max(1, CELLS_PER_SHARD // (config.height * config.width))
     count = -(-config.labyrinths // size)
     made_of = {split: [split] for split in SAMPLED_SPLITS}
@@ -151,10 +151,8 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
             continue
         for split in made_of[sampled]:
             name = f"{split}-{first[sampled] // size:05d}-of-{count:05d}"
-            path, sidecar = (
-                workplace.shards / f"{name}.parquet",
-                workplace.building / f"{name}.json",
-            )
+            path = workplace.shards / f"{name}.parquet"
+            sidecar = workplace.building / f"{name}.json"
             yield ShardJob(config, split, first[sampled], part, path, sidecar)
         first[sampled] += len(part)
         structures[sampled] = []
@@ -162,18 +160,15 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
 
 def make_shard(job: ShardJob) -> Shard:
     """Make the shard of a job, or return the one that an earlier run has finished."""
-    finished = _finished_shard(job)
-    if finished is not None:
-        return finished
-    cut = 0
+    with suppress(FileNotFoundError, ValueError, AttributeError):
+        finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
+        if file_sha256(job.path) == finished.sha256:
+            return finished
+    config, split, cut = job.config, job.split, 0
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
-        config, split = job.config, job.split
-        labyrinths = (
-            (labyrinth_of(config, split, each), partial(item_rng, config, split, each, ACTING))
-            for each in job.structures
-        )
+        labyrinths = (labyrinth_of(config, split, structure) for structure in job.structures)
         count = max(1, CELLS_PER_BATCH // (config.height * config.width))
         solutions = batched(solve(config, split, batched(labyrinths, count)), count)
         for number, solution in enumerate(solutions, start=job.first):
@@ -181,14 +176,8 @@ def make_shard(job: ShardJob) -> Shard:
             yield from render(split, number, solution.episodes)
 
     with new_file(job.path, job.sidecar.parent) as path:
-        written = write(path, episodes())
-    shard = Shard(
-        path=job.path.name,
-        split=job.split,
-        labyrinths=len(job.structures),
-        cut=cut,
-        **asdict(written),
-    )
+        shard = write(path, split, len(job.structures), episodes())
+    shard = replace(shard, cut=cut)
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
 
@@ -203,18 +192,8 @@ def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
         yield from batch
 
 
-def _finished_shard(job: ShardJob) -> Shard | None:
-    try:
-        shard = Shard.from_json(json.loads(job.sidecar.read_bytes()))
-        return shard if file_sha256(job.path) == shard.sha256 else None
-    except (FileNotFoundError, ValueError, AttributeError):
-        return None
-
-
 def _report_cut(manifest: Manifest) -> None:
-    cut: dict[str, Any] = {}
-    for shard in manifest.shards:
-        cut[shard.split] = cut.get(shard.split, 0) + shard.cut
+    cut = {split: sum(shard.cut for shard in manifest.of(split)) for split in SPLITS}
     named = ", ".join(f"{count} of {split}" for split, count in cut.items() if count)
     if named:
         limit = manifest.config.solutions_limit

@@ -1,8 +1,8 @@
-"""The check of one shard: every row replayed.
+"""The check of one shard, in which every row is replayed.
 
-The labyrinth comes from `info`, states and rewards from replaying `actions`, the picture from the
-renderer; what the file holds must be the same, bytes included where the libraries are the
-manifest's. Routes must be those the configuration asks for, and structures in the split that
+The labyrinth is parsed from `info`, states and rewards come from replaying `actions`, pictures from
+the renderer; the file must hold the same, byte for byte if the libraries are the manifest's. The
+routes must be those that the configuration asks for, and the structures must be in the split that
 their hash allows.
 """
 
@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,7 @@ from pipeline.generation.rules import labyrinth_problems, route_problem
 
 @dataclass
 class ShardReport:
-    """What checking one shard brought to light."""
+    """The problems and the structures of one shard."""
 
     shard: Shard
     problems: list[str] = field(default_factory=list)
@@ -49,15 +48,15 @@ class ShardReport:
 
 @dataclass(frozen=True)
 class CheckJob:
-    """All that a worker needs to know to check one shard."""
+    """All that a worker needs to check one shard."""
 
     folder: AnyPath
     shard: Shard
     config: DatasetConfig
     first: int
-    """Place of its first labyrinth in the split."""
+    """The index of its first labyrinth in the split."""
     same_bytes: bool
-    """Whether the pictures must be the very bytes, the libraries being the manifest's."""
+    """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
 
 
 def check_shard(job: CheckJob) -> ShardReport:
@@ -68,38 +67,39 @@ def check_shard(job: CheckJob) -> ShardReport:
     path = job.folder / job.shard.path
     try:
         with local_copy(path) as local:
-            digest, size = file_sha256(local), local.stat().st_size
+            found: dict[str, Any] = {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
             with open_shard(local) as file:
-                _ShardCheck(job, report).check(_rows(file, report))
+                found |= _ShardCheck(job, report).check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")
         return report
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         report.problems.append(f"{job.shard.path} cannot be read: {one_line(error)}")
         return report
-    if size != job.shard.bytes:
-        report.problems.append(
-            f"{job.shard.path}: {size} bytes, but the manifest says {job.shard.bytes}"
-        )
-    if digest != job.shard.sha256:
-        report.problems.append(f"{job.shard.path}: its sha256 is {digest}, not the manifest's")
+    for name, value in found.items():
+        expected = getattr(job.shard, name)
+        if value != expected:
+            report.problems.append(
+                f"{job.shard.path}: {name} {value}, but the manifest says {expected}"
+            )
     return report
 
 
 def _rows(file: Any, report: ShardReport) -> Iterator[Row]:
-    """Yield the rows of a file, up to the first with a field that holds nothing."""
+    """Yield the rows of a file, up to the first that has a null."""
     first = 0
     for group in range(file.num_row_groups):
         table = file.read_row_group(group)
         values = ("obs", "actions", "rewards", "episode_starts")
         columns = [*(table[name].to_pylist() for name in values), texts(table["info"])]
-        del table  # The pictures are in it once more.
+        del table  # It holds the pictures a second time.
         rows = zip(*columns, strict=True)
         for number, (obs, action, paid, starts, info) in enumerate(rows, start=first):
-            row = Row(*_picture(obs), action, paid, starts, info, b"")
+            picture = obs or {"bytes": None, "path": None}
+            row = Row(picture["bytes"], picture["path"], action, paid, starts, info, b"")
             missing = [name for name, value in row._asdict().items() if value is None]
             if missing:
                 report.problem(number, missing[0].removesuffix("_path"), "nothing there")
@@ -108,27 +108,25 @@ def _rows(file: Any, report: ShardReport) -> Iterator[Row]:
         first += len(columns[0])
 
 
-def _picture(obs: dict[str, Any] | None) -> tuple[Any, Any]:
-    return (None, None) if obs is None else (obs["bytes"], obs["path"])
-
-
 class _ShardCheck:
-    """Goes through the rows of a shard and notes in a report what is wrong."""
+    """The check of the rows of a shard, which notes problems in a report."""
 
     def __init__(self, job: CheckJob, report: ShardReport) -> None:
         self.job = job
-        self.report = report
+        self.report, self.problem = report, report.problem
         self.fingerprint = Fingerprint()
         self.row = 0
         self.labyrinths = self.episodes = self.longest = self.cut = 0
         self.routes: list[list[int]] = []
         self.ended = True
-        """Whether the episode before was not cut, or was one of another labyrinth."""
+        """Whether the previous episode of the labyrinth, if there is one, was not cut."""
         self.labyrinth: Labyrinth | None = None
+        self.pictures: Mapping[State, Picture] = {}
         self.info: str | None = None
         self.first_row = 0
 
-    def check(self, rows: Iterator[Row]) -> None:
+    def check(self, rows: Iterator[Row]) -> dict[str, Any]:
+        """Check rows, and return what the manifest should say of them."""
         episode: list[Row] = []
         for row in rows:
             if row.episode_starts and episode:
@@ -138,7 +136,7 @@ class _ShardCheck:
         if episode:
             self.check_episode(episode, last=True)
         self.finish_labyrinth()
-        found = {
+        return {
             "rows": self.row,
             "longest": self.longest,
             "cut": self.cut,
@@ -146,11 +144,6 @@ class _ShardCheck:
             "labyrinths": self.labyrinths,
             "fingerprint": self.fingerprint.hexdigest(),
         }
-        for name, value in found.items():
-            expected = getattr(self.job.shard, name)
-            if value != expected:
-                message = f"{self.job.shard.path}: {name} {value}, but the manifest says {expected}"
-                self.report.problems.append(message)
 
     def check_episode(self, rows: list[Row], *, last: bool = False) -> None:
         """Check the rows from one `episode_starts` to the next."""
@@ -159,141 +152,121 @@ class _ShardCheck:
         self.episodes += 1
         self.longest = max(self.longest, len(rows) - 1)
         if not rows[0].episode_starts:
-            self.report.problem(begin, "episode_starts", "False in the first row of the file")
+            self.problem(begin, "episode_starts", "False in the first row of the file")
         if rows[0].info != self.info:
             self.begin_labyrinth(rows[0].info, begin)
-        for offset, row in enumerate(rows):
+        for number, row in enumerate(rows, start=begin):
             if row.info != self.info:
-                message = "not the labyrinth that the episode began with"
-                self.report.problem(begin + offset, "info", message)
+                self.problem(number, "info", "not the labyrinth that the episode began with")
         if self.labyrinth is None:
             return
-        for offset, row in enumerate(rows[:-1]):
-            if row.actions == NO_ACTION:
-                message = "False, but the row before ends an episode"
-                self.report.problem(begin + offset + 1, "episode_starts", message)
-                return
-        if rows[-1].actions != NO_ACTION and last:
-            self.report.problem(self.row - 1, "actions", "the file ends before the episode does")
-            return
-        if rows[-1].actions != NO_ACTION:
-            message = "True, but the episode before has not ended"
-            self.report.problem(begin + len(rows), "episode_starts", message)
-            return
-        self.replay(self.labyrinth, rows, begin)
+        ends = [row.actions == NO_ACTION for row in rows]
+        after = begin + ends.index(True) + 1 if True in ends else self.row
+        if after < self.row:
+            self.problem(after, "episode_starts", "False, but the row before ends an episode")
+        elif ends[-1]:
+            self.replay(self.labyrinth, rows, begin)
+        elif last:
+            self.problem(self.row - 1, "actions", "the file ends before the episode does")
+        else:
+            self.problem(self.row, "episode_starts", "True, but the episode before has not ended")
 
     def replay(self, labyrinth: Labyrinth, rows: list[Row], begin: int) -> None:
-        """Check states, rewards and pictures by taking the actions."""
-        pictures = _pictures(labyrinth)
+        """Replay the actions, and compare names, pictures and rewards in each state."""
         state = initial(labyrinth)
-        place = len(self.routes)
         if not self.ended:
             message = "an episode is cut before the last one of its labyrinth"
-            self.report.problem(begin - 1, "actions", message)
-        split, number_of_it = self.job.shard.split, self.job.first + self.labyrinths - 1
-        names = picture_names(split, number_of_it, place, range(len(rows)))
-        for step, (row, name) in enumerate(zip(rows, names, strict=True)):
-            number = begin + step
+            self.problem(begin - 1, "actions", message)
+        split, place = self.job.shard.split, self.job.first + self.labyrinths - 1
+        names = picture_names(split, place, len(self.routes), range(len(rows)))
+        for number, (row, name) in enumerate(zip(rows, names, strict=True), start=begin):
             if row.obs_path != name:
-                message = f"its path is {row.obs_path!r:.99}, not {name}"
-                self.report.problem(number, "obs", message)
-            self.check_picture(pictures[state], labyrinth, state, row, number)
+                self.problem(number, "obs", f"its path is {row.obs_path!r:.99}, not {name}")
+            self.check_picture(labyrinth, state, row, number)
             if row.actions == NO_ACTION:
                 if row.rewards != 0:
-                    self.report.problem(number, "rewards", f"{row.rewards} after the last action")
+                    self.problem(number, "rewards", f"{row.rewards} after the last action")
                 break
             if not 0 <= row.actions < len(Action):
-                self.report.problem(number, "actions", f"{row.actions} is no action")
+                self.problem(number, "actions", f"{row.actions} is no action")
                 return
             if is_terminal(labyrinth, state):
-                self.report.problem(number, "actions", "the episode had ended before")
+                self.problem(number, "actions", "the episode had ended before")
                 return
             after = transition(labyrinth, state, row.actions)
-            meant = self.meant(pictures, labyrinth, state, after, rows[step + 1 :])
+            meant = self.meant(labyrinth, state, after, rows[number - begin + 1 :][:2])
             if meant is not None:
                 message = f"{row.actions}, but the next picture shows what {meant} leads to"
-                self.report.problem(number, "actions", message)
+                self.problem(number, "actions", message)
                 after = transition(labyrinth, state, meant)
             expected = np.float32(reward(labyrinth, after))
             if np.float32(row.rewards) != expected:
-                message = f"{row.rewards}, but the step pays {expected}"
-                self.report.problem(number, "rewards", message)
+                self.problem(number, "rewards", f"{row.rewards}, but the step pays {expected}")
             state = after
-        last = begin + len(rows) - 1
-        if self.job.shard.split != "random" and state.agent != labyrinth.goal:
-            self.report.problem(last, "actions", "the episode ends before the goal")
+        if split != "random" and state.agent != labyrinth.goal:
+            self.problem(self.row - 1, "actions", "the episode ends before the goal")
         self.ended = is_terminal(labyrinth, state)
         self.routes.append([row.actions for row in rows[:-1]])
 
-    def check_picture(
-        self, expected: Picture, labyrinth: Labyrinth, state: State, row: Row, number: int
-    ) -> None:
+    def check_picture(self, labyrinth: Labyrinth, state: State, row: Row, number: int) -> None:
         """Check a picture, and add the row to the fingerprint."""
-        digest = expected.digest
-        if row.obs != expected.png:
+        png, digest = self.pictures[state]
+        if row.obs != png:
             try:
                 picture = _decode(row.obs)
             except ValueError as error:
-                self.report.problem(number, "obs", str(error))
+                self.problem(number, "obs", str(error))
                 return
             if not np.array_equal(picture, render(labyrinth, state)):
-                self.report.problem(number, "obs", "not the picture of the state")
+                self.problem(number, "obs", "not the picture of the state")
                 digest = decoded_picture_digest(picture)
             elif self.job.same_bytes:
-                self.report.problem(number, "obs", "the right pixels, but not the encoder's bytes")
+                self.problem(number, "obs", "the right pixels, but not the encoder's bytes")
         self.fingerprint.update([row._replace(picture_digest=digest)])
 
-    @staticmethod
     def meant(
-        pictures: Pictures,
-        labyrinth: Labyrinth,
-        state: State,
-        after: State,
-        rows: list[Row],
+        self, labyrinth: Labyrinth, state: State, after: State, rows: list[Row]
     ) -> int | None:
-        """Return the action that leads to the next picture, if it is not the one taken."""
+        """Return the action from `state` to the next picture, if it is not the one to `after`.
+
+        `rows` are the next row, and the one after it if there is one.
+        """
         row, *later = rows
-        if row.obs == pictures[after].png:
+        if row.obs == self.pictures[after].png:
             return None
         if later and 0 <= row.actions < len(Action):
             following = transition(labyrinth, after, row.actions)
-            if later[0].obs == pictures[following].png:
+            if later[0].obs == self.pictures[following].png:
                 return None  # The action was right: it is this one picture that is not.
         for action in Action:
             other = transition(labyrinth, state, action)
-            if other != after and row.obs == pictures[other].png:
+            if other != after and row.obs == self.pictures[other].png:
                 return int(action)
         return None
 
     def begin_labyrinth(self, info: str, row: int) -> None:
-        """Check what does not depend on the episodes, and the episodes of the one before."""
+        """Finish the previous labyrinth, and check all of the next one but its episodes."""
         self.finish_labyrinth()
         self.info, self.labyrinth, self.first_row = info, None, row
         self.labyrinths += 1
         try:
             labyrinth = parse(info)
         except LabyrinthSyntaxError as error:
-            message = str(error).splitlines()[0]
-            self.report.problem(row, "info", f"not a labyrinth: {message}")
+            self.problem(row, "info", f"not a labyrinth: {str(error).splitlines()[0]}")
             return
         config = self.job.config
-        if (labyrinth.size_name, labyrinth.task) != (
-            f"{config.height}x{config.width}",
-            config.task,
-        ):
-            message = f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}"
-            self.report.problem(row, "info", message)
+        size = f"{config.height}x{config.width}"
+        if (labyrinth.size_name, labyrinth.task) != (size, config.task):
+            self.problem(row, "info", f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}")
             return
-        self.labyrinth = labyrinth
+        self.labyrinth, self.pictures = labyrinth, Pictures(labyrinth)
         for message in labyrinth_problems(config, self.job.shard.split, labyrinth):
-            self.report.problem(row, "info", message)
+            self.problem(row, "info", message)
         if dump(labyrinth) != info:
-            self.report.problem(row, "info", "not in the canonical form")
-        structure_id = labyrinth.structure.structure_id
-        if structure_id in self.report.structures:
-            other = self.report.structures[structure_id]
-            self.report.problem(row, "info", f"the structure is also in row {other}")
-        self.report.structures.setdefault(structure_id, row)
+            self.problem(row, "info", "not in the canonical form")
+        first = self.report.structures.setdefault(labyrinth.structure.structure_id, row)
+        if first != row:
+            self.problem(row, "info", f"the structure is also in row {first}")
 
     def finish_labyrinth(self) -> None:
         """Check that the labyrinth has the episodes that the configuration asks for."""
@@ -305,22 +278,16 @@ class _ShardCheck:
             self.cut += len(routes) == config.solutions_limit
         message = route_problem(config, split, self.labyrinth, routes)
         if message:
-            self.report.problem(self.first_row, "actions", message)
-
-
-@lru_cache(maxsize=1)
-def _pictures(labyrinth: Labyrinth) -> Pictures:
-    """Return the pictures of a labyrinth; consecutive episodes are of the same."""
-    return Pictures(labyrinth)
+            self.problem(self.first_row, "actions", message)
 
 
 def _decode(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return the pixels of a picture; raises ValueError if it is none of ours."""
+    """Return the pixels of a picture; raise ValueError if its format is not ours."""
     from PIL import Image
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # Of a picture that is a bomb Pillow may only warn.
+            warnings.simplefilter("error")  # Pillow may only warn of a decompression bomb.
             with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
                 if image.size != (PICTURE_SIZE, PICTURE_SIZE) or image.mode != "RGB":
                     raise ValueError(f"it is {image.size}, {image.mode}")

@@ -18,9 +18,6 @@ class KeySet:
         self._slots = array("q", [_EMPTY]) * 1024
         self._count = 0
 
-    def __len__(self) -> int:
-        return self._count
-
     def add(self, key: int) -> bool:
         """Add a key; return whether it is new."""
         slot = self._slot(key)
@@ -31,9 +28,6 @@ class KeySet:
         if 2 * self._count > len(self._slots):
             self._grow()
         return True
-
-    def __contains__(self, key: int) -> bool:
-        return self._slots[self._slot(key)] == key
 
     def _slot(self, key: int) -> int:
         """Return where a key is, or would be."""

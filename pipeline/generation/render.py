@@ -1,4 +1,4 @@
-"""The rows of each episode: a picture of every state, with what was done in it."""
+"""The rows of each episode: the picture of every state, and the action taken in it."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode
 
 REMEMBERED_BYTES = 32 << 20
-"""Pictures of a labyrinth whose episodes come back to the same states; 1,200 at 100x100."""
+"""The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
 
 DRAWN_AT_ONCE = 128
-"""Rows of an episode; 20 MB of pictures at 250x250."""
+"""The number of rows of an episode that are drawn together; 20 MB of pictures at 250x250."""
 
 
 def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Row]]:
     """Yield the rows of each episode of one labyrinth, those of a long one in parts.
 
     Args:
-        split: The split it is in.
-        number: Its place in the split, from 0.
+        split: The split of the labyrinth.
+        number: The index of the labyrinth in the split.
         episodes: At least one, all of the same labyrinth.
     """
     labyrinth = episodes[0].labyrinth
@@ -68,7 +68,7 @@ class Picture(NamedTuple):
 
 
 class Pictures(dict[State, Picture]):
-    """The picture of each state of a labyrinth, made when it is first asked for."""
+    """A cache of the pictures of a labyrinth's states, each made when it is first needed."""
 
     def __init__(self, labyrinth: Labyrinth) -> None:
         super().__init__()
@@ -84,7 +84,7 @@ class Pictures(dict[State, Picture]):
         return picture
 
     def draw(self, states: Sequence[State]) -> tuple[list[bytes], list[bytes]]:
-        """Return the PNG files of some states, and their digests, and keep neither."""
+        """Return the PNG files and the digests of states, without keeping them."""
         changes = list(map(self._painter.changes, states))
         return list(map(self._mosaic.encode, changes)), list(map(self._digests.digest, changes))
 

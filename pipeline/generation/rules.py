@@ -1,4 +1,4 @@
-"""What the labyrinths of each split, and the routes through them, have to be."""
+"""The rules for the labyrinths of each split, and for the routes through them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from collections.abc import Iterator
 
 from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.world import solver
 from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import distances
 from labyrinth_core.world.tasks import default_start_and_goal, tiles_matter
 from pipeline.generation.sample import split_of
+from pipeline.generation.solve import all_routes
 
 
 def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
-    """Yield what is wrong with a labyrinth in a split."""
+    """Yield the rules of a split that a labyrinth breaks."""
     structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
     if not structure.is_connected:
         yield "not every cell can be reached"
@@ -27,7 +28,7 @@ def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) 
     if split in ("s0", "s0_and_g"):
         if start == first_start or (goal == first_goal) != (split == "s0"):
             yield "start and goal are not changed as the split says"
-        # Only next to nothing is far enough where no cell is.
+        # The smallest grids have no cells that are farther apart.
         least = min((config.height + config.width) // 2, config.height + config.width - 3)
         if manhattan(start, goal, config.width) < least:
             yield f"start and goal are less than {least} moves apart"
@@ -41,24 +42,21 @@ def route_problem(
     """Return what is wrong with the routes of a labyrinth's episodes, None if nothing is.
 
     Args:
-        config: Says which routes there are to be.
-        split: In `random`, steps are counted instead.
-        labyrinth: That the routes, as actions, lead through.
-        routes: All of them, in their order.
+        config: The configuration, which says which routes are wanted.
+        split: The split of the labyrinth; in `random`, steps are counted instead.
+        labyrinth: The labyrinth.
+        routes: The actions of each episode, in order.
     """
     if split == "random":
         steps = sum(map(len, routes))
         return None if steps == config.random_steps else f"{steps} random steps"
     if config.solutions == "shortest":
-        best = solver.distances(labyrinth)[labyrinth.start]
+        best = distances(labyrinth)[labyrinth.start]
         if len(routes) == 1 and len(routes[0]) == best:
             return None
         lengths = ", ".join(str(len(route)) for route in routes)
         return f"routes of {lengths} moves, instead of one of {best}"
-    enumerate_routes = (
-        solver.shortest_routes if config.solutions == "all_shortest" else solver.simple_routes
-    )
-    expected = enumerate_routes(labyrinth, config.solutions_limit)
+    expected = all_routes(config, labyrinth)
     if routes == expected:
         return None
     return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"

@@ -1,15 +1,15 @@
 """Unique structures for each split, and the labyrinths made of them.
 
-Which split a structure may be in follows from a hash of its canonical form, so that no structure
-and no mirror image that keeps start and goal is ever in two of train, validation and test: not in
-one dataset, and not in two of other seeds or lengths (with the same `buckets`).
+The split of a structure follows from a hash of its canonical form, so that no structure and no
+mirror image that keeps start and goal is ever in two of train, validation and test: neither within
+a dataset, nor across datasets of other seeds or lengths (with the same `buckets`).
 
-One stream of structures, from the seed alone, serves all splits, each taking what falls to it; so
-a longer dataset begins with the structures of a shorter one.
+One stream of structures, which depends on the seed alone, is divided among the splits; so a longer
+dataset begins with the structures of a shorter one.
 
-With `splits.min_walls` train stays as it is, and validation and test take, from the beginning of
-the stream again, what is far enough from it and from each other; then only train, and what is made
-of it, begins with the structures of a shorter dataset.
+With `splits.min_walls` train stays as it is. Validation and test then go through the stream once
+more, and take the structures that are far enough from train and from each other; so only train,
+and the splits on its structures, begin with the structures of a shorter dataset.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
@@ -33,24 +33,23 @@ from labyrinth_core.world.tasks import (
 )
 from pipeline.config.errors import ConfigError
 from pipeline.generation.key_set import KeySet
+from pipeline.generation.randomness import item_rng
 
 PATIENCE = 300_000
-"""Structures drawn in vain after which the sampler gives up."""
-COUNTABLE_EDGES = 13
-"""Up to so many neighbouring pairs of cells, as at 3x3, all structures are counted beforehand."""
+"""The number of structures drawn in vain after which the sampler gives up."""
 
-PLACING, ACTING = 0, 1
-"""What the randomness of an item is for."""
+COUNTABLE_EDGES = 13
+"""The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
 
 _TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
 
 def split_of(structure: Structure, buckets: Sequence[int]) -> str:
-    """Return the one of train, validation and test that a structure may be in.
+    """Return whether a structure belongs to train, validation or test.
 
     Args:
-        structure: Any; mirror images that keep start and goal give the same answer.
-        buckets: Percent of all structures for each of the three.
+        structure: The structure; its mirror image that keeps start and goal gives the same answer.
+        buckets: The percentage of all structures for each of the three.
     """
     percent = int(structure.canonical().structure_id, 16) * 100 >> 63
     train, validation, _ = buckets
@@ -63,7 +62,7 @@ def sample(config: DatasetConfig) -> dict[str, list[Structure]]:
     """Return the structures of train, validation and test, `config.labyrinths` of each.
 
     Raises:
-        ConfigError: The sampler does not find as many.
+        ConfigError: The sampler does not find so many.
     """
     found: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
     for split, structure in stream(config):
@@ -74,13 +73,13 @@ def sample(config: DatasetConfig) -> dict[str, list[Structure]]:
 def stream(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
     """Yield the structures of train, validation and test as they are found, each with its split.
 
-    Of those that it has yielded it keeps nothing but their 63-bit ids, and what `min_walls` needs.
+    Of these it remembers only their 63-bit ids, and what `min_walls` needs.
 
     Raises:
         ConfigError: The sampler does not find `config.labyrinths` of each.
     """
     found = dict.fromkeys(SAMPLED_SPLITS, 0)
-    if config.min_walls == 1:  # Those of two splits are never equal.
+    if config.min_walls == 1:  # Two splits have no structure in common.
         yield from _fill(config, found, SAMPLED_SPLITS)
         return
     near = {
@@ -102,31 +101,36 @@ def _fill(
     """Yield the structures of some splits.
 
     Args:
-        config: What to sample.
-        found: Split -> structures found; counted up here.
-        splits: Which to fill.
-        near: Split -> what is too near to it for another split; those found are added.
+        config: The configuration of the dataset.
+        found: Split -> the number of structures found, which is updated.
+        splits: The splits to fill.
+        near: Split -> the structures too near to it for other splits, which is updated.
     """
     seen = KeySet()
     in_vain = 0
-    for structure in _candidates(config):
+    candidates = sample_structures(
+        config.height,
+        config.width,
+        np.random.default_rng(np.random.SeedSequence(config.seed)),
+        algorithm=config.sampler,
+        open_walls=config.open_walls,
+    )
+    for structure in candidates:
         in_vain += 1
         if in_vain > PATIENCE:
             raise _not_enough(config, found)
-        key = int(structure.structure_id, 16)
-        if key in seen:
-            continue
         split = split_of(structure, config.buckets)
         if split not in splits or found[split] == config.labyrinths:
             continue
-        seen.add(key)
+        if not seen.add(int(structure.structure_id, 16)):
+            continue
         too_near = near and any(near[other].is_near(structure) for other in near if other != split)
         if not too_near and holds_task(config, split, structure):
             in_vain = 0
             if near:
                 near[split].add(structure)
             found[split] += 1
-            # A new one, without what the first computed and remembers: a shard holds many.
+            # A copy without the cached properties, since a shard holds many structures.
             yield split, Structure(structure.height, structure.width, structure.up, structure.right)
             if all(found[each] == config.labyrinths for each in splits):
                 return
@@ -144,23 +148,13 @@ def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
     )
 
 
-def _candidates(config: DatasetConfig) -> Iterator[Structure]:
-    return sample_structures(
-        config.height,
-        config.width,
-        np.random.default_rng(np.random.SeedSequence(config.seed)),
-        algorithm=config.sampler,
-        open_walls=config.open_walls,
-    )
-
-
 def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
     """Return the labyrinth that a structure becomes in a split.
 
     Args:
-        config: Of the dataset.
-        split: Any of the six.
-        structure: One of that split; of train, for random, s0 and s0_and_g.
+        config: The configuration of the dataset.
+        split: One of the six splits.
+        structure: A structure of that split; of train for random, s0 and s0_and_g.
 
     Raises:
         LabyrinthError: The structure cannot hold the task.
@@ -183,25 +177,10 @@ def _variant(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Labyrin
     return change(labyrinth, item_rng(config, split, labyrinth.structure))
 
 
-def item_rng(
-    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
-) -> np.random.Generator:
-    """Return the randomness for one structure in one split, whatever else is in the dataset.
-
-    Args:
-        config: Of the dataset.
-        split: Any of the six.
-        structure: Which one.
-        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
-    """
-    key = (list(SPLITS).index(split), int(structure.structure_id, 16), purpose)
-    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
-
-
 def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
     """Return whether a structure can hold the task, also with another start and goal.
 
-    Asked alike of all splits, so that they differ in nothing but chance.
+    All splits have the same requirement, so that they have the same distribution.
     """
     if config.task in _TASKS_WITHOUT_TILES:
         return True
@@ -215,10 +194,10 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
 
 
 def check_capacity(config: DatasetConfig) -> None:
-    """Refuse at once what cannot be, where all structures can be counted quickly.
+    """Refuse too many labyrinths at once, where all structures can be counted quickly.
 
     Raises:
-        ConfigError: There are not as many structures as asked for.
+        ConfigError: There are fewer structures than asked for.
     """
     cells = range(config.height * config.width)
     edges = [

@@ -1,8 +1,9 @@
-"""The episodes of each labyrinth: optimal routes, or a random policy."""
+"""The episodes of each labyrinth, from the routes through it or from a random policy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,55 +12,49 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode, random_episode, replay
 from labyrinth_core.world.solver import shortest_route, shortest_routes, simple_routes
+from pipeline.generation.randomness import ACTING, item_rng
 
 
 class Solution(NamedTuple):
     """The episodes of one labyrinth."""
 
-    labyrinth: Labyrinth
     episodes: list[Episode]
     cut: bool
     """Whether `solutions_limit` may have left routes out."""
 
 
-def solve(
-    config: DatasetConfig,
-    split: str,
-    labyrinths: Iterable[tuple[Labyrinth, Callable[[], np.random.Generator]]],
-) -> Iterator[Solution]:
+def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) -> Iterator[Solution]:
     """Yield the episodes of each labyrinth, in order.
 
     Args:
-        config: Says which routes.
-        split: In `random` a random policy acts instead.
-        labyrinths: Each with what makes the randomness for its episodes.
+        config: The configuration, which says which routes are wanted.
+        split: The split of the labyrinths; in `random` a random policy acts instead.
+        labyrinths: The labyrinths to solve.
     """
-    for labyrinth, make_rng in labyrinths:
+    for labyrinth in labyrinths:
+        make_rng = partial(item_rng, config, split, labyrinth.structure, ACTING)
         if split == "random":
-            episodes = list(_random_episodes(labyrinth, make_rng(), config))
-            yield Solution(labyrinth, episodes, cut=False)
-            continue
-        routes = _routes(config, labyrinth, make_rng)
-        cut = config.solutions != "shortest" and len(routes) == config.solutions_limit
-        yield Solution(labyrinth, [replay(labyrinth, route) for route in routes], cut)
+            episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
+            yield Solution(episodes, cut=False)
+        elif config.solutions == "shortest":
+            yield Solution([replay(labyrinth, shortest_route(labyrinth, make_rng))], cut=False)
+        else:
+            routes = all_routes(config, labyrinth)
+            episodes = [replay(labyrinth, route) for route in routes]
+            yield Solution(episodes, cut=len(routes) == config.solutions_limit)
 
 
-def _routes(
-    config: DatasetConfig, labyrinth: Labyrinth, make_rng: Callable[[], np.random.Generator]
-) -> list[list[int]]:
-    if config.solutions == "shortest":
-        return [shortest_route(labyrinth, make_rng)]
-    if config.solutions == "all_shortest":
-        return shortest_routes(labyrinth, config.solutions_limit)
-    return simple_routes(labyrinth, config.solutions_limit)
+def all_routes(config: DatasetConfig, labyrinth: Labyrinth) -> list[list[int]]:
+    """Return the routes of a labyrinth, as actions, where `solutions` asks for more than one."""
+    enumerate_routes = shortest_routes if config.solutions == "all_shortest" else simple_routes
+    return enumerate_routes(labyrinth, config.solutions_limit)
 
 
 def _random_episodes(
-    labyrinth: Labyrinth, rng: np.random.Generator, config: DatasetConfig
+    labyrinth: Labyrinth, rng: np.random.Generator, steps: int
 ) -> Iterator[Episode]:
-    """Yield episodes that take `random_steps` steps together, the last one cut there."""
-    left = config.random_steps
-    while left:
-        episode = random_episode(labyrinth, rng, left)
-        left -= len(episode)
+    """Yield episodes of a random policy that have `steps` steps in total, the last one cut."""
+    while steps:
+        episode = random_episode(labyrinth, rng, steps)
+        steps -= len(episode)
         yield episode

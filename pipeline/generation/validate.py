@@ -1,7 +1,7 @@
-"""Validation: every row of a finished dataset, replayed, and its splits held against each other.
+"""The validation of a finished dataset: each row is replayed, and the splits are compared.
 
-`check` goes through the rows of a shard; here the shards are put together: no structure in two
-splits, those of random, s0 and s0_and_g in train, as many labyrinths as the configuration says.
+`check` goes through the rows of one shard. Here shards are compared: no structure is in two splits,
+those of random, s0 and s0_and_g are in train, and there are as many labyrinths as asked for.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PROBLEMS_SHOWN = 20
 
 
 class ValidationError(DatasetError):
-    """A dataset with rows that are not what they should be; `problems` names them."""
+    """A dataset that is not valid; `problems` has one line for each reason."""
 
     def __init__(self, folder: AnyPath, problems: list[str]) -> None:
         self.problems = problems
@@ -37,7 +37,7 @@ def run(run: Run) -> None:
     """Validate the dataset in the folder of a run.
 
     Raises:
-        ValidationError: Rows are wrong; it names file, row and field.
+        ValidationError: Rows are wrong; the message names file, row and field.
         DatasetError: There is no dataset.
     """
     manifest = Manifest.read(run.folder)
@@ -52,56 +52,49 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
     """Return what is wrong with a dataset, one line for each problem.
 
     Args:
-        folder: With its shards.
-        manifest: Of that folder.
-        workers: Processes.
+        folder: The folder of the shards.
+        manifest: The manifest of the dataset.
+        workers: The number of processes.
     """
     jobs = []
-    first: dict[str, int] = {}
+    found = dict.fromkeys(SPLITS, 0)
     same_bytes = dict(manifest.versions) == current_versions()
     for shard in manifest.shards:
-        begin = first.get(shard.split, 0)
-        first[shard.split] = begin + shard.labyrinths
-        jobs.append(CheckJob(folder, shard, manifest.config, begin, same_bytes))
+        jobs.append(CheckJob(folder, shard, manifest.config, found[shard.split], same_bytes))
+        found[shard.split] += shard.labyrinths
     reports = tracked(
         ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
         "validate",
         total=sum(shard.rows for shard in manifest.shards),
     )
     listed = {shard.path for shard in manifest.shards}
-    problems = [
-        f"{name} is not in the manifest"
-        for name in sorted(path.name for path in folder.glob("*.parquet"))
-        if name not in listed
-    ]
+    unlisted = {path.name for path in folder.glob("*.parquet")} - listed
+    problems = [f"{name} is not in the manifest" for name in sorted(unlisted)]
     owners = Owners()
     for report in reports:
         problems += report.problems
         problems += owners.misplaced(report)
-    for split in SPLITS:
-        labyrinths = first.get(split, 0)
-        if labyrinths != manifest.config.labyrinths:
-            problems.append(
-                f"{split} holds {labyrinths} labyrinths, not {manifest.config.labyrinths}"
-            )
+    for split, count in found.items():
+        if count != manifest.config.labyrinths:
+            problems.append(f"{split} holds {count} labyrinths, not {manifest.config.labyrinths}")
     return problems
 
 
 class Owners:
-    """Where each structure was first, in sixteen bytes for each: there may be millions."""
+    """The first place of each structure, in sixteen bytes each, as there may be millions."""
 
     def __init__(self) -> None:
         self._ids = np.empty(0, np.int64)
         """Structure ids, sorted, shape (structures,)."""
         self._rows = np.empty(0, np.int64)
-        """For each the shard, counted from 0, times 2 ** 32, and the row in it."""
+        """For each structure, the index of its shard times 2 ** 32, plus the row in it."""
         self._shards: list[Shard] = []
 
     def misplaced(self, report: ShardReport) -> Iterator[str]:
-        """Yield the structures that came before in another split, or are not of train at all.
+        """Yield the structures that are in another split too, or not in train as they should be.
 
         Args:
-            report: Of the next shard, in the order of the splits.
+            report: The report of the next shard, in the order of the splits.
         """
         own = report.shard.split in SAMPLED_SPLITS
         ids = np.array([int(each, 16) for each in report.structures], np.int64)

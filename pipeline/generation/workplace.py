@@ -1,4 +1,4 @@
-"""Where a dataset is built, and how it becomes whole in one moment."""
+"""The folders in which a dataset is built, and the commit that makes it whole at once."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ _CONFIG = "config.json"
 
 @dataclass(frozen=True)
 class Workplace:
-    """Of one dataset: its shards are made in one place, their sidecars in another."""
+    """The folders of one dataset: one for its shards, one for their sidecars."""
 
     folder: AnyPath
-    """Where the finished dataset lies, or will."""
+    """The folder of the finished dataset."""
 
     @property
     def building(self) -> AnyPath:
-        """Where the configuration lies, and the sidecar of each finished shard."""
+        """The folder of the configuration, and of the sidecar of each finished shard."""
         return self.folder.parent / f".{self.folder.name}.building"
 
     @property
     def shards(self) -> AnyPath:
-        """Where the shards are made; in an object store they cannot be moved afterwards."""
+        """The folder in which shards are made: the final one in a store, which cannot rename."""
         return self.folder if isinstance(self.folder, RemotePath) else self.building / "shards"
 
     def recover(self) -> None:
-        """Put right what a crash between the renames of `commit` has left."""
+        """Put the old dataset back if a crash between the renames of `commit` displaced it."""
         if isinstance(self.folder, Path):
             replaced = _replaced(self.folder)
             if replaced.exists() and not self.folder.exists():
@@ -43,19 +43,19 @@ class Workplace:
             shutil.rmtree(replaced, ignore_errors=True)
 
     def prepare(self, config: DatasetConfig) -> None:
-        """Make the place, emptied of what another configuration or version left in it."""
-        if isinstance(self.folder, RemotePath):  # Its manifest would be over other shards.
+        """Make the folders, emptied of what another configuration or version left in them."""
+        if isinstance(self.folder, RemotePath):  # The old manifest would describe new shards.
             (self.folder / MANIFEST).unlink(missing_ok=True)
         if not self.is_for(config):
             self.clear()
             for path in self.shards.glob("*.parquet"):
                 path.unlink()
+            self.building.mkdir(parents=True, exist_ok=True)
+            write_text(self.building / _CONFIG, _content(config))
         self.shards.mkdir(parents=True, exist_ok=True)
         if isinstance(self.shards, Path):
             for path in self.shards.glob(".*.tmp"):  # A run was killed while it wrote the manifest.
                 path.unlink()
-        if not self.is_for(config):
-            write_text(self.building / _CONFIG, _content(config))
 
     @property
     def has_begun(self) -> bool:
@@ -63,17 +63,17 @@ class Workplace:
         return (self.building / _CONFIG).exists()
 
     def is_for(self, config: DatasetConfig) -> bool:
-        """Return whether what is there was made for a configuration, by these versions."""
+        """Return whether the stopped build had this configuration and these versions."""
         try:
             return (self.building / _CONFIG).read_text(encoding="utf-8") == _content(config)
         except FileNotFoundError:
             return False
 
     def commit(self, manifest: Manifest) -> None:
-        """Make the shards a dataset.
+        """Write the manifest, and move the shards of a local dataset into their final place.
 
         Raises:
-            DatasetError: They are not there, or not ours any more.
+            DatasetError: A shard is missing, or another run has taken the folder over.
         """
         there = {path.name for path in self.shards.glob("*.parquet")}
         missing = [shard.path for shard in manifest.shards if shard.path not in there]
@@ -104,10 +104,10 @@ class Workplace:
     def clear(self) -> None:
         """Remove all that is not the finished dataset."""
         if isinstance(self.building, Path):
-            # A worker of a killed run may be at work in it to the last.
+            # A worker of a killed run may still write there.
             shutil.rmtree(self.building, ignore_errors=True)
         else:
-            # The configuration last: without it nobody would know whose the rest is.
+            # The configuration goes last, since it tells what the other files belong to.
             for path in sorted(self.building.iterdir(), key=lambda path: path.name == _CONFIG):
                 path.unlink(missing_ok=True)
 
@@ -117,14 +117,14 @@ def _content(config: DatasetConfig) -> str:
 
 
 def _wait_for_disk(path: Path) -> None:
-    """Return when a file or folder would be there after the power has failed, too."""
+    """Wait until a file or folder would survive a power failure."""
     if sys.platform == "win32":
-        return  # It opens no folders.
+        return  # Folders cannot be opened there.
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError:
-        if not path.is_dir():  # Not every file system can do it for those.
+        if not path.is_dir():  # Some file systems cannot do it for folders.
             raise
     finally:
         os.close(descriptor)
@@ -135,11 +135,9 @@ def _replaced(folder: Path) -> Path:
 
 
 def _move_into_place(shards: Path, folder: Path) -> None:
+    replaced = _replaced(folder)
     if folder.exists():
-        replaced = _replaced(folder)
         shutil.rmtree(replaced, ignore_errors=True)
         folder.replace(replaced)
-        shards.replace(folder)
-        shutil.rmtree(replaced)
-    else:
-        shards.replace(folder)
+    shards.replace(folder)
+    shutil.rmtree(replaced, ignore_errors=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
 from labyrinth_core.data.fingerprint import Fingerprint
+from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import file_sha256
 
 if TYPE_CHECKING:
@@ -42,70 +42,56 @@ WRITER_OPTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Written:
-    """The content of a file in numbers."""
-
-    rows: int
-    episodes: int
-    longest: int
-    """The number of moves in the longest episode."""
-    bytes: int
-    sha256: str
-    fingerprint: str
-
-
-def write(path: Path, episodes: Iterable[list[Row]]) -> Written:
-    """Write episodes to a Parquet file, whole or not at all, and return what was written.
+def write(path: Path, split: str, labyrinths: int, episodes: Iterable[list[Row]]) -> Shard:
+    """Write episodes to a Parquet file and return what was written, `cut` being 0.
 
     Args:
-        path: The file; its folder exists.
+        path: The file.
+        split: The split that it is a shard of.
+        labyrinths: The number of labyrinths that the episodes are of.
         episodes: The rows of each episode, those of a long one in parts.
 
     Raises:
-        OSError: The file cannot be written, say because the disk is full; nothing is left.
+        OSError: The file cannot be written, say because the disk is full.
     """
     import pyarrow.parquet as pq
 
-    temporary = path.with_name(f".{path.name}.tmp")
     fingerprint = Fingerprint()
     rows = count = length = longest = 0
-    try:
-        with (
-            _no_garbage_collection(),
-            pq.ParquetWriter(temporary, written_schema(), **WRITER_OPTIONS) as writer,
-        ):
-            writer.add_key_value_metadata(arrow_schema().metadata)
-            group: list[Row] = []
-            for part in episodes:
-                fingerprint.update(part)
-                group += part
-                rows += len(part)
-                last = part[-1]
-                length += len(part)
-                ended = last.actions == NO_ACTION
-                if ended:
-                    count += 1
-                    longest = max(longest, length - 1)
-                    length = 0
-                is_full = len(group) >= ROW_GROUP and ended
-                if is_full or len(group) * len(last.obs) >= GROUP_BYTES:
-                    writer.write_table(table_of(group))
-                    group = []
-            if group:
+    with (
+        _no_garbage_collection(),
+        pq.ParquetWriter(path, written_schema(), **WRITER_OPTIONS) as writer,
+    ):
+        writer.add_key_value_metadata(arrow_schema().metadata)
+        group: list[Row] = []
+        for part in episodes:
+            fingerprint.update(part)
+            group += part
+            rows += len(part)
+            length += len(part)
+            last = part[-1]
+            ended = last.actions == NO_ACTION
+            if ended:
+                count += 1
+                longest = max(longest, length - 1)
+                length = 0
+            if (ended and len(group) >= ROW_GROUP) or len(group) * len(last.obs) >= GROUP_BYTES:
                 writer.write_table(table_of(group))
-        written = Written(
-            rows=rows,
-            episodes=count,
-            longest=longest,
-            bytes=temporary.stat().st_size,
-            sha256=file_sha256(temporary),
-            fingerprint=fingerprint.hexdigest(),
-        )
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return written
+                group = []
+        if group:
+            writer.write_table(table_of(group))
+    return Shard(
+        path=path.name,
+        split=split,
+        labyrinths=labyrinths,
+        episodes=count,
+        rows=rows,
+        longest=longest,
+        cut=0,
+        bytes=path.stat().st_size,
+        sha256=file_sha256(path),
+        fingerprint=fingerprint.hexdigest(),
+    )
 
 
 @contextmanager
@@ -134,21 +120,17 @@ def table_of(rows: list[Row]) -> pa.Table:
         [_texts(pa.binary(), pngs), _texts(pa.string(), [name.encode() for name in names])],
         fields=list(schema.field("obs").type),
     )
-    numbers: tuple[NDArray[Any], ...] = (
-        np.array(actions, np.int64),
-        np.array(rewards, np.float32),
-        np.packbits(starts, bitorder="little"),
-    )
-    columns = [
-        _values(type_, len(rows), values)
-        for type_, values in zip(schema.types[1:4], numbers, strict=True)
+    numbers = [
+        _values(pa.int64(), len(rows), np.array(actions, np.int64)),
+        _values(pa.float32(), len(rows), np.array(rewards, np.float32)),
+        _values(pa.bool_(), len(rows), np.packbits(starts, bitorder="little")),
     ]
     places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
     texts = pa.DictionaryArray.from_arrays(
         _values(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
         _texts(pa.string(), [info.encode() for info in places]),
     )
-    return pa.Table.from_arrays([pictures, *columns, texts], schema=schema)
+    return pa.Table.from_arrays([pictures, *numbers, texts], schema=schema)
 
 
 # `pa.array` would import pandas, 60 MB: a build of 100 labyrinths at 5x5 (run.py, CPU time of the
@@ -157,8 +139,7 @@ def table_of(rows: list[Row]) -> pa.Table:
 
 def _texts(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:
     """Return texts or bytes as an array."""
-    ends = np.zeros(len(values) + 1, np.int32)
-    np.cumsum([len(value) for value in values], out=ends[1:])
+    ends = np.cumsum([0, *map(len, values)], dtype=np.int32)
     return _values(type_, len(values), ends, b"".join(values))
 
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from strategies import labyrinths
 
-from labyrinth_core.pictures.png import PICTURE_SIZE, encode
-from labyrinth_core.pictures.png_reading import strips_of
+from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_of
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import state_at, state_count
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from strategies import labyrinths
 
 from labyrinth_core.pictures import resize as shrinking
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.png_reading import strips_of
+from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Painter, Style, render
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.world.dynamics import initial, state_at, state_count

@@ -23,6 +23,7 @@ from labyrinth_core.data.columns import NO_ACTION, SAMPLED_SPLITS, SPLITS, Row, 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.storage import new_file
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.world.labyrinth import Task
@@ -275,8 +276,9 @@ def test_a_file_that_cannot_be_finished_leaves_nothing(tmp_path: Path) -> None:
         yield [Row(b"", "", NO_ACTION, 0.0, True, "", bytes(16))]
         raise OSError("the disk is full")
 
-    with pytest.raises(OSError, match="the disk is full"):
-        write.write(tmp_path / "train-00000-of-00001.parquet", episodes())
+    target = tmp_path / "train-00000-of-00001.parquet"
+    with pytest.raises(OSError, match="the disk is full"), new_file(target, tmp_path) as path:
+        write.write(path, "train", 1, episodes())
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,27 @@
+"""The randomness of each structure in each split, which makes them independent of each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.world.labyrinth import Structure
+
+PLACING, ACTING = 0, 1
+"""The purposes of the randomness of a structure."""
+
+
+def item_rng(
+    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
+) -> np.random.Generator:
+    """Return a generator for one structure in one split, independent of all others.
+
+    Args:
+        config: The configuration of the dataset.
+        split: One of the six splits.
+        structure: The structure.
+        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
+    """
+    key = (list(SPLITS).index(split), int(structure.structure_id, 16), purpose)
+    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
