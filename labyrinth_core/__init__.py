@@ -11,6 +11,8 @@ needs numpy alone.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from labyrinth_core.version import __version__ as __version__
+
 if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.loader import load_episodes as load_episodes
@@ -32,8 +34,6 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.world.solver import optimal_actions as optimal_actions
     from labyrinth_core.world.solver import shortest_route as shortest_route
 
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "Action": "world.grid",

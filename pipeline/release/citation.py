@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core import __version__
+from labyrinth_core.version import __version__
 from pipeline.release.provenance import (
     LICENCE_URL,
     PAPER_AUTHORS,

@@ -6,8 +6,8 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from labyrinth_core import __version__
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.version import __version__
 
 DATE = "2026-11-21"
 """The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that

@@ -19,8 +19,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from pipeline.training.methods.method import Learner
-from pipeline.training.policy import load_tensors, save_tensors
-from pipeline.training.record import INSTEAD, require_same
+from pipeline.training.policy import INSTEAD, load_tensors, require_same, save_tensors
 
 Tensors = dict[str, Tensor]
 

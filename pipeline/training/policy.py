@@ -18,7 +18,8 @@ from torch import Tensor, nn
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
 from pipeline.training.networks.network import MOMENTUM, Network, NetworkSpec
-from pipeline.training.record import require_same
+
+INSTEAD = ": choose another run_dir, or give overwrite=true to begin anew"
 
 BATCH = 256
 """The number of observations in a forward pass without gradients."""
@@ -128,3 +129,20 @@ def load_policy(
         reason = f"{path} is not a policy of this network"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     return NetworkPolicy(network)
+
+
+def require_same(
+    thing: str, actual: Mapping[str, Any], wanted: Mapping[str, Any], advice: str = ""
+) -> None:
+    """Raise a DatasetError that says how the description of a thing differs from what is wanted."""
+    found, asked = dict(actual), dict(wanted)
+    for options in (found, asked):
+        settings = options.pop("settings", {})
+        options |= {f"method.{name}": value for name, value in settings.items()}
+    differences = [
+        f"{name}={found.get(name)}, not {asked.get(name)}"
+        for name in asked | found
+        if found.get(name) != asked.get(name)
+    ]
+    if differences:
+        raise DatasetError(f"{thing} with {'; '.join(differences)}{advice}")

@@ -9,15 +9,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from labyrinth_core import __version__
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import write_bytes, write_text
+from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pipeline.training.checkpoint import Progress
+from pipeline.training.checkpoint import Progress
 
 RECORD = "run.json"
 POLICY = "policy.safetensors"
@@ -25,7 +23,6 @@ CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
 FORMAT = 1
-INSTEAD = ": choose another run_dir, or give overwrite=true to begin anew"
 
 
 def current_versions() -> dict[str, str]:
@@ -70,23 +67,6 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
     return dict(content)
-
-
-def require_same(
-    thing: str, actual: Mapping[str, Any], wanted: Mapping[str, Any], advice: str = ""
-) -> None:
-    """Raise a DatasetError that says how the description of a thing differs from what is wanted."""
-    found, asked = dict(actual), dict(wanted)
-    for options in (found, asked):
-        settings = options.pop("settings", {})
-        options |= {f"method.{name}": value for name, value in settings.items()}
-    differences = [
-        f"{name}={found.get(name)}, not {asked.get(name)}"
-        for name in asked | found
-        if found.get(name) != asked.get(name)
-    ]
-    if differences:
-        raise DatasetError(f"{thing} with {'; '.join(differences)}{advice}")
 
 
 def open_board(folder: Path) -> Any:

@@ -31,15 +31,13 @@ from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.networks.network import NetworkSpec
-from pipeline.training.policy import save_policy
+from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
-    INSTEAD,
     POLICY,
     draw_curves,
     open_board,
     read_record,
-    require_same,
     write_record,
 )
 

@@ -18,9 +18,9 @@ from typing import Any
 
 from rich.table import Table
 
-from labyrinth_core import __version__
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.version import __version__
 from pipeline.analysis.environments.discretisation import Discretisation
 from pipeline.analysis.environments.environment import environment_of
 from pipeline.analysis.environments.experts import source_of

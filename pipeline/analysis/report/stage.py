@@ -16,10 +16,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core import __version__
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.version import __version__
 from pipeline.analysis.report.figures import FIGURES_FOLDER, draw_figures
 from pipeline.analysis.report.findings import read_results
 from pipeline.analysis.report.packing import PackedSplit, pack

@@ -15,7 +15,7 @@ actions alone.
 from __future__ import annotations
 
 from math import log
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -23,9 +23,6 @@ from torch.nn import functional
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from pipeline.training.networks.network import ACTIONS, as_input
-
-if TYPE_CHECKING:
-    from pipeline.training.methods.planner import Settings
 
 FAR = 1e9
 """The cost of ending outside the picture."""
@@ -120,10 +117,27 @@ class Gated(nn.Module):
         return scores
 
 
+class PlannerSettings(Protocol):
+    """The settings of `method=planner` that determine its network; see `methods/planner.py`."""
+
+    @property
+    def path_prior(self) -> bool: ...
+    @property
+    def grid_prior(self) -> bool: ...
+    @property
+    def colour_prior(self) -> bool: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def sharpness(self) -> float: ...
+
+
 class Planner(nn.Module):
     """The stem, the planning, and the choice of the agent's position from the plan."""
 
-    def __init__(self, cell_pixels: float, settings: Settings) -> None:
+    def __init__(self, cell_pixels: float, settings: PlannerSettings) -> None:
         """Draw the weights.
 
         Without `grid_prior` the internal grid has one position every `POSITION_PIXELS`; without
