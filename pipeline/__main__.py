@@ -15,8 +15,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import STAGES, options_of, refusal, register, resolve
+from pipeline.config.run import STAGES, options_of, refusal, register, resolve, with_brackets
 from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
 
@@ -41,6 +42,10 @@ def perform(config: DictConfig) -> None:
 
 def main() -> None:
     """Run what the command line asks for, and exit: 1 for a mistake, which one line explains."""
+    if "--version" in sys.argv[1:]:  # Hydra would print its own.
+        print(f"labyrinth-datasets {__version__}")
+        return
+    sys.argv[1:] = map(with_brackets, sys.argv[1:])
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from labyrinth_core.version import __version__
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 
@@ -52,12 +53,19 @@ def _probability(text: str) -> float:
     return number
 
 
+def _png(text: str) -> Path:
+    if not text.lower().endswith(".png"):
+        raise argparse.ArgumentTypeError(f"{text!r}: give a name that ends in .png")
+    return Path(text)
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; a mistake in it ends with exit status 1."""
     parser = _Parser(
         prog="labyrinth",
         description="Check, show, solve, make, convert and play labyrinths in the text language.",
     )
+    parser.add_argument("--version", action="version", version=f"labyrinth {__version__}")
     commands = parser.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND"
     )
@@ -91,7 +99,7 @@ def parser() -> argparse.ArgumentParser:
     for each in (check, show, solve, play):
         each.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
 
-    show.add_argument("--png", type=Path, metavar="OUT", help="write a picture to this file")
+    show.add_argument("--png", type=_png, metavar="OUT", help="write a picture to this file")
     show.add_argument("--solution", action="store_true", help="mark a shortest route")
 
     solve.add_argument("--all", action="store_true", help="print every route without a loop")

@@ -46,6 +46,9 @@ class Observer:
         self._environments = environments
         self._cached: Callable[[Labyrinth, int], Array] | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_cached": None}  # A cache cannot be pickled, and fills up again.
+
     def space(self, height: int, width: int, task: Task) -> Space[Any]:
         """Return the space of the observations of labyrinths of a size and task.
 

@@ -197,6 +197,12 @@ def register() -> None:
     store.store(group="hydra/help", name="options", node={"template": help_text})
 
 
+def with_brackets(argument: str) -> str:
+    """Return an argument of a command line, one stage as a list: `stages=report` has brackets."""
+    name, _, value = argument.partition("=")
+    return f"{name}=[{value}]" if name == "stages" and value in STAGES else argument
+
+
 def refusal(error: Exception) -> str:
     """Return what is wrong with a command line that Hydra refused, in one line."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:

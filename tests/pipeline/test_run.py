@@ -19,6 +19,7 @@ import pytest
 
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.version import __version__
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.run import OPTIONS, Run
 from pipeline.generation.sample import split_of
@@ -179,6 +180,17 @@ def test_help_lists_the_options_and_does_nothing_else(tmp_path: Path) -> None:
     for name, meaning in OPTIONS.items():
         assert f"{name} {spaced(meaning)}" in spaced(result.stdout)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    result = run(tmp_path, "--version")
+    assert (result.returncode, result.stdout) == (0, f"labyrinth-datasets {__version__}\n")
+
+
+def test_one_stage_needs_no_brackets(small_dataset: Run, tmp_path: Path) -> None:
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
+    options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}", "data_dir=data"]
+    assert "data/3x3 is valid" in spaced(run(tmp_path, "stages=validate", *options).stdout)
 
 
 def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(

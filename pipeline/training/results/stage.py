@@ -21,6 +21,7 @@ from pipeline.training.results.evaluations import (
     BY_METHOD,
     EVALUATION,
     Figures,
+    read,
     read_all,
     summarise,
 )
@@ -45,8 +46,13 @@ def run(run: Run) -> None:
 
 
 def gather(run_dir: Path, results_dir: Path) -> None:
-    """Copy the evaluations of finished runs to where they are kept."""
+    """Copy the evaluations of finished runs to where they are kept.
+
+    Raises:
+        DatasetError: One cannot be read; what was kept of it before stays.
+    """
     for path in sorted(run_dir.glob(f"*/*/{EVALUATION}")):
+        read(path)
         target = results_dir / "runs" / path.parts[-3] / f"{path.parts[-2]}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
         write_text(target, path.read_text(encoding="utf-8"))

@@ -13,6 +13,7 @@ from labyrinth_core.command.arguments import parser
 from labyrinth_core.command.main import main
 from labyrinth_core.command.terminal_play import KEYS, draw, pressed
 from labyrinth_core.language.text import dump, parse
+from labyrinth_core.version import __version__
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
@@ -124,7 +125,19 @@ def test_a_labyrinth_too_large_for_a_picture_is_refused(run, refused, tmp_path):
 
 
 def test_a_picture_that_cannot_be_written_is_reported(refused, tmp_path):
-    assert "Is a directory" in refused("show", NAVIGATION, "--png", tmp_path)
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
+    assert "Is a directory" in refused("show", NAVIGATION, "--png", folder)
+
+
+def test_a_picture_is_only_written_to_a_file_that_is_called_one(refused, tmp_path):
+    path = tmp_path / "picture.jpg"
+    assert "give a name that ends in .png" in refused("show", NAVIGATION, "--png", path)
+    assert not path.exists()
+
+
+def test_the_version_is_printed(run):
+    assert run("--version") == (0, f"labyrinth {__version__}\n", "")
 
 
 def test_solve_prints_the_actions_as_words(run):

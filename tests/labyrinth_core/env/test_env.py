@@ -1,5 +1,6 @@
 """The single environment: what it says is true, and a seed settles it."""
 
+import pickle
 import sys
 import warnings
 from itertools import islice
@@ -469,3 +470,15 @@ def test_an_environment_can_be_made_again_from_its_specification():
     again = gymnasium.make(env.spec)
     assert (env.reset(seed=4)[0] == again.reset(seed=4)[0]).all()
     assert isinstance(env.unwrapped.labyrinth, Labyrinth)
+
+
+@pytest.mark.parametrize("kind", ["image", "vector", "state"])
+def test_an_environment_can_be_pickled_in_the_middle_of_an_episode(kind):
+    env = LabyrinthEnv(size=4, observation=kind)
+    env.reset(seed=0)
+    env.step(0)
+    again = pickle.loads(pickle.dumps(env))
+    for action in (1, 2, 3, 0):
+        (observation, *others, info), (seen, *same, told) = env.step(action), again.step(action)
+        assert np.array_equal(observation, seen)
+        assert (others, info["distance"]) == (same, told["distance"])

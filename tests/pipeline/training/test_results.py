@@ -213,12 +213,27 @@ def test_without_evaluations_or_with_bad_ones_there_is_one_clear_line(evaluated,
         text.replace('"config": "3x3"', '"config": "three"'),
     ):
         path.write_text(damaged, encoding="utf-8")
-        with pytest.raises(DatasetError, match=r"mine-cnn-seed0\.json cannot be read: ") as error:
+        with pytest.raises(DatasetError, match=r"evaluation\.json cannot be read: ") as error:
             results.run(run_of(runs))
         assert "\n" not in str(error.value)
     path.write_text(text.replace("0" * 64, "1" * 64), encoding="utf-8")
     with pytest.raises(DatasetError, match="are of different datasets"):
         results.run(run_of(runs))
+
+
+def test_an_evaluation_that_cannot_be_read_does_not_replace_the_one_that_is_kept(
+    evaluated, run_of, tmp_path
+):
+    runs = shutil.copytree(evaluated, tmp_path / "runs")
+    run = run_of(runs)
+    results.run(run)
+    kept = Path(run.options.results_dir) / "runs" / "3x3" / "mine-cnn-seed0.json"
+    before = kept.read_bytes()
+    path = runs / "3x3" / "mine-cnn-seed0" / "evaluation.json"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(DatasetError):
+        results.run(run)
+    assert kept.read_bytes() == before
 
 
 def test_seeds_of_other_settings_have_no_common_mean_but_new_settings_do_no_harm(
