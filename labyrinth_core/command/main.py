@@ -40,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = parser().parse_args(arguments)
         status = COMMANDS[options.command](options)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # It is, where the shell has closed it by >&-.
+            sys.stdout.flush()
     except SystemExit as stop:  # From argparse, which has said why.
         return int(stop.code or 0)
     except KeyboardInterrupt:

@@ -25,14 +25,17 @@ def folder_at(place: str | Path) -> AnyPath:
     """Return the folder at a path or a URL.
 
     Raises:
-        ValueError: fsspec knows no such URL, or needs a library for it that is not installed.
+        ValueError: The URL names nothing, or fsspec knows no such URL, or needs a library for it
+            that is not installed.
     """
     text = str(place)
     if text.startswith("file://"):
         return Path(text.removeprefix("file://"))
     if "://" not in text:
         return Path(place).expanduser()
-    protocol = text.partition("://")[0]
+    protocol, _, name = text.partition("://")
+    if not name.strip("/"):
+        raise ValueError(f"{text} names no bucket or folder: give one, such as {protocol}://name")
     try:
         _filesystem(protocol)
     except ImportError as error:

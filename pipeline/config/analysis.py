@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pipeline.config.errors import check, listed
-from pipeline.config.option import FOLDER, check_options, option
+from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 LABYRINTH = "Labyrinth"
 ENVIRONMENTS = (
@@ -52,7 +52,7 @@ class AnalysisOptions:
     folder: str = option(
         "results/environments",
         "where the stage environments leaves its tables and pictures",
-        like=FOLDER,
+        like=LOCAL_FOLDER,
     )
 
     @property

@@ -17,6 +17,7 @@ from pipeline.config.errors import check, listed
 Options = TypeVar("Options")
 
 FOLDER = (r"(?s).*\S.*", "a folder")
+LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
 
 
 def option(

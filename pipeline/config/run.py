@@ -13,7 +13,7 @@ from textwrap import TextWrapper
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from hydra.errors import MissingConfigException
+from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -21,7 +21,7 @@ from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.option import FOLDER, check_options, frozen, meanings, option
+from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import TrainingOptions, check_training
 
 STAGES = {
@@ -50,7 +50,7 @@ class PlaceOptions:
         like=FOLDER,
     )
     run_dir: str = option(
-        "runs", "folder of what is trained; each size and task is a folder in it", like=FOLDER
+        "runs", "folder of what is trained; each size and task is a folder in it", like=LOCAL_FOLDER
     )
     overwrite: bool = option(
         False, "replace a finished dataset or run that was made with other options"
@@ -217,6 +217,12 @@ def refusal(error: Exception) -> str:
         close = difflib.get_close_matches(unknown[1], known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"
+    if isinstance(error, OverrideParseException):
+        name, _, value = error.override.partition("=")
+        return (
+            f"{error.override}: a value with characters such as ( ) , = & needs quotation marks "
+            f"for Hydra inside those of the shell: '{name}=\"{value}\"'"
+        )
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())
     return f"{field_name[1]}: {message}" if field_name else message
@@ -243,6 +249,10 @@ def resolve(options: RunConfig) -> Run:
     check(
         options.executor_address is None or options.executor != "local",
         f"executor_address={options.executor_address}: executor=local has none",
+    )
+    check(
+        options.leakage.config is None or options.leakage.source is not None,
+        f"leakage.config={options.leakage.config}: give leakage.source, too",
     )
     try:
         data_dir = folder_at(options.data_dir)

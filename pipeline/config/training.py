@@ -13,7 +13,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from pipeline.config.errors import check, listed
-from pipeline.config.option import FOLDER, check_options, option
+from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
@@ -85,7 +85,9 @@ class TrainingOptions:
     )
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
     results_dir: str = option(
-        "results", "folder of the tables, and of the evaluations that they are made of", like=FOLDER
+        "results",
+        "folder of the tables, and of the evaluations that they are made of",
+        like=LOCAL_FOLDER,
     )
     device: str = option(
         "auto", "where networks are computed: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")

@@ -223,8 +223,8 @@ def check_capacity(config: DatasetConfig) -> None:
         if structure.is_connected:
             split = split_of(structure, config.buckets)
             counts[split] += holds_task(config, split, structure)
-    if config.labyrinths > min(counts.values()):
+    least = min(counts.values())
+    if config.labyrinths > least:
         exist = ", ".join(f"{count} in {split}" for split, count in counts.items())
-        raise ConfigError(
-            f"{asked}: there can be {exist}; ask for labyrinths={min(counts.values())} or fewer"
-        )
+        advice = f"ask for labyrinths={least} or fewer" if least else "choose another size or task"
+        raise ConfigError(f"{asked}: there can be {exist}; {advice}")

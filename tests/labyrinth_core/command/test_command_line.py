@@ -2,6 +2,7 @@ import io
 import os
 import pty
 import select
+import shlex
 import signal
 import subprocess
 import sys
@@ -258,6 +259,12 @@ def test_ctrl_c_ends_with_status_130(run, monkeypatch):
 
     monkeypatch.setitem(sys.modules["labyrinth_core.command.main"].COMMANDS, "check", interrupt)
     assert run("check", NAVIGATION) == (130, "", "")
+
+
+def test_standard_output_that_the_shell_has_closed_changes_nothing():
+    command = f"{shlex.join([*COMMAND, 'check', str(NAVIGATION)])} >&-"
+    result = subprocess.run(command, shell=True, stderr=subprocess.PIPE, timeout=60)
+    assert (result.returncode, result.stderr) == (0, b"")
 
 
 def test_a_reader_that_has_gone_causes_no_traceback():
