@@ -268,6 +268,7 @@ def start(program, *arguments, **how):
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **how)
 
 
+@pytest.mark.slow
 def test_processes_that_load_at_once_all_get_it_and_leave_one_file(data_dir, cache):
     expected = load_transitions(data_dir, "3x3", image_size=8, cache_dir=False)
     processes = [start(LOAD, data_dir, cache) for _ in range(4)]

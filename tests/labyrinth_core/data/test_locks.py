@@ -35,6 +35,7 @@ def start(program, folder):
     return subprocess.Popen([sys.executable, "-W", "error", "-c", program, str(folder)])
 
 
+@pytest.mark.slow
 def test_of_eight_processes_one_at_a_time_has_the_lock_and_none_leaves_a_file(tmp_path):
     (tmp_path / "count").write_text("0")
     processes = [start(COUNT, tmp_path) for _ in range(8)]

@@ -113,6 +113,7 @@ onload = () => {
 </script>"""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 def test_chromium_decodes_the_pixels_that_were_given(tmp_path):
     some = [large_picture(), ([((BLACK + WHITE, 1), (WHITE + BLACK, 7))], 2)]

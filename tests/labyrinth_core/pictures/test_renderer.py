@@ -373,6 +373,7 @@ def seen_from(world, agent):
     return {place for place in world.places() if sees(world.passages, agent, place)}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(labyrinths(Task.PARTIAL_OBSERVABILITY), st.data())
 def test_a_wall_between_two_cells_out_of_sight_does_not_show(labyrinth, data):

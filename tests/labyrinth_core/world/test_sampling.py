@@ -163,6 +163,7 @@ def test_every_algorithm_can_give_every_tree_of_two_by_two(algorithm):
     assert chi_square(counts.values(), [1000.0] * 4) < 5
 
 
+@pytest.mark.slow
 def test_the_default_sampler_reaches_every_structure_as_often_as_it_should():
     trees = [passages_of(tree) for tree in spanning_trees(3, 3)]
     opened, draws = default_open_walls(3, 3), 100_000

@@ -84,6 +84,7 @@ def test_another_seed_gives_other_rows(build: Build, tmp_path: Path, small_datas
     assert not {s.fingerprint for s in other.shards} & {s.fingerprint for s in here.shards}
 
 
+@pytest.mark.slow
 def test_two_workers_make_the_bytes_that_one_makes(
     build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -152,6 +153,7 @@ def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_
     assert validate(folder, other) == []
 
 
+@pytest.mark.slow
 def test_fingerprints_are_those_of_the_decoded_rows(small_dataset: Run) -> None:
     for shard in Manifest.read(small_dataset.folder).shards:
         rows = read_rows(small_dataset.folder / shard.path)

@@ -83,6 +83,7 @@ VARIETY: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.slow
 def test_no_structure_nor_its_mirror_image_is_in_two_splits_of_any_datasets(
     config_of: Callable[..., DatasetConfig],
 ) -> None:

@@ -397,6 +397,7 @@ def test_a_start_or_goal_that_is_not_the_splits_is_found(folder: Path) -> None:
 # Pictures.
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_anywhere_in_a_picture_is_found(folder: Path) -> None:
     picture = read_rows(folder / TRAIN)[2]["obs"]["bytes"]
     for place in [*range(0, 40, 5), *range(60, len(picture), len(picture) // 8)]:

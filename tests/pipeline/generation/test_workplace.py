@@ -61,6 +61,7 @@ def test_the_second_of_two_runs_waits_says_for_whom_and_finds_all_done(
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
 
 
+@pytest.mark.slow
 def test_two_processes_that_build_one_dataset_make_it_once_and_whole(
     tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -233,6 +234,7 @@ def test_a_clock_that_jumps_changes_nothing(
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
 
 
+@pytest.mark.slow
 def test_a_sampler_that_finds_too_few_leaves_nothing(
     build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

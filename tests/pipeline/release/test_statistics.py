@@ -45,6 +45,7 @@ def episodes(folder, split):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
