@@ -7,6 +7,7 @@ after it, every connected structure is possible.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import chain
 
 import numpy as np
 
@@ -19,19 +20,22 @@ Neighbours = list[list[int]]
 """The neighbours of each cell, regardless of walls."""
 
 
+_TWELFTHS = bytes(byte % 12 for byte in range(256))
+_UNFAIR = bytes(range(252, 256))
+"""The bytes from the largest multiple of 12 on; they are left out, so that the rest is uniform."""
+
+
 class Draws:
     """The randomness of a generator in the two forms that drawing a tree needs."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.twelfths = self._twelfths()
+        self.twelfths = chain.from_iterable(self._twelfths())
         """Uniform integers from 0 to 11, whose remainders modulo 2, 3 and 4 are uniform too."""
 
-    def _twelfths(self) -> Iterator[int]:
+    def _twelfths(self) -> Iterator[bytes]:
         while True:
-            for byte in self.rng.bytes(4096):
-                if byte < 252:  # The largest multiple of 12 in a byte.
-                    yield byte % 12
+            yield self.rng.bytes(4096).translate(_TWELFTHS, _UNFAIR)
 
 
 def sample_structure(
