@@ -324,7 +324,7 @@ first of `test` in `{smallest.name}`:
 
 The top line is the highest row. Cells and walls alternate: `|` and `-` are walls, a blank is an
 open passage, `+` the point between four cells; `S` is the start, `E` the goal, `K` a key, `D` a
-door, `I` ice. The three settings switch a task on. `labyrinth_core.language.text.parse` reads it,
+door, `I` ice. The three settings switch a task on. `labyrinth_core.parse` reads it,
 `labyrinth check FILE` explains what is wrong with one, and `docs/language.md` of the software has
 the grammar; the [paper]({PAPER_URL}) introduces it."""
 
