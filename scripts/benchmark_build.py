@@ -39,9 +39,10 @@ from measuring import machine
 from PIL import Image
 
 from labyrinth_core.data import fingerprint
-from labyrinth_core.data.columns import SAMPLED_SPLITS, Row
+from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language import text as language
 from labyrinth_core.pictures import png, renderer
 from labyrinth_core.pictures.renderer import Painter
@@ -52,8 +53,9 @@ from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
 from pipeline.generation.randomness import item_rng
 from pipeline.generation.render import Picture, Pictures, render
-from pipeline.generation.sample import labyrinth_of, sample
+from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
+from pipeline.generation.variants import labyrinth_of
 from pipeline.generation.write import write
 
 STAGES = {

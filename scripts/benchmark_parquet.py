@@ -25,8 +25,9 @@ from labyrinth_core.data.columns import Row
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import write as writing
 from pipeline.generation.render import render
-from pipeline.generation.sample import labyrinth_of, sample
+from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
+from pipeline.generation.variants import labyrinth_of
 
 WAYS: dict[str, tuple[int, dict[str, Any]]] = {
     "as chosen": (writing.ROW_GROUP, {}),

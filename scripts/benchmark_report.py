@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import parse_size
@@ -71,7 +71,7 @@ def episodes(
     split: str, size: tuple[int, int], count: int
 ) -> Iterator[tuple[str, list[int], float]]:
     """Yield the text of a labyrinth, the actions and no return, of so many episodes."""
-    rng = np.random.default_rng(list(SPLITS).index(split))
+    rng = np.random.default_rng(list(BASE_SPLITS).index(split))
     structures = sample_structures(*size, rng)
     for structure in (next(structures) for _ in range(count)):
         labyrinth = Labyrinth(structure, *default_start_and_goal(*size))
@@ -84,8 +84,8 @@ def episodes(
 
 def sampled(size: tuple[int, int], labyrinths: int) -> dict[str, list[Route]]:
     """Return the routes of six splits that hold so many labyrinths together."""
-    each = labyrinths // len(SPLITS)
-    return {split: list(routes(episodes(split, size, each))) for split in SPLITS}
+    each = labyrinths // len(BASE_SPLITS)
+    return {split: list(routes(episodes(split, size, each))) for split in BASE_SPLITS}
 
 
 def shard_of(split: str, labyrinths: int) -> Shard:
@@ -141,7 +141,7 @@ def main() -> None:
     found = sampled(size, labyrinths)
     counts = {split: count_routes(of_split, size).counts for split, of_split in found.items()}
     config = resolve(RunConfig(stages=["report"], size=options.size, data_dir="-")).dataset
-    limit = PACKED_BYTES // len(SPLITS)
+    limit = PACKED_BYTES // len(BASE_SPLITS)
     # Those that the page does not show are evaluated, too.
     splits = {split: pack_routes(of_split, 10**12) for split, of_split in found.items()}
     shards = tuple(shard_of(name, split.labyrinths) for name, split in counts.items())

@@ -1,4 +1,4 @@
-"""The five columns and the six splits of a dataset, for writer, reader and documents alike."""
+"""The five columns of a dataset, for writer, reader and documents alike."""
 
 from __future__ import annotations
 
@@ -11,19 +11,6 @@ from labyrinth_core.world.grid import Action
 if TYPE_CHECKING:
     import pyarrow
     import pyarrow.parquet
-
-SAMPLED_SPLITS = ("train", "validation", "test")
-"""The splits with structures of their own."""
-
-SPLITS = {
-    "train": "demonstrations to learn from",
-    "validation": "other structures, to choose a model with",
-    "test": "other structures again, to judge it on",
-    "random": "a uniformly random policy on the structures of train",
-    "s0": "the structures of train with another start",
-    "s0_and_g": "the structures of train with another start and another goal",
-}
-"""Split -> its content."""
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, get_type_hints
 
+from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE
+from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
@@ -39,6 +40,8 @@ class DatasetConfig:
     seed: int
     min_walls: int = 1
     """The least number of walls in which structures of two splits differ."""
+    shifts: tuple[str, ...] = ()
+    """The splits besides the six that every dataset has, in the order of `SHIFTS`."""
 
     def __post_init__(self) -> None:
         size = f"{self.height}x{self.width}"
@@ -69,6 +72,35 @@ class DatasetConfig:
                 f"splits.min_walls={self.min_walls}: give 1 to {passages}, as many as walls there "
                 f"can be at {size}"
             )
+        if self.shifts != tuple(name for name in SHIFTS if name in self.shifts):
+            raise ValueError(
+                f"shifts=[{', '.join(self.shifts)}]: choose from [{', '.join(SHIFTS)}], each once "
+                "and in this order"
+            )
+        for name in self.shifts:
+            if reason := self.why_no(name):
+                raise ValueError(f"shifts: there is no {name}: {reason}")
+
+    def why_no(self, shift: str) -> str | None:
+        """Return why a shift makes no sense with the other options, None if it does."""
+        if shift == self.sampler:
+            return f"train is sampled by {shift} already"
+        if shift == "trees" and self.task is Task.ICY_FLOOR:
+            return "ice only matters where there are loops"
+        if shift == "trees" and not self.open_walls:
+            return "with open_walls=0 train has no loops already"
+        if shift == "open" and self.open_walls == 1:
+            return "with open_walls=1 train has all loops already"
+        if shift == "one_wall" and self.min_walls > 1:
+            return f"splits.min_walls={self.min_walls} keeps structures farther apart"
+        if shift == "thin_walls" and usual_wall_pixels(self.height, self.width) == 1:
+            return "walls are one pixel thick already"
+        return None
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """The names of all splits, in order."""
+        return BASE_SPLITS + self.shifts
 
     @property
     def name(self) -> str:
@@ -79,10 +111,11 @@ class DatasetConfig:
     def to_json(self) -> dict[str, Any]:
         """Return the options in plain types; `from_json` is the inverse.
 
-        The default of `min_walls` is left out, as in datasets older than the option.
+        The defaults of `min_walls` and `shifts` are left out, as in datasets older than these.
         """
-        plain = asdict(self) | {"task": str(self.task), "buckets": list(self.buckets)}
-        return {name: plain[name] for name in plain if (name, plain[name]) != ("min_walls", 1)}
+        lists = {"buckets": list(self.buckets), "shifts": list(self.shifts)}
+        plain = asdict(self) | {"task": str(self.task)} | lists
+        return {name: plain[name] for name in plain if plain[name] != _NEWER.get(name)}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> DatasetConfig:
@@ -91,18 +124,29 @@ class DatasetConfig:
         Raises:
             ValueError: A field is missing, unknown, of the wrong type, or impossible.
         """
-        plain = {"min_walls": 1} | dict(values)
-        if _types(plain) != _TYPES:
-            raise ValueError(f"a dataset's config has the fields {list(_TYPES)}, not {plain}")
+        plain = _NEWER | dict(values)
+        shifts = plain.pop("shifts")
+        named = isinstance(shifts, list) and all(isinstance(name, str) for name in shifts)
+        if _types(plain) != _TYPES or not named:
+            fields = [*_TYPES, "shifts"]
+            raise ValueError(f"a dataset's config has the fields {fields}, not {values}")
         task, tasks = plain.pop("task"), [str(task) for task in Task]
         if task not in tasks:
             raise ValueError(f"task={task}: choose one of [{', '.join(tasks)}]")
-        return cls(task=Task(task), buckets=tuple(plain.pop("buckets")), **plain)
+        buckets = tuple(plain.pop("buckets"))
+        return cls(task=Task(task), buckets=buckets, shifts=tuple(shifts), **plain)
 
+
+_NEWER: dict[str, Any] = {"min_walls": 1, "shifts": []}
+"""The options that datasets of earlier versions lack, with what they stand for there."""
 
 _IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}
-_TYPES = {name: _IN_JSON.get(kind, kind) for name, kind in get_type_hints(DatasetConfig).items()}
-"""Field of the JSON object -> its type, for a list the types of its items."""
+_TYPES = {
+    name: _IN_JSON.get(kind, kind)
+    for name, kind in get_type_hints(DatasetConfig).items()
+    if name != "shifts"
+}
+"""Field of the JSON object -> its type, for a list of fixed length the types of its items."""
 
 
 def _types(values: Mapping[str, Any]) -> dict[str, Any]:

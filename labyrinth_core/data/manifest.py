@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
 from labyrinth_core.version import __version__

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Painter, Style
+from labyrinth_core.pictures.renderer import Painter, style_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import State
@@ -23,10 +23,10 @@ from labyrinth_core.world.rollout import Episode
 OBSERVATIONS = ("image", "vector")
 
 RESIZES = {
-    "area": (DEFAULT_STYLE, "area"),
-    "original": (Style(wall_pixels=2), "bilinear"),
+    "area": (None, "area"),
+    "original": (2, "bilinear"),
 }
-"""Way of resizing -> the style of the pictures, and the filter of `shrink`.
+"""Way of resizing -> the thickness of walls if it is not the look's, and the filter of `shrink`.
 
 `original` is for comparison: walls are two pixels thick and are not antialiased, as in the authors'
 pictures, so that most walls vanish at 64 x 64. It is always drawn, since the walls of the pictures
@@ -90,8 +90,8 @@ class ObservationSpec:
         """Return the observations of states of a labyrinth; pictures are drawn."""
         if self.observation == "vector":
             return np.stack([vector_observation(labyrinth, state) for state in states])
-        style, way = RESIZES[self.resize]
-        strips = _painter(labyrinth, style).strips
+        wall_pixels, way = RESIZES[self.resize]
+        strips = _painter(labyrinth, style_of(labyrinth, wall_pixels)).strips
         return np.stack([shrink(strips(state), self.image_size, way) for state in states])
 
 

@@ -7,6 +7,7 @@ Nothing is evaluated, and the time taken grows with the length of the text and n
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -15,7 +16,14 @@ import numpy as np
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
+from labyrinth_core.world.labyrinth import (
+    Labyrinth,
+    LabyrinthError,
+    Look,
+    Structure,
+    Task,
+    identity,
+)
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = ["SETTINGS", "LabyrinthSyntaxError", "dump", "labyrinth_id", "load", "parse"]
@@ -33,12 +41,28 @@ _SETTINGS_OF = {
 }
 """The settings of each task as text."""
 
+_LOOK = "look"
 _HEADING = "labyrinth"
 _SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
 _FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
 _OPEN_IN_TEXT = str.maketrans("| -", "010")
 _VERTICAL = bytes.maketrans(b"01", b"| ")
 _HORIZONTAL = bytes.maketrans(b"01", b"- ")
+
+
+_LOOKS = tuple(map(str, Look))
+_VALUES = dict.fromkeys(SETTINGS, ("true", "false")) | {_LOOK: _LOOKS}
+"""What each setting may be, in small letters."""
+_EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
+    _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}"
+}
+
+
+class _Settings(NamedTuple):
+    task: Task
+    offset: int
+    """Offset of the setting that switches the task on, or of the heading if none is on."""
+    look: Look
 
 
 class _Drawing(NamedTuple):
@@ -56,7 +80,7 @@ class _Drawing(NamedTuple):
 def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     """Return the labyrinth that a text describes.
 
-    text = {setting} "labyrinth" ":" drawing "end"
+    text = {setting | look} "labyrinth" ":" drawing "end"
 
     Args:
         text: The description.
@@ -67,13 +91,13 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
         LabyrinthSyntaxError: The text is none of the language, or breaks a rule of its task.
     """
     source = Source(text, file)
-    task, task_at = _parse_settings(source)
+    settings = _parse_settings(source)
     drawing = _parse_drawing(source)
     _parse_end(source)
     try:
-        return _build(source, drawing, task, seed)
+        return _build(source, drawing, settings, seed)
     except LabyrinthError as error:
-        offset = task_at if error.cell is None else drawing.offset(error.cell)
+        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
 
 
@@ -91,14 +115,14 @@ def _parse_end(source: Source) -> None:
             source.fail(place, message, wanted, quoted(text))
 
 
-def _parse_settings(source: Source) -> tuple[Task, int]:
-    """Return the task that is switched on, and read on to the drawing.
+def _parse_settings(source: Source) -> _Settings:
+    """Return what is set before the drawing, and read on to it.
 
     setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
-
-    The offset that comes with it is that of its setting, or of the heading if none is on.
+    look = "look" ":" ("plain" | "recoloured" | "thin_walls")
     """
     switched_on: tuple[Task, int] | None = None
+    look = Look.PLAIN
     seen: dict[str, int] = {}
     while True:
         offset, line = source.next_line()
@@ -107,18 +131,20 @@ def _parse_settings(source: Source) -> tuple[Task, int]:
         name, colon, value = match[1].rstrip(" "), match[2], match[3]
         place, value_at = offset + match.start(1), offset + match.start(3)
         if name == _HEADING and colon and not value:
-            return switched_on or (Task.NAVIGATION, place)
-        if name not in SETTINGS or not colon:
+            return _Settings(*(switched_on or (Task.NAVIGATION, place)), look)
+        if name not in (*SETTINGS, _LOOK) or not colon:
             _refuse_setting(source, offset, line)
         if name in seen:
             expected = "each setting at most once"
             found = f"{name} again, after line {source.line_number(seen[name])}"
             source.fail(place, "a setting is given twice", expected, found)
         seen[name] = place
-        if value.lower() not in ("true", "false"):
+        if value.lower() not in _VALUES[name]:
             found = quoted(value) if value else "the end of the line"
-            source.fail(value_at, f"in the value of {name}", "True or False", found)
-        if value.lower() == "true":
+            source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
+        if name == _LOOK:
+            look = Look(value.lower())
+        elif value.lower() == "true":
             if switched_on:
                 found = f"{name}, after line {source.line_number(switched_on[1])}"
                 source.fail(place, "two tasks are switched on", "one task at most", found)
@@ -132,7 +158,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
     match = _FIRST_WORD.match(line)
     assert match, "every part of the pattern may be empty"
     word, place = match[1], offset + match.start(1)
-    if word in (_HEADING, *SETTINGS):
+    if word in (_HEADING, *_VALUES):
         if match[2]:
             message = "the drawing begins on a line of its own"
             source.fail(offset + match.end(), message, "the end of the line")
@@ -140,9 +166,9 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
     if not line or line[0] in "-|":
         found = quoted(line.strip(" "))
         source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
-    close = get_close_matches(word[:40].lower(), (_HEADING, *SETTINGS), n=1)
+    close = get_close_matches(word[:40].lower(), (_HEADING, *_VALUES), n=1)
     hint = f" (did you mean {close[0]}?)" if close else ""
-    expected = f"{', '.join(SETTINGS)} or {_HEADING}{hint}"
+    expected = f"{', '.join(_VALUES)} or {_HEADING}{hint}"
     source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
 
 
@@ -242,9 +268,9 @@ def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: 
     source.fail(offset + column, f"in a line of {kind}", expected, there)
 
 
-def _build(source: Source, drawing: _Drawing, task: Task, seed: int) -> Labyrinth:
+def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
     """Return the labyrinth that is drawn, with the tiles that its task lacks."""
-    structure = drawing.structure
+    structure, task, look = drawing.structure, settings.task, settings.look
     start, goal = default_start_and_goal(structure.height, structure.width)
     drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
     start = start if drawn_start is None else drawn_start
@@ -259,8 +285,9 @@ def _build(source: Source, drawing: _Drawing, task: Task, seed: int) -> Labyrint
         ice = frozenset(cell for cell, tile in enumerate(drawing.tiles) if tile == "I")
         complete = bool(ice)
     if complete:
-        return Labyrinth(structure, start, goal, task, key, door, ice)
-    return place(structure, start, goal, task, np.random.default_rng(seed), key=key, door=door)
+        return Labyrinth(structure, start, goal, task, key, door, ice, look)
+    rng = np.random.default_rng(seed)
+    return replace(place(structure, start, goal, task, rng, key=key, door=door), look=look)
 
 
 def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
@@ -310,7 +337,8 @@ def dump(labyrinth: Labyrinth) -> str:
         lines.append(_cell_line(shown[first:last], beside[first:last]))
     lines.append(outer_wall)
     drawing = b"\n".join(lines).decode()
-    return f"{_SETTINGS_OF[labyrinth.task]}\n{_HEADING}:\n{drawing}\nend\n"
+    look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
+    return f"{_SETTINGS_OF[labyrinth.task]}{look}\n{_HEADING}:\n{drawing}\nend\n"
 
 
 @lru_cache(maxsize=4_096)

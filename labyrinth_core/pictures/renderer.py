@@ -7,7 +7,7 @@ of the labyrinth.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.visibility import visible_from
 
 MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
@@ -49,6 +49,42 @@ class Style:
 
 DEFAULT_STYLE = Style()
 
+RECOLOURED = Style(
+    floor=(250, 240, 215),
+    wall=(70, 40, 90),
+    hidden=(70, 40, 90),
+    start=(204, 121, 167),
+    goal=(86, 180, 233),
+    agent=(230, 159, 0),
+    key=(240, 90, 90),
+    door=(90, 110, 60),
+    ice=(190, 225, 190),
+)
+"""Other colours for everything, none of them black or white, and none that `DEFAULT_STYLE` has."""
+
+
+def style_of(labyrinth: Labyrinth, wall_pixels: int | None = None) -> Style:
+    """Return the style that a labyrinth's look asks for.
+
+    Args:
+        labyrinth: The labyrinth.
+        wall_pixels: The thickness of walls, if it is not the look's.
+
+    Raises:
+        ValueError: The labyrinth is too large for every wall to have a pixel.
+    """
+    structure = labyrinth.structure
+    if wall_pixels is None and labyrinth.look is Look.THIN_WALLS:
+        wall_pixels = max(1, usual_wall_pixels(structure.height, structure.width) // 4)
+    return _style(labyrinth.look, wall_pixels)
+
+
+@lru_cache(maxsize=64)
+def _style(look: Look, wall_pixels: int | None) -> Style:
+    style = RECOLOURED if look is Look.RECOLOURED else DEFAULT_STYLE
+    return style if wall_pixels is None else replace(style, wall_pixels=wall_pixels)
+
+
 # What a cell shows, as a number: one of the first eight, plus one of the last two for the agent.
 _FLOOR, _START, _GOAL, _KEY, _DOOR, _OPEN_DOOR, _ICE, _HIDDEN = range(8)
 _AGENT, _AGENT_WITH_KEY = 8, 16
@@ -58,11 +94,12 @@ def render(
     labyrinth: Labyrinth,
     state: State,
     image_size: int = PICTURE_SIZE,
-    style: Style = DEFAULT_STYLE,
+    style: Style | None = None,
 ) -> NDArray[np.uint8]:
     """Return the picture of a state, shape (image_size, image_size, 3), rows from the top.
 
-    Another size is the picture of `PICTURE_SIZE`, area-averaged.
+    Another size is the picture of `PICTURE_SIZE`, area-averaged. Without a style it is the one that
+    the labyrinth's look asks for.
 
     Raises:
         ValueError: The labyrinth is too large for every wall to have a pixel.
@@ -70,7 +107,7 @@ def render(
     return Painter(labyrinth, style).array(state, image_size)
 
 
-def render_png(labyrinth: Labyrinth, state: State, style: Style = DEFAULT_STYLE) -> bytes:
+def render_png(labyrinth: Labyrinth, state: State, style: Style | None = None) -> bytes:
     """Return the picture of a state as a PNG file of `PICTURE_SIZE`; raises as `render`."""
     return Painter(labyrinth, style).png(state)
 
@@ -78,10 +115,10 @@ def render_png(labyrinth: Labyrinth, state: State, style: Style = DEFAULT_STYLE)
 class Painter:
     """Draws the states of one labyrinth; what they have in common is drawn once."""
 
-    def __init__(self, labyrinth: Labyrinth, style: Style = DEFAULT_STYLE) -> None:
+    def __init__(self, labyrinth: Labyrinth, style: Style | None = None) -> None:
         structure = labyrinth.structure
         self._labyrinth = labyrinth
-        self._style = style
+        self._style = style = style_of(labyrinth) if style is None else style
         self._grid = _grid(structure.height, structure.width, style.wall_pixels)
         everything = (1 << structure.width) - 1
         shifts = range(0, structure.cells, structure.width)
@@ -173,6 +210,22 @@ class Painter:
         return strips
 
 
+def usual_wall_pixels(height: int, width: int) -> int:
+    """Return how thick walls are where a style does not say it.
+
+    Raises:
+        ValueError: The labyrinth is too large for every wall to have a pixel.
+    """
+    most = max(height, width)
+    if most > MAX_PICTURED_SIDE:
+        raise ValueError(
+            f"a {height}x{width} labyrinth does not fit a picture of {PICTURE_SIZE} pixels: "
+            f"{MAX_PICTURED_SIDE} rows and columns at most"
+        )
+    # A twelfth of a cell looks right in small labyrinths; two pixels survive the way to 64 x 64.
+    return max(PICTURE_SIZE // (12 * most), 2 if PICTURE_SIZE // most >= 4 else 1)
+
+
 @dataclass(frozen=True, eq=False)
 class _Grid:
     """Where the walls are, in pixels from the top left."""
@@ -223,14 +276,7 @@ class _Grid:
 
 @lru_cache(maxsize=64)
 def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
-    most = max(height, width)
-    if most > MAX_PICTURED_SIDE:
-        raise ValueError(
-            f"a {height}x{width} labyrinth does not fit a picture of {PICTURE_SIZE} pixels: "
-            f"{MAX_PICTURED_SIDE} rows and columns at most"
-        )
-    # A twelfth of a cell looks right in small labyrinths; two pixels survive the way to 64 x 64.
-    usual = max(PICTURE_SIZE // (12 * most), 2 if PICTURE_SIZE // most >= 4 else 1)
+    most, usual = max(height, width), usual_wall_pixels(height, width)
     thickness = usual if wall_pixels is None else min(wall_pixels, usual)
     span = PICTURE_SIZE - thickness
 

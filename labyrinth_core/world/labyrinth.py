@@ -45,6 +45,16 @@ class Task(str, Enum):
     __str__ = str.__str__
 
 
+class Look(str, Enum):
+    """How the pictures of a labyrinth are drawn; nothing else depends on it."""
+
+    PLAIN = "plain"
+    RECOLOURED = "recoloured"
+    THIN_WALLS = "thin_walls"
+
+    __str__ = str.__str__
+
+
 @dataclass(frozen=True)
 class Structure:
     """The open passages between neighbouring cells of a grid."""
@@ -235,6 +245,7 @@ class Labyrinth:
     key: int | None = None
     door: int | None = None
     ice: frozenset[int] = frozenset()
+    look: Look = Look.PLAIN
 
     def __post_init__(self) -> None:
         tiles = [("start", self.start), ("goal", self.goal)]

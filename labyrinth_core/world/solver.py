@@ -37,6 +37,11 @@ def distances(labyrinth: Labyrinth, table: Table | None = None) -> Sequence[int]
     return breadth_first(_predecessors(table or transition_table(labyrinth)), goals, impossible)
 
 
+def moves_of(labyrinth: Labyrinth) -> int:
+    """Return the number of moves of a shortest route from the start to the goal."""
+    return distances(labyrinth)[labyrinth.start]
+
+
 def _predecessors(table: Table) -> list[list[int]]:
     """Return for each state the states with an action that leads to it."""
     predecessors: list[list[int]] = [[] for _ in table]

@@ -217,6 +217,20 @@ def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     return _moved(labyrinth, [labyrinth.goal], rng)
 
 
+def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
+    """Return the labyrinth with another goal, far enough from the start; tiles placed anew.
+
+    Far enough is as for `change_start`.
+
+    Raises:
+        LabyrinthError: No other goal can hold the task.
+    """
+    for goal in _ends(labyrinth.structure, labyrinth.start, labyrinth.goal, rng, nearer=True):
+        with suppress(LabyrinthError):
+            return place(labyrinth.structure, labyrinth.start, goal, labyrinth.task, rng)
+    raise LabyrinthError(f"no other goal can hold {labyrinth.task}")
+
+
 def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
     goals = rng.permutation(labyrinth.structure.cells).tolist()
@@ -226,22 +240,32 @@ def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Lab
 def _moved(labyrinth: Labyrinth, goals: list[int], rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with the first of the goals, and another start, that hold its task."""
     for goal in goals:
-        for start in _starts(labyrinth, goal, rng):
+        nearer = goal == labyrinth.goal
+        for start in _ends(labyrinth.structure, goal, labyrinth.start, rng, nearer=nearer):
             with suppress(LabyrinthError):
                 return place(labyrinth.structure, start, goal, labyrinth.task, rng)
     raise LabyrinthError(f"no other start or goal can hold {labyrinth.task}")
 
 
-def _starts(labyrinth: Labyrinth, goal: int, rng: np.random.Generator) -> list[int]:
-    """Return the other starts that are far enough from a goal, in random order."""
-    structure = labyrinth.structure
+def _ends(
+    structure: Structure, other: int, former: int, rng: np.random.Generator, *, nearer: bool
+) -> list[int]:
+    """Return the cells that start or goal may move to, in random order.
+
+    Args:
+        structure: The structure.
+        other: The cell of the other one of the two, which they have to be far enough from.
+        former: The cell that it moves away from.
+        rng: Draws the order.
+        nearer: Whether the farthest cells will do where none is far enough.
+    """
     apart = {
-        start: manhattan(start, goal, structure.width)
-        for start in range(structure.cells)
-        if start not in (goal, labyrinth.start)
+        cell: manhattan(cell, other, structure.width)
+        for cell in range(structure.cells)
+        if cell not in (other, former)
     }
     far_enough = (structure.height + structure.width) // 2
-    if goal == labyrinth.goal:
+    if nearer:
         far_enough = min(far_enough, max(apart.values()))
-    starts = [start for start, moves in apart.items() if moves >= far_enough]
-    return [starts[choice] for choice in rng.permutation(len(starts))]
+    ends = [cell for cell, moves in apart.items() if moves >= far_enough]
+    return [ends[choice] for choice in rng.permutation(len(ends))]

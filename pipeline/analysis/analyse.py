@@ -16,10 +16,10 @@ from typing import Any, TypeVar
 from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.source import stream_infos
+from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.language.text import labyrinth_id, load, parse
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -110,8 +110,11 @@ def _analyse(run: Run) -> Iterator[str]:
     counts.write(folder, manifest)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     certificate = certify(labyrinths, counts.certificate)
-    pairs = [("train", split) for split in SPLITS if split != "train"]
-    shifts = compare(contents, [*pairs, ("validation", "test")], manifest.config.seed)
+    pairs = [("train", split) for split in BASE_SPLITS[1:]] + [("validation", "test")]
+    shifts = compare(contents, pairs, manifest.config.seed)
+    for shift in manifest.config.shifts:  # Each is a question of its own, and a family of tests.
+        pairs = [(SPLITS[shift].parent or "test", shift)]
+        shifts += compare(contents, pairs, manifest.config.seed)
     content = {
         "name": manifest.config.name,
         "fingerprint": manifest.fingerprint,
@@ -180,11 +183,12 @@ def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
     """Yield a line for each leak, for the first `LEAKS_SHOWN` of a kind."""
     found = list(_shared(certificate, files))
     for split, count in certificate.repeated.items():
-        if count and split not in certificate.strangers:
+        if count and not certificate.may_repeat(split):
             found.append(f"{split} repeats {count:,} structures")
     for split, ids in certificate.strangers.items():
         if ids:
-            found.append(f"{split} has {len(ids):,} structures that train has not, as {ids[0]}")
+            parent = SPLITS[split].parent
+            found.append(f"{split} has {len(ids):,} structures that {parent} has not, as {ids[0]}")
     if found:
         yield "Leakage:"
         yield from found
@@ -212,6 +216,8 @@ def _named(split: str, number: str, files: Files) -> str:
 def _near(certificate: Certificate) -> Iterator[str]:
     """Yield a line for each pair of splits that says how near they are."""
     for pair in certificate.pairs:
+        if pair.first != "train" and pair.second in SHIFTS:
+            continue
         least, most = NEAR[0], NEAR[-1]
         yield (
             f"  {pair.first}, {pair.second}: {pair.within(least):,} of "

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS, default_open_walls
-from pipeline.config.errors import ConfigError
+from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
+
+ALL_SHIFTS = "all"
+"""What stands for every shift that the other options allow."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,10 @@ class DatasetOptions:
         "percent of all structures that may be in each split (buckets.train=...)",
     )
     splits: SplitsConfig = SplitsConfig()
+    shifts: tuple[str, ...] = option(
+        (),
+        "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
+    )
     seed: int = option(0, "same seed and options, same bytes; in training, same weights")
 
 
@@ -78,7 +86,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             labyrinths = 32 if (height, width) == (3, 3) else 100
         if open_walls is None:
             open_walls = default_open_walls(height, width)
-        return DatasetConfig(
+        config = DatasetConfig(
             height=height,
             width=width,
             task=Task(options.task),
@@ -92,5 +100,20 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             seed=options.seed,
             min_walls=options.splits.min_walls,
         )
+        return replace(config, shifts=_shifts(config, options.shifts))
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the shifts that are asked for, in their order; `all` stands for those possible.
+
+    Raises:
+        ValueError: A name is none of a shift.
+    """
+    if named == (ALL_SHIFTS,):
+        return tuple(name for name in SHIFTS if config.why_no(name) is None)
+    unknown = [name for name in named if name not in SHIFTS]
+    if unknown:
+        raise ValueError(f"shifts={listed(named)}: choose from {listed((ALL_SHIFTS, *SHIFTS))}")
+    return tuple(name for name in SHIFTS if name in named)

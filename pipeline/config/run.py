@@ -17,9 +17,10 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import TrainingOptions, check_training
@@ -198,9 +199,13 @@ def register() -> None:
 
 
 def with_brackets(argument: str) -> str:
-    """Return an argument of a command line, one stage as a list: `stages=report` has brackets."""
+    """Return an argument of a command line, one stage as a list: `stages=report` has brackets.
+
+    So it is with one shift, and with all.
+    """
     name, _, value = argument.partition("=")
-    return f"{name}=[{value}]" if name == "stages" and value in STAGES else argument
+    alone = {"stages": tuple(STAGES), "shifts": (ALL_SHIFTS, *SHIFTS)}.get(name, ())
+    return f"{name}=[{value}]" if value in alone else argument
 
 
 def refusal(error: Exception) -> str:

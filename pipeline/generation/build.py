@@ -15,17 +15,19 @@ from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from typing import TypeVar
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS, Row
+from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, new_file, write_text
-from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.render import render
-from pipeline.generation.sample import check_capacity, labyrinth_of, stream
+from pipeline.generation.sample import check_capacity, own_splits, stream
 from pipeline.generation.solve import solve
+from pipeline.generation.variants import labyrinth_of
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
 from pipeline.machinery import front_matter
@@ -115,9 +117,9 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         done = tracked(
             ((shard.labyrinths, shard) for shard in shards),
             "build",
-            total=run.dataset.labyrinths * len(SPLITS),
+            total=run.dataset.labyrinths * len(run.dataset.splits),
         )
-        places = list(SPLITS)
+        places = run.dataset.splits
         in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
         manifest = Manifest(run.dataset, current_versions(), tuple(in_order))
         workplace.commit(manifest)
@@ -140,10 +142,13 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
     """Yield the jobs that a list of structures is for, as soon as it has been sampled."""
     size = max(1, CELLS_PER_SHARD // (config.height * config.width))
     count = -(-config.labyrinths // size)
-    made_of = {split: [split] for split in SAMPLED_SPLITS}
-    made_of["train"] += [split for split in SPLITS if split not in SAMPLED_SPLITS]
-    first = dict.fromkeys(SAMPLED_SPLITS, 0)
-    structures: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
+    own = own_splits(config)
+    made_of = {
+        split: [split, *(child for child in config.splits if SPLITS[child].parent == split)]
+        for split in own
+    }
+    first = dict.fromkeys(own, 0)
+    structures: dict[str, list[Structure]] = {split: [] for split in own}
     for sampled, structure in stream(config):
         part = structures[sampled]
         part.append(structure)
@@ -165,19 +170,36 @@ def make_shard(job: ShardJob) -> Shard:
         if file_sha256(job.path) == finished.sha256:
             return finished
     config, split, cut = job.config, job.split, 0
+    numbers: list[int] = []
+
+    def labyrinths() -> Iterator[Labyrinth]:
+        for number, structure in enumerate(job.structures, start=job.first):
+            try:
+                labyrinth = labyrinth_of(config, split, structure)
+            except LabyrinthError:
+                if split not in SHIFTS:
+                    raise
+                continue  # Its parent has no such variant.
+            numbers.append(number)
+            yield labyrinth
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
-        labyrinths = (labyrinth_of(config, split, structure) for structure in job.structures)
         count = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        solutions = batched(solve(config, split, batched(labyrinths, count)), count)
-        for number, solution in enumerate(solutions, start=job.first):
+        solutions = batched(solve(config, split, batched(labyrinths(), count)), count)
+        for place, solution in enumerate(solutions):
             cut += solution.cut
-            yield from render(split, number, solution.episodes)
+            yield from render(split, numbers[place], solution.episodes)
 
     with new_file(job.path, job.sidecar.parent) as path:
         shard = write(path, split, len(job.structures), episodes())
-    shard = replace(shard, cut=cut)
+    if not numbers:
+        parents = f"{len(job.structures)} labyrinths of {SPLITS[split].parent}"
+        raise ConfigError(
+            f"shifts: there is no {split} of any of {parents}; ask for more labyrinths, or leave "
+            f"{split} out"
+        )
+    shard = replace(shard, cut=cut, labyrinths=len(numbers))
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
 
@@ -193,7 +215,8 @@ def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
 
 
 def _report_cut(manifest: Manifest) -> None:
-    cut = {split: sum(shard.cut for shard in manifest.of(split)) for split in SPLITS}
+    splits = manifest.config.splits
+    cut = {split: sum(shard.cut for shard in manifest.of(split)) for split in splits}
     named = ", ".join(f"{count} of {split}" for split, count in cut.items() if count)
     if named:
         limit = manifest.config.solutions_limit

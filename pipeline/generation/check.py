@@ -9,6 +9,7 @@ their hash allows.
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.splits import SPLITS, is_selected
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE
@@ -28,6 +30,14 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
+from pipeline.generation.extremes import NO_EXTREMES, Extremes, shift_problem
+from pipeline.generation.relations import (
+    Parent,
+    is_left_out,
+    is_redrawn,
+    parents_of,
+    relation_problems,
+)
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
 
@@ -57,6 +67,10 @@ class CheckJob:
     """The index of its first labyrinth in the split."""
     same_bytes: bool
     """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
+    parent: str | None = None
+    """The path of the shard with the labyrinths that those of a shift are made from."""
+    extremes: Extremes = NO_EXTREMES
+    """Those of train."""
 
 
 def check_shard(job: CheckJob) -> ShardReport:
@@ -86,6 +100,20 @@ def check_shard(job: CheckJob) -> ShardReport:
                 f"{job.shard.path}: {name} {value}, but the manifest says {expected}"
             )
     return report
+
+
+def _parents(job: CheckJob, report: ShardReport) -> list[Parent]:
+    """Return what the labyrinths of a shift are made from; note where that cannot be read."""
+    import pyarrow as pa
+
+    if job.parent is None:
+        return []
+    try:
+        return parents_of(job.folder / job.parent)
+    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
+        message = f"cannot be compared with {job.parent}, which cannot be read"
+        report.problems.append(f"{job.shard.path} {message}: {one_line(error)}")
+        return []
 
 
 def _rows(file: Any, report: ShardReport) -> Iterator[Row]:
@@ -124,6 +152,11 @@ class _ShardCheck:
         self.pictures: Mapping[State, Picture] = {}
         self.info: str | None = None
         self.first_row = 0
+        self.number = job.first - 1
+        """The number of the labyrinth in its split, or of its parent in the parent's."""
+        self.parents = _parents(job, report)
+        self.left_out = set(range(len(self.parents)))
+        """The places of the parents that no labyrinth is made from, as far as was seen."""
 
     def check(self, rows: Iterator[Row]) -> dict[str, Any]:
         """Check rows, and return what the manifest should say of them."""
@@ -136,6 +169,7 @@ class _ShardCheck:
         if episode:
             self.check_episode(episode, last=True)
         self.finish_labyrinth()
+        self.check_left_out()
         return {
             "rows": self.row,
             "longest": self.longest,
@@ -154,7 +188,7 @@ class _ShardCheck:
         if not rows[0].episode_starts:
             self.problem(begin, "episode_starts", "False in the first row of the file")
         if rows[0].info != self.info:
-            self.begin_labyrinth(rows[0].info, begin)
+            self.begin_labyrinth(rows[0], begin)
         for number, row in enumerate(rows, start=begin):
             if row.info != self.info:
                 self.problem(number, "info", "not the labyrinth that the episode began with")
@@ -177,8 +211,8 @@ class _ShardCheck:
         if not self.ended:
             message = "an episode is cut before the last one of its labyrinth"
             self.problem(begin - 1, "actions", message)
-        split, place = self.job.shard.split, self.job.first + self.labyrinths - 1
-        names = picture_names(split, place, len(self.routes), range(len(rows)))
+        split = self.job.shard.split
+        names = picture_names(split, self.number, len(self.routes), range(len(rows)))
         for number, (row, name) in enumerate(zip(rows, names, strict=True), start=begin):
             if row.obs_path != name:
                 self.problem(number, "obs", f"its path is {row.obs_path!r:.99}, not {name}")
@@ -244,11 +278,14 @@ class _ShardCheck:
                 return int(action)
         return None
 
-    def begin_labyrinth(self, info: str, row: int) -> None:
+    def begin_labyrinth(self, first_row: Row, row: int) -> None:
         """Finish the previous labyrinth, and check all of the next one but its episodes."""
         self.finish_labyrinth()
-        self.info, self.labyrinth, self.first_row = info, None, row
+        info, split = first_row.info, self.job.shard.split
+        self.info, self.first_row = info, row
+        self.labyrinth = None
         self.labyrinths += 1
+        self.number = self.numbered(first_row.obs_path)
         try:
             labyrinth = parse(info)
         except LabyrinthSyntaxError as error:
@@ -260,13 +297,46 @@ class _ShardCheck:
             self.problem(row, "info", f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}")
             return
         self.labyrinth, self.pictures = labyrinth, Pictures(labyrinth)
-        for message in labyrinth_problems(config, self.job.shard.split, labyrinth):
+        for message in labyrinth_problems(config, split, labyrinth):
             self.problem(row, "info", message)
+        if is_selected(split) and (no := shift_problem(split, labyrinth, self.job.extremes)):
+            self.problem(row, "info", no)
+        if self.parents:
+            self.check_relation(labyrinth, row)
         if dump(labyrinth) != info:
             self.problem(row, "info", "not in the canonical form")
         first = self.report.structures.setdefault(labyrinth.structure.structure_id, row)
-        if first != row:
+        if first != row and not SPLITS[split].new_structure:
             self.problem(row, "info", f"the structure is also in row {first}")
+
+    def numbered(self, path: str) -> int:
+        """Return the number of the next labyrinth: of a shift with a parent, that of its parent."""
+        named = re.match(rf"{self.job.shard.split}-(\d{{6,9}})-", path, re.ASCII)
+        if self.job.parent and named and int(named[1]) > self.number:
+            return int(named[1])
+        return self.number + 1
+
+    def check_relation(self, labyrinth: Labyrinth, row: int) -> None:
+        """Compare a labyrinth with the one that it is made from."""
+        place = self.number - self.job.first
+        if place not in self.left_out:
+            self.problem(row, "obs", f"there is no labyrinth {self.number} in {self.job.parent}")
+            return
+        self.left_out.remove(place)
+        parent = self.parents[place]
+        for message in relation_problems(self.job.config, self.job.shard.split, parent, labyrinth):
+            self.problem(row, "info", message)
+
+    def check_left_out(self) -> None:
+        """Check that the parents without a labyrinth of the shift can have none."""
+        config, split = self.job.config, self.job.shard.split
+        for place in sorted(self.left_out):
+            if not is_left_out(config, split, self.parents[place]):
+                number = self.job.first + place
+                self.report.problems.append(
+                    f"{self.job.shard.path}: what labyrinth {number} of {self.job.parent} becomes "
+                    "is missing"
+                )
 
     def finish_labyrinth(self) -> None:
         """Check that the labyrinth has the episodes that the configuration asks for."""
@@ -276,6 +346,10 @@ class _ShardCheck:
         config, split = self.job.config, self.job.shard.split
         if config.solutions != "shortest" and split != "random":
             self.cut += len(routes) == config.solutions_limit
+        place = self.number - self.job.first
+        of_parent = self.parents[place : place + 1]
+        if is_redrawn(split) and of_parent and of_parent[0].routes != routes:
+            self.problem(self.first_row, "actions", "the routes are not its parent's")
         message = route_problem(config, split, self.labyrinth, routes)
         if message:
             self.problem(self.first_row, "actions", message)

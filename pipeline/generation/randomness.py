@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Structure
 
 PLACING, ACTING = 0, 1
@@ -19,7 +19,7 @@ def item_rng(
 
     Args:
         config: The configuration of the dataset.
-        split: One of the six splits.
+        split: A split of the dataset.
         structure: The structure.
         purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
     """

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import distances
 from labyrinth_core.world.tasks import default_start_and_goal, tiles_matter
-from pipeline.generation.sample import split_of
+from pipeline.generation.buckets import split_of
 from pipeline.generation.solve import all_routes
 
 
@@ -21,12 +21,15 @@ def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) 
         yield "not every cell can be reached"
     if not tiles_matter(labyrinth):
         yield "the tiles of the task make no difference"
-    wanted = split if split in SAMPLED_SPLITS else "train"
-    if split_of(structure, config.buckets) != wanted:
-        yield f"the structure belongs to {split_of(structure, config.buckets)}"
+    kind = SPLITS[split]
+    bucket = split_of(structure, config.buckets)
+    if bucket != kind.bucket:
+        yield f"the structure belongs to {bucket}"
+    if labyrinth.look is not kind.look:
+        yield f"it is to be drawn {labyrinth.look}, not {kind.look}"
     first_start, first_goal = default_start_and_goal(config.height, config.width)
-    if split in ("s0", "s0_and_g"):
-        if start == first_start or (goal == first_goal) != (split == "s0"):
+    if kind.new_start or kind.new_goal:
+        if (start != first_start, goal != first_goal) != (kind.new_start, kind.new_goal):
             yield "start and goal are not changed as the split says"
         # The smallest grids have no cells that are farther apart.
         least = min((config.height + config.width) // 2, config.height + config.width - 3)

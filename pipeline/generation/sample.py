@@ -19,21 +19,17 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SAMPLED_SPLITS, is_selected
 from labyrinth_core.world.grid import neighbours
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import Neighbourhood
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.tasks import (
-    change_start,
-    change_start_and_goal,
-    default_start_and_goal,
-    place,
-)
 from pipeline.config.errors import ConfigError
+from pipeline.generation.buckets import split_of
 from pipeline.generation.key_set import KeySet
-from pipeline.generation.randomness import item_rng
+from pipeline.generation.selection import Selection
+from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
 
 PATIENCE = 300_000
 """The number of structures drawn in vain after which the sampler gives up."""
@@ -41,43 +37,47 @@ PATIENCE = 300_000
 COUNTABLE_EDGES = 13
 """The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
 
-_TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
-
-
-def split_of(structure: Structure, buckets: Sequence[int]) -> str:
-    """Return whether a structure belongs to train, validation or test.
-
-    Args:
-        structure: The structure; its mirror image that keeps start and goal gives the same answer.
-        buckets: The percentage of all structures for each of the three.
-    """
-    percent = int(structure.canonical().structure_id, 16) * 100 >> 63
-    train, validation, _ = buckets
-    if percent < train:
-        return "train"
-    return "validation" if percent < train + validation else "test"
-
 
 def sample(config: DatasetConfig) -> dict[str, list[Structure]]:
-    """Return the structures of train, validation and test, `config.labyrinths` of each.
+    """Return the structures of each split that has its own, `config.labyrinths` of each.
 
     Raises:
         ConfigError: The sampler does not find so many.
     """
-    found: dict[str, list[Structure]] = {split: [] for split in SAMPLED_SPLITS}
+    found: dict[str, list[Structure]] = {split: [] for split in own_splits(config)}
     for split, structure in stream(config):
         found[split].append(structure)
     return found
 
 
-def stream(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
-    """Yield the structures of train, validation and test as they are found, each with its split.
+def own_splits(config: DatasetConfig) -> list[str]:
+    """Return the splits that have structures of their own, in the order in which they are found."""
+    return [*SAMPLED_SPLITS, *filter(is_selected, config.shifts)]
 
-    Of these it remembers only their 63-bit ids, and what `min_walls` needs.
+
+def stream(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
+    """Yield the structures of each split that has its own as they are found, each with its split.
+
+    Of these it remembers only their 63-bit ids, and what `min_walls` and shifts need.
 
     Raises:
         ConfigError: The sampler does not find `config.labyrinths` of each.
     """
+    selected = [split for split in config.shifts if is_selected(split)]
+    if not selected:
+        yield from _sampled(config)
+        return
+    selection = Selection(config)
+    for split, structure in _sampled(config):
+        selection.notice(split, structure)
+        yield split, structure
+    for split in selected:
+        for structure in selection.of(split):
+            yield split, structure
+
+
+def _sampled(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
+    """Yield the structures of train, validation and test; see `stream`."""
     found = dict.fromkeys(SAMPLED_SPLITS, 0)
     if config.min_walls == 1:  # Two splits have no structure in common.
         yield from _fill(config, found, SAMPLED_SPLITS)
@@ -148,51 +148,6 @@ def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
     )
 
 
-def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    """Return the labyrinth that a structure becomes in a split.
-
-    Args:
-        config: The configuration of the dataset.
-        split: One of the six splits.
-        structure: A structure of that split; of train for random, s0 and s0_and_g.
-
-    Raises:
-        LabyrinthError: The structure cannot hold the task.
-    """
-    if split in SAMPLED_SPLITS:
-        return _first_labyrinth(config, split, structure)
-    labyrinth = _first_labyrinth(config, "train", structure)
-    return labyrinth if split == "random" else _variant(config, split, labyrinth)
-
-
-def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    start, goal = default_start_and_goal(config.height, config.width)
-    if config.task in _TASKS_WITHOUT_TILES:  # Nothing is random about it.
-        return Labyrinth(structure, start, goal, config.task)
-    return place(structure, start, goal, config.task, item_rng(config, split, structure))
-
-
-def _variant(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Labyrinth:
-    change = change_start if split == "s0" else change_start_and_goal
-    return change(labyrinth, item_rng(config, split, labyrinth.structure))
-
-
-def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
-    """Return whether a structure can hold the task, also with another start and goal.
-
-    All splits have the same requirement, so that they have the same distribution.
-    """
-    if config.task in _TASKS_WITHOUT_TILES:
-        return True
-    try:
-        labyrinth = _first_labyrinth(config, split, structure)
-        _variant(config, "s0", labyrinth)
-        _variant(config, "s0_and_g", labyrinth)
-    except LabyrinthError:
-        return False
-    return True
-
-
 def check_capacity(config: DatasetConfig) -> None:
     """Refuse too many labyrinths at once, where all structures can be counted quickly.
 
@@ -211,7 +166,7 @@ def check_capacity(config: DatasetConfig) -> None:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
             raise ConfigError(f"{asked}: the three splits share fewer than 2**{len(edges)}")
         return
-    rare = config.task not in _TASKS_WITHOUT_TILES
+    rare = config.task not in TASKS_WITHOUT_TILES
     if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.rollout import Episode, random_episode, replay
 from labyrinth_core.world.solver import shortest_route, shortest_routes, simple_routes
 from pipeline.generation.randomness import ACTING, item_rng
@@ -31,8 +32,10 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
         split: The split of the labyrinths; in `random` a random policy acts instead.
         labyrinths: The labyrinths to solve.
     """
+    # Where only pictures differ, the routes are the parent's.
+    drawn_for = split if SPLITS[split].look is Look.PLAIN else SPLITS[split].parent or split
     for labyrinth in labyrinths:
-        make_rng = partial(item_rng, config, split, labyrinth.structure, ACTING)
+        make_rng = partial(item_rng, config, drawn_for, labyrinth.structure, ACTING)
         if split == "random":
             episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
             yield Solution(episodes, cut=False)

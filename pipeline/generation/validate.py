@@ -7,15 +7,19 @@ those of random, s0 and s0_and_g are in train, and there are as many labyrinths 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
+from labyrinth_core.data.source import read_rows
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SPLITS, is_selected
 from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.language.text import parse
 from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
+from pipeline.generation.extremes import NO_EXTREMES, extremes_of
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.executor import ordered_map
 
@@ -56,12 +60,7 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         manifest: The manifest of the dataset.
         workers: The number of processes.
     """
-    jobs = []
-    found = dict.fromkeys(SPLITS, 0)
-    same_bytes = dict(manifest.versions) == current_versions()
-    for shard in manifest.shards:
-        jobs.append(CheckJob(folder, shard, manifest.config, found[shard.split], same_bytes))
-        found[shard.split] += shard.labyrinths
+    jobs = list(_jobs(folder, manifest))
     reports = tracked(
         ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
         "validate",
@@ -74,10 +73,56 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
     for report in reports:
         problems += report.problems
         problems += owners.misplaced(report)
-    for split, count in found.items():
-        if count != manifest.config.labyrinths:
-            problems.append(f"{split} holds {count} labyrinths, not {manifest.config.labyrinths}")
-    return problems
+    return problems + list(_miscounted(manifest))
+
+
+def _miscounted(manifest: Manifest) -> Iterator[str]:
+    """Yield the splits that hold too few or too many labyrinths or shards."""
+    shards_of, wanted = _shards_of(manifest), manifest.config.labyrinths
+    for split, shards in shards_of.items():
+        count, parent = sum(shard.labyrinths for shard in shards), SPLITS[split].parent
+        # A shift leaves out what has no such variant; the check of the shard looks for these.
+        short = split not in BASE_SPLITS and parent is not None and 0 < count < wanted
+        if count != wanted and not short:
+            yield f"{split} holds {count} labyrinths, not {wanted}"
+        if parent and len(shards) != (of_parent := len(shards_of[parent])):
+            yield f"{split} has {len(shards)} shards, and {parent}, its parent, {of_parent}"
+
+
+def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
+    """Return the shards of each split, none where the manifest has lost them."""
+    found: dict[str, list[Shard]] = {split: [] for split in manifest.config.splits}
+    for shard in manifest.shards:
+        found[shard.split].append(shard)
+    return found
+
+
+def _jobs(folder: AnyPath, manifest: Manifest) -> Iterator[CheckJob]:
+    """Yield the job of each shard; the labyrinths of a shift are numbered like their parents."""
+    config = manifest.config
+    same_bytes = dict(manifest.versions) == current_versions()
+    extremes = NO_EXTREMES
+    if any(map(is_selected, config.shifts)):
+        with suppress(DatasetError, OSError, ValueError):  # The check of the shard says it.
+            rows = read_rows(folder, manifest.of("train"), pictures=False)
+            extremes = extremes_of(map(parse, {row.info: None for row in rows}))
+    shards_of = _shards_of(manifest)
+    for split, shards in shards_of.items():
+        parent = SPLITS[split].parent
+        aligned = parent is not None and split not in BASE_SPLITS
+        numbered = shards_of[parent] if aligned and parent else shards
+        first = 0
+        for shard, of_parent in zip(shards, numbered, strict=False):
+            yield CheckJob(
+                folder,
+                shard,
+                config,
+                first,
+                same_bytes,
+                of_parent.path if aligned else None,
+                extremes,
+            )
+            first += of_parent.labyrinths
 
 
 class Owners:
@@ -96,7 +141,10 @@ class Owners:
         Args:
             report: The report of the next shard, in the order of the splits.
         """
-        own = report.shard.split in SAMPLED_SPLITS
+        split = report.shard.split
+        own = split in SAMPLED_SPLITS or is_selected(split)
+        if not own and split not in BASE_SPLITS:
+            return  # The check of the shard compares it with its parents.
         ids = np.array([int(each, 16) for each in report.structures], np.int64)
         rows = np.array([*report.structures.values()], np.int64)
         places = np.searchsorted(self._ids, ids)

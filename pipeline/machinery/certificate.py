@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, identity
 from labyrinth_core.world.near_twins import passage_table
@@ -130,9 +130,12 @@ class Certificate:
     repeated: Mapping[str, int]
     """Split -> number of labyrinths whose structure came before in the same split."""
     pairs: Sequence[Pair]
-    """All pairs of the splits with structures of their own."""
+    """All pairs of splits with structures of their own; of shifts those with what is learnt from.
+
+    That is train, and validation, by which a model is chosen.
+    """
     strangers: Mapping[str, Sequence[str]]
-    """Split made of the structures of train -> ids of the labyrinths in it with another one."""
+    """Split made of the structures of its parent -> ids of the labyrinths in it with others."""
 
     def problems(self) -> Iterator[str]:
         """Yield a line for everything that breaks the guarantee."""
@@ -143,28 +146,34 @@ class Certificate:
                     f"{len(pair.mirrored)} when mirror images count"
                 )
         for split, count in self.repeated.items():
-            if count and split not in self.strangers:
+            if count and not self.may_repeat(split):
                 yield f"{split} repeats {count} structures"
         for split, ids in self.strangers.items():
             if ids:
-                yield f"{split} has {len(ids)} structures that are not in train"
+                yield f"{split} has {len(ids)} structures that are not in {SPLITS[split].parent}"
+
+    def may_repeat(self, split: str) -> bool:
+        """Return whether structures may be repeated, since they are made from others."""
+        return split in self.strangers or (split in SHIFTS and SPLITS[split].parent is not None)
 
 
 def certify(splits: Mapping[str, Keys]) -> Certificate:
     """Return the certificate of a dataset.
 
     Args:
-        splits: The keys of each split. Where there is a train, splits called random, s0 and
-            s0_and_g are taken to be made of its structures; all others are compared with one
-            another.
+        splits: The keys of each split. A split that has the name of one of ours is taken to be made
+            of the structures of its parent, if that is there, too; all others are compared with
+            one another.
     """
     names = dict.fromkeys([*(split for split in SPLITS if split in splits), *splits])
-    train = splits["train"].structure if "train" in splits else np.zeros(0, np.int64)
-    derived = [split for split in SPLITS if split in names and split not in SAMPLED_SPLITS]
     strangers = {}
-    for split in derived if len(train) else ():
-        strange = splits[split].labyrinth[~np.isin(splits[split].structure, train)]
-        strangers[split] = list(dict.fromkeys(map(_digits, strange)))
+    for split in names:
+        parent = _parent(split)
+        if parent != split and parent in splits and len(splits[parent].structure):
+            strange = ~np.isin(splits[split].structure, splits[parent].structure)
+            ids = splits[split].labyrinth[strange]
+            strangers[split] = list(dict.fromkeys(map(_digits, ids)))
+    own = [name for name in names if name not in strangers]
     return Certificate(
         labyrinths={split: len(np.unique(splits[split].labyrinth)) for split in names},
         repeated={
@@ -173,10 +182,17 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
         },
         pairs=tuple(
             _compared(first, splits[first], second, splits[second])
-            for first, second in combinations([n for n in names if n not in strangers], 2)
+            for first, second in combinations(own, 2)
+            if second not in SHIFTS or first in SAMPLED_SPLITS[:2]
         ),
         strangers=strangers,
     )
+
+
+def _parent(split: str) -> str:
+    """Return the split whose structures a split is made of, its own name if there is none."""
+    kind = SPLITS.get(split)
+    return split if kind is None or kind.new_structure else kind.parent or split
 
 
 def _compared(first: str, base: Keys, second: str, other: Keys) -> Pair:

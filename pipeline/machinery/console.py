@@ -16,7 +16,6 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest
 
 Item = TypeVar("Item")
@@ -56,7 +55,7 @@ def summary(manifest: Manifest) -> Table:
     table.add_column("split")
     for heading in ("labyrinths", "episodes", "rows", "mean moves", "longest", "MB"):
         table.add_column(heading, justify="right")
-    for split in SPLITS:
+    for split in manifest.config.splits:
         shards = manifest.of(split)
         episodes, rows = sum(s.episodes for s in shards), sum(s.rows for s in shards)
         table.add_row(

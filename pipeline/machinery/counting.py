@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256
@@ -150,7 +149,7 @@ def count_dataset(
         DatasetError: A shard is missing, damaged, or not the manifest's.
     """
     size = manifest.config.height, manifest.config.width
-    shards = [shard for split in SPLITS for shard in manifest.of(split)]
+    shards = [shard for split in manifest.config.splits for shard in manifest.of(split)]
     splits: dict[str, SplitCounts] = {}
     keys: dict[str, list[Keys]] = {}
     done = ordered_map(partial(count_shard, folder, size), shards, workers)

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import MALFORMED
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, write_text
@@ -167,7 +166,10 @@ class DatasetCounts:
             content = json.loads((folder / COUNTS).read_bytes())
             if content | _described(manifest) != content:
                 return None
-            splits = {split: SplitCounts.from_json(content["splits"][split]) for split in SPLITS}
+            splits = {
+                split: SplitCounts.from_json(content["splits"][split])
+                for split in manifest.config.splits
+            }
             certificate = content["certificate"]
             pairs = tuple(Pair(**pair) for pair in certificate["pairs"])
             return cls(splits, Certificate(**certificate | {"pairs": pairs}))

@@ -8,9 +8,10 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 
 DEFAULT_CONFIG = "5x5"
@@ -52,8 +53,14 @@ def update(data_dir: AnyPath) -> None:
     wanted = values | described(manifests)
     if wanted == values and text:
         return  # Not a byte of a card changes when nothing is new.
-    text = text or with_generated("", _text(default_config(manifests)))
+    text = text or with_generated("", _text(manifests))
     write_text(path, with_values(wanted, text))
+
+
+def splits_of(manifests: list[Manifest]) -> list[str]:
+    """Return the names of the splits that any of some datasets has, in order."""
+    held = {split for manifest in manifests for split in manifest.config.splits}
+    return [split for split in SPLITS if split in held]
 
 
 def with_values(values: dict[str, Any], text: str) -> str:
@@ -114,8 +121,8 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
 
 
 def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
-    name = manifest.config.name
-    files = [{"split": split, "path": f"{name}/{split}-*.parquet"} for split in SPLITS]
+    name, splits = manifest.config.name, manifest.config.splits
+    files = [{"split": split, "path": f"{name}/{split}-*.parquet"} for split in splits]
     return {"config_name": name, "data_files": files} | ({"default": True} if default else {})
 
 
@@ -130,7 +137,7 @@ def _info(manifest: Manifest) -> dict[str, Any]:
                 "num_bytes": sum(shard.bytes for shard in manifest.of(split)),
                 "num_examples": sum(shard.rows for shard in manifest.of(split)),
             }
-            for split in SPLITS
+            for split in manifest.config.splits
         ],
         "download_size": size,
         "dataset_size": size,
@@ -144,9 +151,9 @@ def _dtype(feature: dict[str, Any]) -> Any:
     return feature.get("dtype", feature["_type"].lower())
 
 
-def _text(config: str) -> str:
+def _text(manifests: list[Manifest]) -> str:
     columns = "\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS)
-    splits = "\n".join(f"| `{split}` | {meaning} |" for split, meaning in SPLITS.items())
+    splits = "\n".join(f"| `{split}` | {SPLITS[split].meaning} |" for split in splits_of(manifests))
     return f"""
 # Labyrinth
 
@@ -157,7 +164,7 @@ train, validation and test.
 ```python
 from datasets import load_dataset
 
-dataset = load_dataset("path or id of this dataset", "{config}")
+dataset = load_dataset("path or id of this dataset", "{default_config(manifests)}")
 ```
 
 | column | meaning |

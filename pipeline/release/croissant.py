@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
-from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.columns import COLUMNS
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SPLITS
 from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
@@ -67,7 +69,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],
         **_responsible_ai(datasets),
         "distribution": _distribution(datasets, release),
-        "recordSet": [_record_set(dataset.name) for dataset in datasets],
+        "recordSet": [_record_set(dataset.manifest.config) for dataset in datasets],
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
@@ -129,7 +131,10 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 "description": f"The Parquet files of {dataset.name}.",
                 "containedIn": {"@id": REPOSITORY},
                 "encodingFormat": "application/x-parquet",
-                "includes": [f"{dataset.name}/{split}-*-of-*.parquet" for split in SPLITS],
+                "includes": [
+                    f"{dataset.name}/{split}-*-of-*.parquet"
+                    for split in dataset.manifest.config.splits
+                ],
             }
         )
         parts += [
@@ -148,8 +153,9 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
     return parts
 
 
-def _record_set(config: str) -> dict[str, Any]:
-    splits = ", ".join(f"{split} ({meaning})" for split, meaning in SPLITS.items())
+def _record_set(dataset: DatasetConfig) -> dict[str, Any]:
+    config = dataset.name
+    splits = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in dataset.splits)
     of_split = {
         "extract": {"fileProperty": "fullpath"},
         "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from itertools import accumulate
 from typing import NamedTuple
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from pipeline.machinery.counts import EXAMPLES, SplitCounts
 from pipeline.machinery.markdown import count

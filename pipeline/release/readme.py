@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.manifest import ANALYSIS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
+from pipeline.machinery import front_matter
 from pipeline.machinery.markdown import count, table
 from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex, software_bibtex
@@ -127,19 +129,22 @@ actions = table["actions"].to_numpy()
 
 def _contents(datasets: Sequence[DatasetStatistics]) -> str:
     columns = table(("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in COLUMNS), "ll")
-    splits = table(("split", "holds"), ((f"`{s}`", text) for s, text in SPLITS.items()), "ll")
-    counts = table(
-        ("config", *(f"`{split}`" for split in SPLITS), "rows", "MB"),
+    names = front_matter.splits_of([dataset.manifest for dataset in datasets])
+    meanings = ((f"`{name}`", SPLITS[name].meaning) for name in names)
+    splits = table(("split", "holds"), meanings, "ll")
+    rows = [
         (
-            (
-                f"`{dataset.name}`",
-                *(f"{split.rows:,}" for split in dataset.splits.values()),
-                f"{dataset.rows:,}",
-                f"{sum(shard.bytes for shard in dataset.manifest.shards) / 1e6:.2f}",
-            )
-            for dataset in datasets
-        ),
-    )
+            f"`{name}`",
+            *(f"{of.splits[name].rows:,}" if name in of.splits else "" for of in datasets),
+        )
+        for name in names
+    ]
+    megabytes = (sum(shard.bytes for shard in of.manifest.shards) / 1e6 for of in datasets)
+    rows += [
+        ("all rows", *(f"{dataset.rows:,}" for dataset in datasets)),
+        ("MB", *(f"{size:.2f}" for size in megabytes)),
+    ]
+    counts = table(("split", *(f"`{dataset.name}`" for dataset in datasets)), rows)
     return f"""## What is in it
 
 {columns}
@@ -205,8 +210,8 @@ the same `buckets`. This is what the text in `info` says, read from every file h
 
 {table(heading, rows, "llrrr")}
 
-No split repeats a structure, and those of `random`, `s0` and `s0_and_g` are all structures of
-`train`.{_closeness(datasets)}"""
+No split with structures of its own repeats one, and those of `random`, `s0` and `s0_and_g` are all
+structures of `train`.{_closeness(datasets)}"""
 
 
 def _closeness(datasets: Sequence[DatasetStatistics]) -> str:

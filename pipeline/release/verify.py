@@ -19,7 +19,7 @@ import numpy as np
 from huggingface_hub import HfApi, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
-from labyrinth_core.data.columns import SPLITS, Row
+from labyrinth_core.data.columns import Row
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
@@ -68,7 +68,7 @@ def _load(repo_id: str, commit: str, manifest: Manifest) -> int:
     remote = hf_hub_download(repo_id, f"{name}/{MANIFEST}", repo_type="dataset", revision=commit)
     if Manifest.read(Path(remote).parent) != manifest:
         raise DatasetError(f"{name}/{MANIFEST} is not the one that was published")
-    for split in SPLITS:
+    for split in manifest.config.splits:
         for streaming in (False, True):
             dataset = load_dataset(repo_id, name, split=split, revision=commit, streaming=streaming)
             dataset = dataset.cast_column("obs", Image(decode=False))

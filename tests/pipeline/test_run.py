@@ -17,12 +17,12 @@ from typing import Any
 
 import pytest
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.run import OPTIONS, Run
-from pipeline.generation.sample import split_of
+from pipeline.generation.buckets import split_of
 
 pytestmark = pytest.mark.slow
 
@@ -207,7 +207,7 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     assert 'load_dataset("data", "3x3")' in first.stdout
     rows = sum(shard.rows for shard in Manifest.read(small_dataset.folder).shards)
     assert f"data/3x3 is valid: {rows:,} rows replayed." in spaced(first.stdout)
-    assert all(split in first.stdout for split in SPLITS)
+    assert all(split in first.stdout for split in BASE_SPLITS)
     content = content_of(tmp_path)
     of_the_build = content_of(small_dataset.data_dir)
     assert {name: content[f"data/{name}"] for name in of_the_build} == of_the_build

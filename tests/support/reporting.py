@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.splits import BASE_SPLITS
 
 METHOD = "bc-<b>cnn"
 """A name that would be an element of the page, if it were taken for markup."""
@@ -64,7 +64,7 @@ def evaluate(folder: Path, run_dir: Path, seed: int = 0) -> list[str]:
 
     Another seed fails on one of them and on another one.
     """
-    ids = {split: ids_of(folder, split) for split in SPLITS if split != "random"}
+    ids = {split: ids_of(folder, split) for split in BASE_SPLITS if split != "random"}
     failed = {split: ids[split][seed : seed + 2] if split == "test" else [] for split in ids}
     splits = {
         split: {

@@ -16,7 +16,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
@@ -76,11 +75,11 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         OSError: The folder cannot be written.
     """
     found = statistics_of(data_dir, "report", workers)
-    limit = PACKED_BYTES // (len(found) * len(SPLITS))
+    limit = PACKED_BYTES // sum(len(of.splits) for of in found)
     datasets = []
     for of in found:
         folder = data_dir / of.name
-        packed = {split: pack(folder, of.manifest, split, limit, workers) for split in SPLITS}
+        packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
     folder = data_dir / FOLDER
     folder.mkdir(exist_ok=True)

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from labyrinth_core.data import frame_cache, loader
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
     load_episodes,
@@ -24,6 +23,7 @@ from labyrinth_core.data.loader import (
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.transitions import (
     Transition,
     TransitionBatch,
@@ -73,7 +73,7 @@ def nothing_to_read(monkeypatch):
 # What is kept.
 
 
-@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize("split", BASE_SPLITS)
 def test_what_is_kept_is_what_was_loaded(data_dir, cache, split, nothing_to_read):
     options = {"split": split, "image_size": 16}
     without = load_transitions(data_dir, "3x3", cache_dir=False, **options)

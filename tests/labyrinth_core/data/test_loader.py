@@ -18,7 +18,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from labyrinth_core.data import observations as pictures
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
     Transition,
@@ -28,6 +27,7 @@ from labyrinth_core.data.loader import (
     stream_transitions,
 )
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import encode
@@ -44,7 +44,7 @@ TASKS = {
     "4x4-icy_floor": "icy_floor",
 }
 every_config = pytest.mark.parametrize("config", TASKS)
-every_split = pytest.mark.parametrize("split", SPLITS)
+every_split = pytest.mark.parametrize("split", BASE_SPLITS)
 
 
 @pytest.fixture(scope="module")
@@ -419,7 +419,7 @@ def test_an_unknown_config_is_told_which_there_are(data_dir, load):
 
 @LOADS
 def test_an_unknown_split_is_told_which_there_are(data_dir, load):
-    there = ", ".join(SPLITS)
+    there = ", ".join(BASE_SPLITS)
     with pytest.raises(DatasetError, match=rf"\Asplit=eval: the dataset has {there}\Z"):
         load(data_dir, "3x3", split="eval")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
 from labyrinth_core.world.solver import shortest_routes
@@ -88,7 +88,7 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
             state = arrays.next_state[state, action]
 
 
-@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize("split", BASE_SPLITS)
 def test_demonstrations_are_counted_step_by_step(datasets, split):
     arrays = load_arrays(datasets, "3x4", split, image_size=8)
     episodes = list(load_episodes(datasets, "3x4", split=split, draw=True))

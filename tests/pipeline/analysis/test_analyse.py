@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis import analyse
@@ -44,8 +44,8 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     content = json.loads((analysed / ANALYSIS).read_bytes())
     assert content["fingerprint"] == Manifest.read(analysed).fingerprint
     leakage, shift = content["leakage"], content["shift"]
-    assert leakage["labyrinths"] == dict.fromkeys(SPLITS, 8)
-    assert leakage["repeated"] == dict.fromkeys(SPLITS, 0)
+    assert leakage["labyrinths"] == dict.fromkeys(BASE_SPLITS, 8)
+    assert leakage["repeated"] == dict.fromkeys(BASE_SPLITS, 0)
     assert leakage["strangers"] == {"random": [], "s0": [], "s0_and_g": []}
     for pair in leakage["pairs"]:
         assert pair["equal"] == pair["mirrored"] == {}

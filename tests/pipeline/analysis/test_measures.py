@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import read_rows
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
@@ -50,7 +50,7 @@ def rows_of(dataset, split):
 
 
 def test_what_a_split_holds_is_what_its_rows_say(dataset, contents):
-    for split in SPLITS:
+    for split in BASE_SPLITS:
         rows, content = rows_of(dataset, split), contents[split]
         assert list(content.labyrinths) == list(dict.fromkeys(labyrinth for labyrinth, *_ in rows))
         for number, labyrinth in enumerate(content.labyrinths):

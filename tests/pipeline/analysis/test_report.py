@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from reporting import METHOD, analyse, evaluate
 
-from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import shortest_route
 from pipeline.analysis.report import stage as report
@@ -57,7 +57,7 @@ def content_of(folder):
 def test_the_counts_are_those_of_the_episodes(small_dataset):
     manifest = Manifest.read(small_dataset.folder)
     counts = count_dataset(small_dataset.folder, manifest)
-    for split in SPLITS:
+    for split in BASE_SPLITS:
         packed = pack(small_dataset.folder, manifest, split, ROOMY)
         told = packed.to_json(counts.splits[split], ROOMY)
         visits, actions, moves = Counter(), Counter(), Counter()
@@ -221,4 +221,4 @@ def test_without_matplotlib_the_page_is_written_and_the_extra_named(
 
 def test_the_splits_are_in_the_order_of_the_table(small_dataset):
     counts = count_dataset(small_dataset.folder, Manifest.read(small_dataset.folder))
-    assert list(counts.splits) == list(SPLITS)
+    assert list(counts.splits) == list(BASE_SPLITS)

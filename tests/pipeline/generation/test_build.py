@@ -19,10 +19,11 @@ from joblib.externals.loky import get_reusable_executor
 from PIL import Image
 from tampering import Rows, episode_starts, fingerprint, read_rows
 
-from labyrinth_core.data.columns import NO_ACTION, SAMPLED_SPLITS, SPLITS, Row, arrow_schema
+from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.data.storage import new_file
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
@@ -48,7 +49,7 @@ def rows_by_split(folder: Path) -> dict[str, Rows]:
     manifest = Manifest.read(folder)
     return {
         split: [row for shard in manifest.of(split) for row in read_rows(folder / shard.path)]
-        for split in SPLITS
+        for split in BASE_SPLITS
     }
 
 
@@ -113,7 +114,7 @@ def test_several_shards_hold_the_rows_that_one_holds(
     first, second = (build(tmp_path / name).folder for name in ("a", "b"))
     assert content_of(first) == content_of(second)
     manifest = Manifest.read(first)
-    for split in SPLITS:
+    for split in BASE_SPLITS:
         assert [(shard.path, shard.labyrinths) for shard in manifest.of(split)] == [
             (f"{split}-00000-of-00003.parquet", 3),
             (f"{split}-00001-of-00003.parquet", 3),
@@ -168,7 +169,7 @@ def test_fingerprints_are_those_of_the_decoded_rows(small_dataset: Run) -> None:
 def test_a_finished_folder_holds_shards_and_a_manifest_and_nothing_else(
     small_dataset: Run,
 ) -> None:
-    shards = {f"{split}-00000-of-00001.parquet" for split in SPLITS}
+    shards = {f"{split}-00000-of-00001.parquet" for split in BASE_SPLITS}
     assert {path.name for path in small_dataset.folder.iterdir()} == shards | {MANIFEST}
     assert {path.name for path in small_dataset.data_dir.iterdir()} == {"3x3", "README.md"}
 
@@ -221,7 +222,7 @@ def test_row_groups_never_divide_an_episode(small_dataset: Run) -> None:
                 assert rows[0]["episode_starts"]
                 assert rows[-1]["actions"] == -1
                 groups += 1
-    assert groups > len(SPLITS)
+    assert groups > len(BASE_SPLITS)
 
 
 def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like_any_other(
@@ -290,7 +291,7 @@ def test_a_file_that_cannot_be_finished_leaves_nothing(tmp_path: Path) -> None:
 def test_load_dataset_reads_the_folder(small_dataset: Run) -> None:
     loaded = load_dataset(str(small_dataset.data_dir), "3x3")
     manifest = Manifest.read(small_dataset.folder)
-    assert list(loaded) == list(SPLITS)
+    assert list(loaded) == list(BASE_SPLITS)
     for split, dataset in loaded.items():
         assert len(dataset) == manifest.of(split)[0].rows
         assert dataset.column_names == ["obs", "actions", "rewards", "episode_starts", "info"]
@@ -659,9 +660,9 @@ def test_the_card_lists_every_finished_config_with_true_counts(
     for config, info in zip(front["configs"], front["dataset_info"], strict=True):
         name = config["config_name"]
         assert config["data_files"] == [
-            {"split": split, "path": f"{name}/{split}-*.parquet"} for split in SPLITS
+            {"split": split, "path": f"{name}/{split}-*.parquet"} for split in BASE_SPLITS
         ]
-        files = {s: tmp_path / name / f"{s}-00000-of-00001.parquet" for s in SPLITS}
+        files = {s: tmp_path / name / f"{s}-00000-of-00001.parquet" for s in BASE_SPLITS}
         assert info["splits"] == [
             {
                 "name": split,

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.tasks import tiles_matter
@@ -22,7 +22,10 @@ from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import sample as sampling
-from pipeline.generation.sample import check_capacity, labyrinth_of, sample, split_of
+from pipeline.generation.buckets import split_of
+from pipeline.generation.randomness import item_rng
+from pipeline.generation.sample import check_capacity, sample
+from pipeline.generation.variants import labyrinth_of
 
 MakeRun = Callable[..., Run]
 Passages = frozenset[frozenset[tuple[int, int]]]
@@ -163,7 +166,7 @@ def test_a_shorter_dataset_is_the_beginning_of_a_longer_one(
         shorter_config = config_of(**options | {"labyrinths": labyrinths, "seed": 4})
         for split, structures in sample(shorter_config).items():
             assert structures == longer[split][:labyrinths]
-        for split in SPLITS:
+        for split in BASE_SPLITS:
             for structure in longer[split if split in SAMPLED_SPLITS else "train"][:labyrinths]:
                 assert labyrinth_of(shorter_config, split, structure) == labyrinth_of(
                     longer_config, split, structure
@@ -319,7 +322,7 @@ TASKS = [str(task) for task in Task]
 
 def labyrinths(config: DatasetConfig) -> Iterator[tuple[str, Labyrinth]]:
     structures = sample(config)
-    for split in SPLITS:
+    for split in BASE_SPLITS:
         for structure in structures[split if split in SAMPLED_SPLITS else "train"]:
             yield split, labyrinth_of(config, split, structure)
 
@@ -411,8 +414,8 @@ def test_no_two_structures_share_their_randomness(
     config = config_of(size="4", labyrinths=20)
     structures = sample(config)["train"]
     draws = [
-        sampling.item_rng(config, split, structure).integers(2**62)
-        for split in SPLITS
+        item_rng(config, split, structure).integers(2**62)
+        for split in BASE_SPLITS
         for structure in structures
     ]
     assert len(set(draws)) == len(draws)

@@ -23,9 +23,10 @@ from making import make_both
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
 
-from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
@@ -78,7 +79,7 @@ def test_the_numbers_of_rows_are_those_of_the_shards(carded):
     total = 0
     for name, row in by_config.items():
         counts = {}
-        for split in SPLITS:
+        for split in BASE_SPLITS:
             paths = (carded / name).glob(f"{split}-*.parquet")
             counts[split] = sum(pq.read_metadata(path).num_rows for path in paths)
             assert row[split] == f"{counts[split]:,}"
@@ -159,9 +160,9 @@ def test_the_size_categories_are_the_hubs():
 def test_load_dataset_reads_both_configs_from_the_folder(carded, tmp_path):
     for name in (DEFAULT, OTHER):
         loaded = datasets.load_dataset(str(carded), name, cache_dir=str(tmp_path))
-        assert list(loaded) == list(SPLITS)
+        assert list(loaded) == list(BASE_SPLITS)
         manifest = Manifest.read(carded / name)
-        for split in SPLITS:
+        for split in BASE_SPLITS:
             assert len(loaded[split]) == sum(shard.rows for shard in manifest.of(split))
         assert loaded["test"].features["actions"].names == ["up", "right", "down", "left"]
     default = datasets.load_dataset(str(carded), split="test", cache_dir=str(tmp_path))

@@ -28,7 +28,7 @@ from publishing import (
     published,
 )
 
-from labyrinth_core.data.columns import SPLITS
+from labyrinth_core.data.splits import BASE_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, RunConfig, resolve
 from pipeline.release.remote import reasons
@@ -139,7 +139,7 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
     results = loaded(local_hub, "1.0.0", tmp_path / "copy")
     configs = ["3x3", "4x4", "5x5"]
     assert list(results) == [
-        name for config in configs for name in [*(f"{config} {s}" for s in SPLITS), config]
+        name for config in configs for name in [*(f"{config} {s}" for s in BASE_SPLITS), config]
     ]
     assert all(all(values[1:]) for values in results.values()), results
 

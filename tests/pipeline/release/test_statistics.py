@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
@@ -46,7 +46,7 @@ def episodes(folder, split):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize("split", BASE_SPLITS)
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
     folder = carded / name
@@ -87,12 +87,12 @@ def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
 
 def test_the_demonstrations_of_shortest_routes_are_optimal_and_the_random_policy_is_not(carded):
     counted = measured(carded / DEFAULT).splits
-    assert {counted[split].optimal_share for split in SPLITS if split != "random"} == {1.0}
+    assert {counted[split].optimal_share for split in BASE_SPLITS if split != "random"} == {1.0}
     assert counted["random"].optimal_share < 0.6
 
 
 def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded):
-    for split in SPLITS:
+    for split in BASE_SPLITS:
         first = dict.fromkeys(labyrinths(carded / OTHER, split))
         for labyrinth, episode, of in reversed(episodes(carded / OTHER, split)):
             first[of[0]["info"]] = (labyrinth, tuple(episode.actions.tolist()))
@@ -148,7 +148,7 @@ def test_a_structure_that_comes_twice_in_a_split_is_found(folder):
     texts = labyrinths(folder / DEFAULT, "test")
     plant(folder / DEFAULT, "test", texts[0], texts[3])
     certificate = measured(folder / DEFAULT).certificate
-    assert certificate.repeated == dict.fromkeys(SPLITS, 0) | {"test": 1}
+    assert certificate.repeated == dict.fromkeys(BASE_SPLITS, 0) | {"test": 1}
     assert list(certificate.problems()) == ["test repeats 1 structures"]
 
 
@@ -215,7 +215,7 @@ def test_counts_are_read_again_as_they_were_written(folder):
         counted.write(folder / name, manifest)
         read = DatasetCounts.read(folder / name, manifest)
         assert read.certificate == counted.certificate
-        assert list(read.splits) == list(SPLITS)
+        assert list(read.splits) == list(BASE_SPLITS)
         for split, counts in counted.splits.items():
             assert read.splits[split].to_json() == counts.to_json()
 
@@ -243,7 +243,7 @@ def test_counts_that_are_there_are_not_counted_again_but_the_files_are_compared(
         lambda content: content | {"format": 0},
         lambda content: content | {"splits": {}},
         lambda content: content | {"certificate": None},
-        lambda content: content | {"splits": {split: {} for split in SPLITS}},
+        lambda content: content | {"splits": {split: {} for split in BASE_SPLITS}},
         lambda content: [content],
     ],
 )

@@ -5,6 +5,9 @@ const SETTINGS = {
   icy_floor: "icy_floor",
   occlusion: "partial_observability",
 };
+const LOOK = "look";
+const LOOKS = ["plain", "recoloured", "thin_walls"];
+const NAMES = [...Object.keys(SETTINGS), LOOK];
 const HEADING = "labyrinth";
 const MAX_TEXT = 32 * 1024 * 1024;
 const WINDOW = 94; // The longest part of a source line that a message shows, in characters.
@@ -241,7 +244,7 @@ function parse(text) {
     }
   }
   try {
-    return build(source, drawing, settings.task);
+    return build(source, drawing, settings);
   } catch (error) {
     if (!(error instanceof LabyrinthError)) throw error;
     const offset = error.cell === null ? settings.offset : drawing.offset(error.cell);
@@ -251,6 +254,7 @@ function parse(text) {
 
 function parseSettings(source) {
   let switchedOn = null;
+  let look = LOOKS[0];
   const seen = new Map();
   for (;;) {
     const [offset, line] = source.nextLine();
@@ -261,20 +265,24 @@ function parseSettings(source) {
     const value = trimBlanks(after);
     const place = offset + before.length - trimStart(before).length;
     if (name === HEADING && colon >= 0 && !value) {
-      return switchedOn ?? { task: "navigation", offset: place };
+      return { ...(switchedOn ?? { task: "navigation", offset: place }), look };
     }
-    if (!Object.hasOwn(SETTINGS, name) || colon < 0) refuseSetting(source, offset, line);
+    if (!NAMES.includes(name) || colon < 0) refuseSetting(source, offset, line);
     if (seen.has(name)) {
       const found = `${name} again, after line ${source.lineNumber(seen.get(name))}`;
       source.fail(place, "a setting is given twice", "each setting at most once", found);
     }
     seen.set(name, place);
-    if (!["true", "false"].includes(value.toLowerCase())) {
+    const allowed = name === LOOK ? LOOKS : ["true", "false"];
+    if (!allowed.includes(value.toLowerCase())) {
       const at = offset + before.length + 1 + after.length - trimStart(after).length;
       const found = value ? quoted(value) : "the end of the line";
-      source.fail(at, `in the value of ${name}`, "True or False", found);
+      const looks = `${LOOKS.slice(0, -1).join(", ")} or ${LOOKS.at(-1)}`;
+      source.fail(at, `in the value of ${name}`, name === LOOK ? looks : "True or False", found);
     }
-    if (value.toLowerCase() === "true") {
+    if (name === LOOK) {
+      look = value.toLowerCase();
+    } else if (value.toLowerCase() === "true") {
       if (switchedOn) {
         const found = `${name}, after line ${source.lineNumber(switchedOn.offset)}`;
         source.fail(place, "two tasks are switched on", "one task at most", found);
@@ -287,7 +295,7 @@ function parseSettings(source) {
 function refuseSetting(source, offset, line) {
   const word = trimBlanks(line).split(" ")[0].split(":")[0];
   let place = offset + line.length - trimStart(line).length;
-  const names = [HEADING, ...Object.keys(SETTINGS)];
+  const names = [HEADING, ...NAMES];
   if (names.includes(word)) {
     const after = trimStart(line.slice(place - offset + word.length));
     if (after.startsWith(":")) {
@@ -302,7 +310,7 @@ function refuseSetting(source, offset, line) {
   }
   const close = closestName([...word].slice(0, 40).join("").toLowerCase(), names);
   const hint = close ? ` (did you mean ${close}?)` : "";
-  const expected = `${Object.keys(SETTINGS).join(", ")} or ${HEADING}${hint}`;
+  const expected = `${NAMES.join(", ")} or ${HEADING}${hint}`;
   source.fail(place, "unknown setting", expected, quoted(word || trimBlanks(line)));
 }
 
@@ -431,10 +439,10 @@ function checkLine(source, offset, line, length, cells) {
   }
 }
 
-function build(source, drawing, task) {
+function build(source, drawing, { task, look }) {
   const { height, width, up, right, tiles } = drawing;
   const labyrinth = {
-    height, width, up, right, task,
+    height, width, up, right, task, look,
     start: only(source, drawing, "S") ?? 0,
     goal: only(source, drawing, "E") ?? height * width - 1,
     key: null, door: null, ice: [],
@@ -458,7 +466,7 @@ function only(source, drawing, tile) {
 
 /** Return the text of a drawing, even of one that breaks a rule. */
 function dump(labyrinth) {
-  const { height, width, up, right, task } = labyrinth;
+  const { height, width, up, right, task, look } = labyrinth;
   const tiles = new Map(labyrinth.ice.map((cell) => [cell, "I"]));
   if (labyrinth.key !== null) tiles.set(labyrinth.key, "K");
   if (labyrinth.door !== null) tiles.set(labyrinth.door, "D");
@@ -481,5 +489,6 @@ function dump(labyrinth) {
   const settings = Object.entries(SETTINGS).map(
     ([name, switchedOn]) => `${name}: ${switchedOn === task ? "True" : "False"}\n`,
   );
+  if ((look ?? LOOKS[0]) !== LOOKS[0]) settings.push(`${LOOK}: ${look}\n`);
   return `${settings.join("")}\n${HEADING}:\n${lines.join("\n")}\n${outerWall}\nend\n`;
 }

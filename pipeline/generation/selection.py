@@ -1,0 +1,181 @@
+"""Structures that are selected for a shift, alike test in all that the shift leaves free.
+
+For each labyrinth of test in turn, the candidate is taken that is nearest to it in the measures
+that are free, out of a pool that is renewed all the time. A candidate is in the bucket of test, so
+nothing is trained on it, in no dataset; and no split has it yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.near_twins import Neighbourhood
+from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
+from labyrinth_core.world.solver import moves_of
+from pipeline.config.errors import ConfigError
+from pipeline.generation.buckets import split_of
+from pipeline.generation.detours import stretched
+from pipeline.generation.extremes import NO_EXTREMES, shift_problem
+from pipeline.generation.key_set import KeySet
+from pipeline.generation.variants import labyrinth_of
+
+
+class Effort(NamedTuple):
+    """How many candidates a choice is made from."""
+
+    pool: int = 96
+    """The number of candidates to choose from."""
+    renewed: int = 6
+    """How many of them are new for each choice."""
+    patience: int = 30_000
+    """The number looked at in vain after which there are taken to be no more."""
+
+
+EFFORTS = {"longer": Effort(pool=8, renewed=1, patience=200)}
+"""Shift -> the effort where it is another, as each candidate takes long to make."""
+
+FREE = {
+    "longer": ("loops", "junctions"),
+    "trees": ("moves", "junctions"),
+    "open": ("moves",),
+    **dict.fromkeys(ALGORITHMS, ("moves", "loops")),
+}
+"""Shift -> the measures of a labyrinth that it leaves free, and that follow those of test."""
+
+_Key = tuple[int, ...]
+
+
+class Selection:
+    """The selection of structures for the shifts of a dataset."""
+
+    def __init__(self, config: DatasetConfig) -> None:
+        self._config = config
+        self._tests: list[Structure] = []
+        self._seen = KeySet()
+        self._near: Neighbourhood | None = None
+        if config.min_walls > 1:
+            size = config.height, config.width
+            self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
+        self._train = NO_EXTREMES
+
+    def notice(self, split: str, structure: Structure) -> None:
+        """Take note of a structure of train, validation or test."""
+        if self._near is not None:
+            self._near.add(structure)
+        if split == "train":
+            labyrinth = labyrinth_of(self._config, split, structure)
+            self._train = self._train.with_labyrinth(labyrinth)
+        elif split == "test":
+            self._seen.add(int(structure.structure_id, 16))
+            self._tests.append(structure)
+
+    def of(self, split: str) -> Iterator[Structure]:
+        """Yield the structures of a shift, one for each labyrinth of test.
+
+        Raises:
+            ConfigError: There are fewer.
+        """
+        size, renewed, patience = EFFORTS.get(split, Effort())
+        candidates = self._candidates(split)
+        pool = list(islice(candidates, size))
+        for number, structure in enumerate(self._tests):
+            target = self._key(split, labyrinth_of(self._config, "test", structure))
+            in_vain = 0
+            while True:
+                pool += islice(candidates, renewed)
+                del pool[:-size]
+                in_vain += renewed
+                if not pool or in_vain > patience:
+                    raise self._not_enough(split, number)
+                nearest = min(
+                    pool, key=lambda of: sum(abs(a - b) for a, b in zip(of[0], target, strict=True))
+                )
+                pool.remove(nearest)
+                if self._is_new(nearest[1]):
+                    break
+            chosen = nearest[1]
+            yield Structure(chosen.height, chosen.width, chosen.up, chosen.right)
+
+    def _in_bucket(self, structure: Structure) -> bool:
+        return split_of(structure, self._config.buckets) == "test"
+
+    def _is_new(self, structure: Structure) -> bool:
+        if not self._in_bucket(structure):
+            return False
+        if self._near is not None and self._near.is_near(structure):
+            return False
+        return self._seen.add(int(structure.structure_id, 16))
+
+    def _key(self, split: str, labyrinth: Labyrinth) -> _Key:
+        structure = labyrinth.structure
+        return tuple(
+            moves_of(labyrinth) if name == "moves" else getattr(structure, name)
+            for name in FREE[split]
+        )
+
+    def _candidates(self, split: str) -> Iterator[tuple[_Key, Structure]]:
+        """Yield structures with the property of a shift, until there seem to be no more."""
+        in_vain, patience = 0, EFFORTS.get(split, Effort()).patience
+        for structure in self._drawn(split):
+            in_vain += 1
+            if in_vain > patience:
+                return
+            try:
+                labyrinth = labyrinth_of(self._config, split, structure)
+            except LabyrinthError:
+                continue
+            if shift_problem(split, labyrinth, self._train) is None:
+                in_vain = 0
+                yield self._key(split, labyrinth), structure
+
+    def _drawn(self, split: str) -> Iterator[Structure]:
+        """Yield random structures, most of them with the property of a shift."""
+        config = self._config
+        key = (list(SPLITS).index(split),)
+        rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
+        sampler, open_walls = config.sampler, config.open_walls
+        if split == "trees":
+            open_walls = 0.0
+        elif split == "open":
+            open_walls = self._many_open_walls()
+        elif split in ALGORITHMS:
+            sampler = split
+        drawn = sample_structures(
+            config.height, config.width, rng, algorithm=sampler, open_walls=open_walls
+        )
+        if split != "longer":
+            return drawn
+
+        def moves(structure: Structure) -> int:
+            try:
+                return moves_of(labyrinth_of(config, split, structure))
+            except LabyrinthError:
+                return -1
+
+        return stretched(drawn, moves, self._in_bucket, self._train.moves, rng)
+
+    def _many_open_walls(self) -> float:
+        """Return the probability of opening walls that gives about twice train's most loops.
+
+        Where there are not so many walls, it gives the mean of train's most and of all.
+        """
+        height, width = self._config.height, self._config.width
+        edges = vertical_edges(height, width) | horizontal_edges(height, width) << height * width
+        walls = edges.bit_count() - height * width + 1
+        return min(2 * self._train.loops + 1, (self._train.loops + walls) / 2) / walls
+
+    def _not_enough(self, split: str, found: int) -> ConfigError:
+        config = self._config
+        return ConfigError(
+            f"shifts: of {split} at {config.name} {found} of labyrinths={config.labyrinths} were "
+            f"found, and no other after a long search; ask for fewer labyrinths, or leave {split} "
+            "out"
+        )

@@ -1,0 +1,70 @@
+"""The labyrinth that a structure becomes in each split."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.tasks import (
+    change_goal,
+    change_start,
+    change_start_and_goal,
+    default_start_and_goal,
+    place,
+)
+from pipeline.generation.one_wall import twin
+from pipeline.generation.randomness import item_rng
+
+TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
+
+
+def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    """Return the labyrinth that a structure becomes in a split.
+
+    Args:
+        config: The configuration of the dataset.
+        split: One of its splits.
+        structure: A structure of that split; of its parent, if it has one.
+
+    Raises:
+        LabyrinthError: The structure has no such labyrinth: it cannot hold the task, or no other
+            goal can, or no wall can be changed.
+    """
+    kind = SPLITS[split]
+    if kind.parent is None:
+        return _first_labyrinth(config, split, structure)
+    parent = _first_labyrinth(config, kind.parent, structure)
+    if kind.new_structure:
+        return twin(config, parent)
+    if kind.new_start and kind.new_goal:
+        return change_start_and_goal(parent, item_rng(config, split, structure))
+    if kind.new_start:
+        return change_start(parent, item_rng(config, split, structure))
+    if kind.new_goal:
+        return change_goal(parent, item_rng(config, split, structure))
+    return parent if kind.look is parent.look else replace(parent, look=kind.look)
+
+
+def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    start, goal = default_start_and_goal(config.height, config.width)
+    if config.task in TASKS_WITHOUT_TILES:  # Nothing is random about it.
+        return Labyrinth(structure, start, goal, config.task)
+    return place(structure, start, goal, config.task, item_rng(config, split, structure))
+
+
+def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
+    """Return whether a structure can hold the task, also with another start and goal.
+
+    Train, validation and test have the same requirement, so that they have the same distribution.
+    """
+    if config.task in TASKS_WITHOUT_TILES:
+        return True
+    try:
+        labyrinth = _first_labyrinth(config, split, structure)
+        change_start(labyrinth, item_rng(config, "s0", structure))
+        change_start_and_goal(labyrinth, item_rng(config, "s0_and_g", structure))
+    except LabyrinthError:
+        return False
+    return True

@@ -1,0 +1,442 @@
+"""Each shift changes what its name says and nothing else, recomputed from the texts alone."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from statistics import mean
+
+import numpy as np
+import pytest
+from read_from_text import Drawn, Shown, shown
+from tampering import episode_rows, read_rows, rows_of
+
+from labyrinth_core import load_transitions
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS, is_selected
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
+from labyrinth_core.world.solver import shortest_routes
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import validate as validation
+from pipeline.generation.detours import stretched
+from pipeline.generation.one_wall import toggled
+from pipeline.generation.sample import sample
+from pipeline.generation.variants import labyrinth_of
+
+Build = Callable[..., Run]
+
+OPTIONS = {"size": "5", "labyrinths": 20, "random_steps": 20}
+WITHOUT_LONGER = tuple(name for name in SHIFTS if name not in ("longer", "wilson", "trees"))
+"""The search for `longer` takes long on tasks with tiles, and ice cannot lie in trees."""
+
+CASES: dict[str, tuple[str, ...]] = {
+    "partial_observability": ("all",),
+    "key_and_door": (*WITHOUT_LONGER, "trees"),
+    "icy_floor": WITHOUT_LONGER,
+}
+
+
+@pytest.fixture(
+    scope="session",
+    params=["navigation", *(pytest.param(t, marks=pytest.mark.slow) for t in CASES)],
+)
+def shifted(
+    request: pytest.FixtureRequest, build: Build, tmp_path_factory: pytest.TempPathFactory
+) -> Run:
+    if request.param == "navigation":
+        return request.getfixturevalue("plain")
+    folder = tmp_path_factory.mktemp(f"shifted-{request.param}")
+    return build(folder, **OPTIONS, task=request.param, shifts=CASES[request.param])
+
+
+@pytest.fixture(scope="session")
+def plain(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A dataset of navigation with all shifts."""
+    return build(tmp_path_factory.mktemp("plain"), **OPTIONS, shifts=("all",))
+
+
+@pytest.fixture
+def folder(plain: Run, tmp_path: Path) -> Path:
+    """A copy of it, to be tampered with."""
+    return Path(shutil.copytree(plain.folder, tmp_path / plain.folder.name))
+
+
+def problems(folder: Path) -> list[str]:
+    return validation.validate(folder, Manifest.read(folder))
+
+
+def with_parents(folder: Path, split: str) -> Iterator[tuple[Shown, Shown]]:
+    parent = SPLITS[split].parent
+    assert parent is not None
+    parents = {each.number: each for each in shown(folder, parent)}
+    children = shown(folder, split)
+    assert children
+    assert [each.number for each in children] == sorted({each.number for each in children})
+    for child in children:
+        yield child, parents[child.number]
+
+
+def structures(folder: Path, *splits: str) -> list[tuple[int, int, frozenset[frozenset[object]]]]:
+    """Return the structures of splits, each followed by its mirror image."""
+    found = []
+    for split in splits:
+        images = [(of.labyrinth, of.labyrinth.mirrored) for of in shown(folder, split)]
+        found += [(image.height, image.width, image.passages) for pair in images for image in pair]
+    return found
+
+
+# The relations, from the texts alone.
+
+
+def test_the_splits_of_every_dataset_stay_as_they_are(
+    build: Build, shifted: Run, tmp_path: Path
+) -> None:
+    without = build(tmp_path, **OPTIONS, task=shifted.options.task)
+    expected = Manifest.read(without.folder)
+    assert expected.config.splits == BASE_SPLITS
+    found = Manifest.read(shifted.folder)
+    assert found.shards[: len(expected.shards)] == expected.shards
+    assert {shard.split for shard in found.shards} == set(found.config.splits)
+
+
+def test_what_was_built_is_valid(shifted: Run) -> None:
+    assert problems(shifted.folder) == []
+
+
+@pytest.mark.parametrize("split", [s for s in SHIFTS if SPLITS[s].new_start or SPLITS[s].new_goal])
+def test_start_and_goal_are_changed_as_the_split_says(shifted: Run, split: str) -> None:
+    for child, parent in with_parents(shifted.folder, split):
+        mine, its = child.labyrinth, parent.labyrinth
+        assert mine.passages == its.passages
+        assert (mine.start != its.start, mine.goal != its.goal) == (
+            SPLITS[split].new_start,
+            SPLITS[split].new_goal,
+        )
+        apart = sum(abs(a - b) for a, b in zip(mine.start, mine.goal, strict=True))
+        assert apart >= 5
+        assert len(child.actions) == mine.moves()
+
+
+def test_one_wall_blocks_the_demonstrated_route_or_opens_a_shorter_one(shifted: Run) -> None:
+    learnt = structures(shifted.folder, "train", "validation")
+    for child, parent in with_parents(shifted.folder, "one_wall"):
+        mine, its = child.labyrinth, parent.labyrinth
+        assert len(mine.passages ^ its.passages) == 1
+        assert (mine.tiles, mine.task, mine.look) == (its.tiles, its.task, its.look)
+        assert mine.is_connected()
+        arrives = mine.walk(parent.actions) == mine.goal
+        assert not arrives or mine.moves() < len(parent.actions)
+        assert (mine.height, mine.width, mine.passages) not in learnt
+
+
+def test_shifts_without_a_parent_have_structures_of_their_own(shifted: Run) -> None:
+    selected = [split for split in shifted.dataset.shifts if is_selected(split)]
+    found = structures(shifted.folder, "train", "validation", "test", *selected)
+    # A structure that is its own mirror image comes twice in a row, and is one all the same.
+    assert len(set(found[::2])) == len(found) // 2
+    for first, second in zip(found[::2], found[1::2], strict=True):
+        assert second == first or second not in found[::2]
+    for split in selected:
+        assert len(shown(shifted.folder, split)) == OPTIONS["labyrinths"]
+
+
+def test_selected_labyrinths_have_the_property_of_their_shift(shifted: Run) -> None:
+    def of(split: str) -> list[Drawn]:
+        return [each.labyrinth for each in shown(shifted.folder, split)]
+
+    train = of("train")
+    for labyrinth in of("longer") if "longer" in shifted.dataset.shifts else ():
+        assert labyrinth.moves() > max(each.moves() for each in train)
+    for labyrinth in of("trees") if "trees" in shifted.dataset.shifts else ():
+        assert labyrinth.loops == 0
+    for labyrinth in of("open"):
+        assert labyrinth.loops > max(each.loops for each in train)
+
+
+@pytest.mark.parametrize("split", ["recoloured", "thin_walls"])
+def test_a_look_changes_pixels_alone(shifted: Run, split: str) -> None:
+    pairs = list(with_parents(shifted.folder, split))
+    assert len(pairs) == OPTIONS["labyrinths"]
+    for child, parent in pairs:
+        assert child.labyrinth.look == split
+        assert child.text.replace(f"look: {split}\n", "") == parent.text
+        assert child.actions == parent.actions
+        assert all(a != b for a, b in zip(child.pictures, parent.pictures, strict=True))
+
+
+@pytest.mark.parametrize("split", ["trees", "depth_first", "kruskal", "prim"])
+def test_what_a_shift_leaves_free_follows_test(plain: Run, split: str) -> None:
+    def of(split: str) -> list[Drawn]:
+        return [each.labyrinth for each in shown(plain.folder, split)]
+
+    pairs = list(zip(of(split), of("test"), strict=True))
+    assert mean(mine.moves() == its.moves() for mine, its in pairs) >= 0.9
+    if split != "trees":
+        assert mean(mine.loops == its.loops for mine, its in pairs) >= 0.8
+
+
+# Bytes, workers, several shards.
+
+
+def test_workers_make_no_difference(build: Build, plain: Run, tmp_path: Path) -> None:
+    with_two = build(tmp_path, **OPTIONS, shifts=("all",), workers=2)
+    assert Manifest.read(with_two.folder) == Manifest.read(plain.folder)
+
+
+def test_several_shards_are_numbered_like_their_parents(
+    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 200)
+    shifts = ("g", "one_wall", "recoloured")
+    run = build(tmp_path, **OPTIONS, shifts=shifts)
+    assert len(Manifest.read(run.folder).of("one_wall")) == 3
+    assert problems(run.folder) == []
+    list(with_parents(run.folder, "one_wall"))
+
+
+# Validation finds what is wrong.
+
+
+def replaced(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]) -> list[str]:
+    """Return what validation says after the first labyrinth of a split was changed."""
+    file = f"{split}-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        first = [row for row in rows if row["info"] == rows[0]["info"]]
+        number = int(first[0]["obs"]["path"].split("-")[1])
+        labyrinth = change(parse(first[0]["info"]))
+        route = shortest_routes(labyrinth)[0]
+        rows[: len(first)] = episode_rows(split, number, labyrinth, route)
+    return problems(folder)
+
+
+def says(found: list[str], split: str, words: str, field: str = "info") -> bool:
+    start = f"{split}-00000-of-00001.parquet row 0 {field}: "
+    return any(problem.startswith(start) and words in problem for problem in found)
+
+
+def changed_once_more(labyrinth: Labyrinth) -> Labyrinth:
+    """Return the labyrinth with another wall opened."""
+    structure = labyrinth.structure
+    for cell in range(structure.cells - structure.width):
+        if cell + structure.width not in structure.moves[cell]:
+            opened = toggled(structure, cell, cell + structure.width)
+            return replace(labyrinth, structure=opened)
+    raise AssertionError("all are open")
+
+
+def test_a_second_wall_is_found(folder: Path) -> None:
+    found = replaced(folder, "one_wall", changed_once_more)
+    assert says(found, "one_wall", "2 walls differ from its parent, not one")
+
+
+def test_a_wall_that_leaves_the_route_as_good_is_found(folder: Path) -> None:
+    """The parent has one wall changed that is nowhere near its only shortest route."""
+    parents = {each.number: each for each in shown(folder, "train")}
+    number = shown(folder, "one_wall")[0].number
+    parent = parse(parents[number].text)
+
+    def harmless(_: Labyrinth) -> Labyrinth:
+        structure = parent.structure
+        for cell in range(structure.cells - structure.width):
+            other = toggled(structure, cell, cell + structure.width)
+            twin = replace(parent, structure=other) if other.is_connected else parent
+            if twin != parent and parents[number].actions in shortest_routes(twin):
+                return twin
+        raise AssertionError("every wall matters")
+
+    found = replaced(folder, "one_wall", harmless)
+    assert says(found, "one_wall", "as short as any")
+
+
+def test_another_goal_where_only_the_walls_may_change_is_found(folder: Path) -> None:
+    def moved(labyrinth: Labyrinth) -> Labyrinth:
+        return replace(labyrinth, goal=labyrinth.goal - 1)
+
+    assert says(replaced(folder, "one_wall", moved), "one_wall", "its goal is not that")
+
+
+@pytest.mark.parametrize("split", ["g", "test_s0", "test_g", "test_s0_and_g"])
+def test_a_structure_that_is_not_the_parents_is_found(folder: Path, split: str) -> None:
+    found = replaced(folder, split, changed_once_more)
+    assert says(found, split, f"its structure is not that of its parent in {SPLITS[split].parent}")
+
+
+@pytest.mark.parametrize("split", ["g", "test_s0", "test_g", "test_s0_and_g"])
+def test_ends_that_have_not_moved_are_found(folder: Path, split: str) -> None:
+    def back(labyrinth: Labyrinth) -> Labyrinth:
+        return replace(labyrinth, start=0, goal=24)
+
+    found = replaced(folder, split, back)
+    assert says(found, split, "start and goal are not changed as the split says")
+
+
+def test_a_route_that_is_not_longer_is_found(folder: Path, plain: Run) -> None:
+    short = parse(shown(plain.folder, "test")[0].text)
+    found = replaced(folder, "longer", lambda _: short)
+    assert says(found, "longer", "and train has one of")
+
+
+def test_a_tree_with_a_loop_is_found(folder: Path) -> None:
+    assert says(replaced(folder, "trees", changed_once_more), "trees", "it has 1 loops")
+
+
+def test_too_few_loops_are_found(folder: Path, plain: Run) -> None:
+    shut = parse(shown(plain.folder, "test")[0].text)
+    assert says(replaced(folder, "open", lambda _: shut), "open", "and train has a labyrinth with")
+
+
+@pytest.mark.parametrize("split", ["longer", "trees", "open", "depth_first", "kruskal", "prim"])
+def test_a_structure_of_train_is_found(folder: Path, plain: Run, split: str) -> None:
+    seen = parse(shown(plain.folder, "train")[0].text)
+    assert says(replaced(folder, split, lambda _: seen), split, "the structure belongs to train")
+
+
+@pytest.mark.parametrize("split", ["recoloured", "thin_walls"])
+def test_a_labyrinth_that_looks_as_ever_is_found(folder: Path, split: str) -> None:
+    found = replaced(folder, split, lambda labyrinth: replace(labyrinth, look=Look.PLAIN))
+    assert says(found, split, f"it is to be drawn plain, not {split}")
+
+
+@pytest.mark.parametrize("split", ["recoloured", "thin_walls"])
+def test_another_labyrinth_in_the_look_is_found(folder: Path, split: str) -> None:
+    found = replaced(folder, split, changed_once_more)
+    assert says(found, split, "its structure is not that of its parent in test")
+
+
+def test_another_route_in_the_look_is_found(build: Build, tmp_path: Path) -> None:
+    """A labyrinth with all walls open has many shortest routes."""
+    run = build(tmp_path, size="4", labyrinths=4, open_walls=0.6, shifts=("recoloured",))
+    file = "recoloured-00000-of-00001.parquet"
+    with rows_of(run.folder, file) as rows:
+        first = [row for row in rows if row["info"] == rows[0]["info"]]
+        labyrinth = parse(first[0]["info"])
+        taken = [row["actions"] for row in first[:-1]]
+        other = next(route for route in shortest_routes(labyrinth) if route != taken)
+        rows[: len(first)] = episode_rows("recoloured", 0, labyrinth, other)
+    assert says(problems(run.folder), "recoloured", "the routes are not its parent's", "actions")
+
+
+def test_pictures_in_the_usual_colours_are_found(folder: Path) -> None:
+    with rows_of(folder, "recoloured-00000-of-00001.parquet") as rows:
+        usual = read_rows(folder / "test-00000-of-00001.parquet")
+        rows[0]["obs"]["bytes"] = usual[0]["obs"]["bytes"]
+    assert says(problems(folder), "recoloured", "not the picture of the state", "obs")
+
+
+@pytest.mark.parametrize("split", ["g", "one_wall", "thin_walls"])
+def test_a_labyrinth_that_is_left_out_without_a_reason_is_found(folder: Path, split: str) -> None:
+    file = f"{split}-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        number = int(rows[0]["obs"]["path"].split("-")[1])
+        rows[:] = [row for row in rows if row["info"] != rows[0]["info"]]
+    parent = f"{SPLITS[split].parent}-00000-of-00001.parquet"
+    expected = f"{file}: what labyrinth {number} of {parent} becomes is missing"
+    assert expected in problems(folder)
+
+
+def test_a_parent_that_cannot_be_read_is_named(folder: Path) -> None:
+    (folder / "train-00000-of-00001.parquet").write_bytes(b"gone")
+    found = problems(folder)
+    start = "one_wall-00000-of-00001.parquet cannot be compared with train-00000-of-00001.parquet"
+    assert any(problem.startswith(start) for problem in found)
+
+
+# What is loaded, and what is refused.
+
+
+def test_every_shift_is_loaded_by_the_loader_and_by_datasets(plain: Run) -> None:
+    from datasets import load_dataset
+
+    dataset = load_dataset(str(plain.data_dir), "5x5")
+    assert list(dataset) == [*plain.dataset.splits]
+    for split in plain.dataset.shifts:
+        options = {"split": split, "cache_dir": False}
+        decoded = load_transitions(plain.data_dir, "5x5", **options)
+        drawn = load_transitions(plain.data_dir, "5x5", **options, draw=True)
+        assert np.array_equal(decoded.frames, drawn.frames)
+        assert len(decoded) + len(shown(plain.folder, split)) == dataset[split].num_rows
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"shifts": ("nonsense",)}, "shifts=[nonsense]: choose from [all, g, "),
+        ({"shifts": ("all", "g")}, "shifts=[all, g]: choose from [all, g, "),
+        ({"shifts": ("kruskal",), "sampler": "kruskal"}, "there is no kruskal: train is sampled"),
+        ({"shifts": ("trees",), "task": "icy_floor"}, "there is no trees: ice only matters"),
+        ({"shifts": ("trees",), "open_walls": 0.0}, "train has no loops already"),
+        ({"shifts": ("open",), "open_walls": 1.0}, "train has all loops already"),
+        ({"shifts": ("one_wall",), "min_walls": 2}, "splits.min_walls=2 keeps structures"),
+        ({"shifts": ("thin_walls",), "size": "200"}, "walls are one pixel thick already"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else None,
+)
+def test_a_shift_that_makes_no_sense_is_refused(
+    make_run: Callable[..., Run], tmp_path: Path, options: dict[str, object], words: str
+) -> None:
+    from pipeline.config.dataset import SplitsConfig
+
+    given = dict(options)
+    if "min_walls" in given:
+        given["splits"] = SplitsConfig(min_walls=int(str(given.pop("min_walls"))))
+    with pytest.raises(ConfigError) as caught:
+        make_run(tmp_path, **{"size": "5"} | given)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_all_leaves_out_what_makes_no_sense(make_run: Callable[..., Run], tmp_path: Path) -> None:
+    options = {"size": "5", "shifts": ("all",)}
+    shifts = make_run(tmp_path, **options, sampler="prim", task="icy_floor").dataset.shifts
+    assert set(SHIFTS) - set(shifts) == {"prim", "trees"}
+
+
+@pytest.mark.parametrize("labyrinths", [32, 3])
+def test_a_shift_that_cannot_be_found_leaves_nothing(tmp_path: Path, labyrinths: int) -> None:
+    """At 3x3 no route is longer than the longest of 32, and none of the first three has a twin."""
+    shift = "longer" if labyrinths == 32 else "one_wall"
+    arguments = ["size=3", f"labyrinths={labyrinths}", f"shifts={shift}"]
+    arguments += ["stages=build", f"data_dir={tmp_path}/d"]
+    done = subprocess.run(
+        [sys.executable, "run.py", *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    (line,) = [line for line in done.stderr.splitlines() if line.strip()]
+    assert f"of {shift}" in line or f"no {shift}" in line
+    assert "leave" in line
+    assert not any((tmp_path / "d").glob("3x3"))
+
+
+def test_structures_are_stretched_with_as_many_loops_as_before() -> None:
+    grid = Structure.from_passages(
+        4,
+        4,
+        [(c, c + 4) for c in range(12)] + [(r * 4, r * 4 + 1) for r in range(4)] + [(1, 2), (2, 3)],
+    )
+    assert grid.is_connected
+
+    def moves(structure: Structure) -> int:
+        return structure.distances(0)[15]
+
+    rng = np.random.default_rng(0)
+    (longer,) = stretched(iter([grid]), moves, lambda _: True, 9, rng)
+    assert moves(longer) > 9
+    assert longer.is_connected
+    assert longer.loops == grid.loops
+
+
+def test_sampling_gives_the_structures_of_each_shift(make_run: Callable[..., Run]) -> None:
+    config = make_run(Path("unused"), size="5", labyrinths=5, shifts=("trees", "open", "g")).dataset
+    found = sample(config)
+    assert {split: len(of) for split, of in found.items()} == dict.fromkeys(
+        ("train", "validation", "test", "trees", "open"), 5
+    )
+    twin_text = dump(labyrinth_of(config, "g", found["train"][0]))
+    assert parse(twin_text).structure == found["train"][0]
