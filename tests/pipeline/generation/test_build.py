@@ -618,14 +618,20 @@ def test_overwrite_replaces_a_dataset_once_the_new_one_is_finished(
     assert {path.name for path in tmp_path.iterdir()} == {"3x3", "README.md"}
 
 
-def test_files_that_are_no_dataset_stop_the_build_unless_they_may_be_replaced(
-    build: Build, tmp_path: Path, small_dataset: Run
-) -> None:
+def test_files_that_are_no_dataset_stop_the_build(build: Build, tmp_path: Path) -> None:
     (tmp_path / "3x3").mkdir()
     (tmp_path / "3x3" / "thesis.txt").write_text("years of work")
     with pytest.raises(DatasetError, match="holds files but no finished dataset"):
         build(tmp_path)
     assert (tmp_path / "3x3" / "thesis.txt").read_text() == "years of work"
+
+
+def test_what_is_left_of_a_dataset_may_be_replaced(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    (build(tmp_path, labyrinths=1).folder / MANIFEST).unlink()
+    with pytest.raises(DatasetError, match="holds files but no finished dataset"):
+        build(tmp_path)
     assert content_of(build(tmp_path, overwrite=True).folder) == content_of(small_dataset.folder)
 
 

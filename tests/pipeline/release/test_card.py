@@ -354,7 +354,7 @@ def test_a_dataset_with_a_leak_gets_no_card(folder):
 
 def test_a_damaged_dataset_gets_no_card(folder):
     next((folder / OTHER).glob("test-*.parquet")).write_bytes(b"damaged")
-    refused(folder, "is damaged: its sha256 is not the manifest's")
+    refused(folder, "is damaged: its sha256 is not the manifest's; delete it, and build")
 
 
 def test_a_folder_without_a_dataset_gets_no_card(tmp_path):
