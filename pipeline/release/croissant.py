@@ -13,6 +13,7 @@ from importlib.resources import files
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS, SPLITS
+from pipeline.machinery import front_matter
 from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
@@ -129,7 +130,9 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 "description": f"The Parquet files of {dataset.name}.",
                 "containedIn": {"@id": REPOSITORY},
                 "encodingFormat": "application/x-parquet",
-                "includes": [f"{dataset.name}/{split}-*-of-*.parquet" for split in SPLITS],
+                "includes": [
+                    front_matter.shard_pattern(dataset.manifest, split) for split in SPLITS
+                ],
             }
         )
         parts += [

@@ -665,7 +665,7 @@ def test_the_card_lists_every_finished_config_with_true_counts(
     for config, info in zip(front["configs"], front["dataset_info"], strict=True):
         name = config["config_name"]
         assert config["data_files"] == [
-            {"split": split, "path": f"{name}/{split}-*.parquet"} for split in SPLITS
+            {"split": split, "path": f"{name}/{split}-*-of-00001.parquet"} for split in SPLITS
         ]
         files = {s: tmp_path / name / f"{s}-00000-of-00001.parquet" for s in SPLITS}
         assert info["splits"] == [
