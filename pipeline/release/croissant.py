@@ -19,6 +19,7 @@ from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
     DATE,
+    LICENCE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_URL,
@@ -58,7 +59,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             "http://mlcommons.org/croissant/RAI/1.0",
         ],
         "url": release.url,
-        "license": LICENCE_URL,
+        "license": LICENCE_URL if release.licence == LICENCE else release.licence,
         "version": release.version or "0.0.0-unreleased",
         "datePublished": DATE,
         "citeAs": paper_bibtex(),
