@@ -109,8 +109,9 @@ def _write(folder: Path, html: str, figures: Mapping[str, bytes] | None) -> None
             f"{folder / PAGE} was made or changed by somebody else: move it away, or choose "
             "another data_dir"
         )
-    left = {name for name, _ in own.hashes}
-    gone = [] if figures is None else left - set(files)
+    # A list may name anything, and nothing but figures is ever removed.
+    left = {name for name, _ in own.hashes if is_figure(name)}
+    gone = set() if figures is None else left - set(files)
     (folder / FIGURES_FOLDER if figures else folder).mkdir(parents=True, exist_ok=True)
     now = own.replace({name: files[name] for name in files if name not in others}, gone)
     write_list(folder, now.hashes)

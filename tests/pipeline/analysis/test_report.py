@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
@@ -259,6 +260,17 @@ def test_figures_take_the_place_of_ours_and_of_no_others(data_dir, tmp_path, mon
         "3x3-loops.png": b"2",
     }
     assert "changed them: figures/3x3-moves.png." in capsys.readouterr().out
+
+
+def test_a_list_that_names_other_files_removes_none_of_them(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+    page = write_report(data_dir, tmp_path / "runs")
+    (tmp_path / "thesis.txt").write_bytes(b"mine")
+    digest = hashlib.sha256(b"mine").hexdigest()
+    with page.with_name(HASHES).open("a") as listed:
+        listed.write(f"{digest}  ../../thesis.txt\n")
+    write_report(data_dir, tmp_path / "runs")
+    assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
 
 
 def test_the_report_of_an_earlier_version_is_written_anew(data_dir, tmp_path, monkeypatch):
