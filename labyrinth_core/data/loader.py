@@ -150,16 +150,17 @@ def stream_episodes(
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
+    From a folder nothing is downloaded, and they are those of `load_episodes`, made ahead.
     A thread downloads and decodes a few episodes ahead; it ends after the last episode, or when
     the generator is closed. Arguments and errors are those of `load_episodes`. Only the columns
     that are needed are downloaded.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
     folder = local_folder(source, config, revision)
-    if folder is not None:
-        Manifest.read(folder).of(split)  # Raises if there is no such split.
-    source = str(source if folder is None else folder.parent)
-    rows = stream_rows(source, config, split, revision, pictures=spec.decodes)
+    if folder is None:
+        rows = stream_rows(str(source), config, split, revision, pictures=spec.decodes)
+    else:
+        rows = read_rows(folder, Manifest.read(folder).of(split), pictures=spec.decodes)
     return prefetched(episodes_of(rows, spec), ahead=2)
 
 

@@ -87,11 +87,19 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
     for shard in shards:
         path = folder / shard.path
         with _readable(path), local_copy(path) as local:
-            if file_sha256(local) != shard.sha256:
-                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+            check_file(local, shard, path)
             with open_shard(local) as file:
                 for group in range(file.num_row_groups):
                     yield from _rows(file.read_row_group(group, columns=columns), pictures=pictures)
+
+
+def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
+    """Raise DatasetError if a file is not the shard whose path it has, or is a copy of."""
+    if file_sha256(file) != shard.sha256:
+        raise DatasetError(
+            f"{path} is damaged: its sha256 is not the manifest's; "
+            "delete it, and build or download it again"
+        )
 
 
 def stream_rows(

@@ -158,6 +158,15 @@ def file_sha256(path: AnyPath) -> str:
     return digest.hexdigest()
 
 
+def size_and_time(path: AnyPath) -> tuple[int, float]:
+    """Return the bytes of a file, and when it was written, in seconds; both without reading it."""
+    if isinstance(path, Path):
+        status = path.stat()
+        return status.st_size, status.st_mtime
+    size, written = path._ask(lambda store, place: (store.size(place), store.modified(place)))
+    return int(size), written.timestamp()
+
+
 @contextmanager
 def local_copy(path: AnyPath) -> Iterator[Path]:
     """Lend a local file with the content of a path: itself, or a temporary download."""

@@ -31,7 +31,7 @@ from pipeline.generation.variants import labyrinth_of
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
 from pipeline.machinery import front_matter
-from pipeline.machinery.console import console, summary, tracked
+from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.locks import held
 
@@ -56,26 +56,33 @@ class ShardJob:
     path: AnyPath
     sidecar: AnyPath
     """The file that marks the shard as finished, and describes it."""
+    wanted: str | None = None
+    """The SHA-256 that the file must have, if it is known already."""
 
 
 def run(run: Run) -> None:
-    """Build the dataset of a run, unless it is there already.
+    """Build the dataset of a run, or what is damaged or missing of the one that is there already.
 
     Raises:
         ConfigError: There are fewer labyrinths than asked for.
-        DatasetError: The folder holds another dataset, or other files.
+        DatasetError: The folder holds another dataset, or other files, or what is damaged cannot be
+            made again as it was.
         OSError: The folder cannot be written.
     """
-    workplace = Workplace(run.folder)
+    workplace = Workplace.of(run.folder)
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
         manifest = None if run.options.overwrite else _finished(run)
         if manifest is not None:
-            console.print(f"{run.folder} is complete already.", highlight=False, soft_wrap=True)
-            if workplace.is_for(run.dataset) or not workplace.has_begun:
-                workplace.clear()  # A run was killed at the very end.
+            try:
+                _mend(run, workplace, manifest)
+            finally:
+                # Another run, with other options, may have been stopped here.
+                if workplace.is_for(run.dataset) or not workplace.has_begun:
+                    workplace.clear()
         else:
             check_capacity(run.dataset)
+            workplace.refuse_others_files()
             front_matter.read(run.data_dir / "README.md")  # Not somebody else's.
             manifest = _build(run, workplace)
     with held(run.data_dir, "README.md"):
@@ -94,7 +101,7 @@ def _finished(run: Run) -> Manifest | None:
         if not unfinished and folder.exists() and any(folder.iterdir()):
             raise DatasetError(
                 f"{folder} holds files but no finished dataset: move them, choose another "
-                "data_dir, or give overwrite=true to replace them"
+                "data_dir, or give overwrite=true to replace what is left of a dataset"
             )
         return None
     manifest = Manifest.read(folder)
@@ -108,6 +115,33 @@ def _finished(run: Run) -> Manifest | None:
             "choose another data_dir, or give overwrite=true to replace it"
         )
     return manifest
+
+
+def _mend(run: Run, workplace: Workplace, manifest: Manifest) -> None:
+    """Make the damaged and the missing shards of a finished dataset anew, and say which."""
+    wanted = {shard.path: shard.sha256 for shard in workplace.damaged(manifest)}
+    if not wanted:
+        say(f"{run.folder} is complete already.")
+        return
+    workplace.building.mkdir(parents=True, exist_ok=True)
+    jobs = (
+        replace(job, path=workplace.folder / name, wanted=wanted[name])
+        for job in _jobs(run.dataset, workplace)
+        if (name := job.path.name) in wanted
+    )
+    shards = ordered_map(make_shard, jobs, run.options.workers)
+    total = sum(shard.labyrinths for shard in manifest.shards if shard.path in wanted)
+    made = {s.path for s in tracked(((s.labyrinths, s) for s in shards), "build", total=total)}
+    if missing := [name for name in wanted if name not in made]:
+        raise DatasetError(_not_as_it_was(run.folder / missing[0]))
+    say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(wanted)}.")
+
+
+def _not_as_it_was(path: AnyPath) -> str:
+    return (
+        f"{path} cannot be made again as its {MANIFEST} says, which names the versions that it "
+        "was made with: overwrite=true builds the whole dataset anew"
+    )
 
 
 def _build(run: Run, workplace: Workplace) -> Manifest:
@@ -193,6 +227,8 @@ def make_shard(job: ShardJob) -> Shard:
 
     with new_file(job.path, job.sidecar.parent) as path:
         shard = write(path, split, len(job.structures), episodes())
+        if job.wanted not in (None, shard.sha256):
+            raise DatasetError(_not_as_it_was(job.path))
     if not numbers:
         parents = f"{len(job.structures)} labyrinths of {SPLITS[split].parent}"
         raise ConfigError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import sys
 from dataclasses import dataclass
@@ -11,10 +12,20 @@ from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest, current_versions
-from labyrinth_core.data.storage import AnyPath, RemotePath, write_text
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.storage import (
+    AnyPath,
+    RemotePath,
+    file_sha256,
+    size_and_time,
+    write_text,
+)
+from pipeline.machinery.counts import COUNTS
 
 _CONFIG = "config.json"
+_SHARD = re.compile(r"\w+-\d{5,}-of-\d{5,}\.parquet", re.ASCII)
+_UNFINISHED = re.compile(r"\..+\.tmp")
+"""A file that a process was killed over; see `storage.write_bytes`."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +34,12 @@ class Workplace:
 
     folder: AnyPath
     """The folder of the finished dataset."""
+
+    @classmethod
+    def of(cls, folder: AnyPath) -> Workplace:
+        """Return the workplace of a folder, beside the folder itself if a link leads to it."""
+        is_link = isinstance(folder, Path) and folder.is_symlink()
+        return cls(Path(os.path.realpath(str(folder))) if is_link else folder)
 
     @property
     def building(self) -> AnyPath:
@@ -40,7 +57,42 @@ class Workplace:
             replaced = _replaced(self.folder)
             if replaced.exists() and not self.folder.exists():
                 replaced.replace(self.folder)
-            shutil.rmtree(replaced, ignore_errors=True)
+            _remove(replaced)
+
+    def refuse_others_files(self) -> None:
+        """Raise DatasetError if there are files in the folder's place that no dataset has.
+
+        A dataset has its manifest, its shards, and what its analysis leaves.
+        """
+        if not self.folder.exists():
+            return
+        if not self.folder.is_dir():
+            raise DatasetError(f"{self.folder} is a file: move it, or choose another data_dir")
+        names = sorted(path.name for path in self.folder.iterdir())
+        if others := [name for name in names if not _may_be_ours(name)]:
+            more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+            raise DatasetError(
+                f"{self.folder} holds {', '.join(others[:3])}{more}, which would be lost, being no "
+                "part of a dataset: move it elsewhere, or choose another data_dir"
+            )
+
+    def damaged(self, manifest: Manifest) -> list[Shard]:
+        """Return the shards of the finished dataset that are missing, or not what they were.
+
+        A file is hashed if it was written after the manifest, which is the last to be written.
+        """
+        written = size_and_time(self.folder / MANIFEST)[1]
+        return [shard for shard in manifest.shards if not self._is_whole(shard, written)]
+
+    def _is_whole(self, shard: Shard, written: float) -> bool:
+        path = self.folder / shard.path
+        try:
+            size, changed = size_and_time(path)
+            if size != shard.bytes:
+                return False
+            return changed < written or file_sha256(path) == shard.sha256
+        except FileNotFoundError:
+            return False
 
     def prepare(self, config: DatasetConfig) -> None:
         """Make the folders, emptied of what another configuration or version left in them."""
@@ -49,7 +101,8 @@ class Workplace:
         if not self.is_for(config):
             self.clear()
             for path in self.shards.glob("*.parquet"):
-                path.unlink()
+                if _SHARD.fullmatch(path.name):
+                    path.unlink()
             self.building.mkdir(parents=True, exist_ok=True)
             write_text(self.building / _CONFIG, _content(config))
         self.shards.mkdir(parents=True, exist_ok=True)
@@ -84,6 +137,7 @@ class Workplace:
             )
         if not self.is_for(manifest.config):
             raise DatasetError(f"another run has begun another dataset in {self.building}")
+        self.refuse_others_files()  # They may have come meanwhile.
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
             for path in [*self.shards.iterdir(), self.shards]:
@@ -130,14 +184,29 @@ def _wait_for_disk(path: Path) -> None:
         os.close(descriptor)
 
 
+def _may_be_ours(name: str) -> bool:
+    """Return whether a file in the folder of a dataset may be the dataset's, by its name."""
+    if name in (MANIFEST, COUNTS, ANALYSIS):
+        return True
+    return any(form.fullmatch(name) for form in (_SHARD, _UNFINISHED))
+
+
 def _replaced(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.replaced")
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder, or a link, which earlier versions have left in place of one."""
+    if folder.is_symlink():
+        folder.unlink()
+    else:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _move_into_place(shards: Path, folder: Path) -> None:
     replaced = _replaced(folder)
     if folder.exists():
-        shutil.rmtree(replaced, ignore_errors=True)
+        _remove(replaced)
         folder.replace(replaced)
     shards.replace(folder)
-    shutil.rmtree(replaced, ignore_errors=True)
+    _remove(replaced)

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.data.source import check_file
+from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import optimal_actions
@@ -124,7 +125,8 @@ def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted
     if not counts.rows or found != (shard.labyrinths, shard.episodes, shard.rows):
         raise DatasetError(
             f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
-            f"{found[2]} rows, which is not what its manifest says: build again"
+            f"{found[2]} rows, which is not what its manifest says: overwrite=true builds it "
+            "anew"
         )
     return counted
 
@@ -182,8 +184,7 @@ def counts_of(
     for shard in manifest.shards:
         path = folder / shard.path
         try:
-            if file_sha256(path) != shard.sha256:
-                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+            check_file(path, shard, path)
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
         advance(shard.rows)

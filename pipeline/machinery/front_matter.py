@@ -122,8 +122,14 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
 
 def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
     name, splits = manifest.config.name, manifest.config.splits
-    files = [{"split": split, "path": f"{name}/{split}-*.parquet"} for split in splits]
+    files = [{"split": split, "path": shard_pattern(manifest, split)} for split in splits]
     return {"config_name": name, "data_files": files} | ({"default": True} if default else {})
+
+
+def shard_pattern(manifest: Manifest, split: str) -> str:
+    """Return the pattern of the paths of a split's shards, and of no file left of another build."""
+    first = manifest.of(split)[0].path
+    return f"{manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
 
 
 def _info(manifest: Manifest) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from PIL import Image, ImageDraw, ImageFont
 
-from labyrinth_core.data.storage import AnyPath, write_bytes
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
@@ -75,11 +74,11 @@ class Sheet:
         self.box(left - 1, top - 1, left + size + 1, top + tall + 1, LINE)
         self.image.paste(picture.crop((0, above, size, above + tall)), place)
 
-    def save(self, path: AnyPath) -> None:
-        """Write the picture as a PNG file, all or nothing."""
+    def png(self) -> bytes:
+        """Return the picture as a PNG file."""
         file = io.BytesIO()
         self.image.save(file, format="PNG")
-        write_bytes(path, file.getvalue())
+        return file.getvalue()
 
 
 def text_width(text: str, size: int = TEXT) -> float:

@@ -7,27 +7,36 @@ the same data give the same bytes.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
-from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import say
-from pipeline.machinery.counts import COUNTS
 from pipeline.machinery.locks import held
+from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.machinery.statistics import DatasetStatistics, statistics_of
 from pipeline.release import readme
 from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
-from pipeline.release.provenance import ARXIV, Release
-
-HASHES = "SHA256SUMS"
+from pipeline.release.provenance import ARXIV, LICENCE, Release
+from pipeline.release.published import (
+    CHANGELOG,
+    CITATION,
+    CROISSANT,
+    README,
+    changelog_of,
+    own_files,
+    pictures_of,
+    write_hashes,
+)
 
 TASK_CATEGORIES = ["reinforcement-learning"]
 """Tasks of the Hub's list, https://huggingface.co/tasks."""
@@ -50,14 +59,14 @@ def run(run: Run) -> None:
     """Write the card of the data_dir of a run.
 
     Raises:
-        DatasetError: There is no dataset, one is damaged, or the README.md is somebody else's.
+        DatasetError: As for `write_card`.
         OSError: The folder cannot be written.
     """
     datasets = write_card(run.data_dir, workers=run.options.workers)
     rows = sum(dataset.rows for dataset in datasets)
     names = ", ".join(dataset.name for dataset in datasets)
     say(
-        f"{run.data_dir / 'README.md'} describes {names}: {rows:,} rows, no structure in two "
+        f"{run.data_dir / README} describes {names}: {rows:,} rows, no structure in two "
         f"splits; with croissant.json, {HASHES} and {readme.PICTURES}."
     )
 
@@ -82,70 +91,82 @@ def write_card(
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
-            or the README.md is somebody else's.
+            or the README.md or SHA256SUMS is somebody else's.
         OSError: The folder cannot be written.
     """
-    with held(data_dir, "README.md"):
+    with held(data_dir, README):
         return _write_card(data_dir, Release(repo_id, version), workers)
 
 
 def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
-    values, text = front_matter.read(data_dir / "README.md")
+    values, text = front_matter.read(data_dir / README)
+    own, changelog = own_files(data_dir), changelog_of(data_dir)
+    datasets = _without_leaks(data_dir, workers)
+    manifests = [dataset.manifest for dataset in datasets]
+    default = front_matter.default_config(manifests)
+    release = replace(release, licence=_licence(values))
+    text = front_matter.with_generated(text, readme.text(datasets, default, release))
+    files = {
+        **_pictures(datasets, default),
+        CROISSANT: croissant(datasets, release).encode(),
+        CITATION: citation_file(release).encode(),
+    }
+    others = own.others(files)
+    for name in others:
+        del files[name]
+    if changelog is None:
+        others.append(CHANGELOG)
+    else:
+        files[CHANGELOG] = updated(changelog, manifests, release.version).encode()
+    files[README] = _with_front_matter(values, manifests, text).encode()
+    for dataset in datasets:
+        dataset.counts.write(data_dir / dataset.name, dataset.manifest)
+    (data_dir / readme.PICTURES).mkdir(exist_ok=True)
+    write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
+    if others:
+        say(f"Not written, since somebody else made or changed them: {', '.join(others)}.")
+    return datasets
+
+
+def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
+    """Return the statistics of all datasets, of which none has a structure in two splits."""
     datasets = statistics_of(data_dir, "card", workers)
     for dataset in datasets:
         if problems := "; ".join(dataset.counts.certificate.problems()):
             reason = f"{problems}: no card for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
-    manifests = [dataset.manifest for dataset in datasets]
-    default = front_matter.default_config(manifests)
-    text = front_matter.with_generated(text, readme.text(datasets, default, release))
-    texts = {
-        "croissant.json": croissant(datasets, release),
-        "CITATION.cff": citation_file(release),
-        "CHANGELOG.md": updated(_changelog(data_dir / "CHANGELOG.md"), manifests, release.version),
-        "README.md": _with_front_matter(values, manifests, text),
-    }
-    _draw(data_dir, datasets, default)
-    for dataset in datasets:
-        dataset.counts.write(data_dir / dataset.name, dataset.manifest)
-    for name, content in texts.items():
-        write_text(data_dir / name, content)
-    _write_hashes(data_dir, manifests)
     return datasets
 
 
-def _draw(data_dir: AnyPath, datasets: Sequence[DatasetStatistics], default: str) -> None:
-    """Draw all pictures, and remove those of configs that are gone."""
-    folder = data_dir / readme.PICTURES
-    folder.mkdir(exist_ok=True)
+def _licence(values: Mapping[str, Any]) -> str:
+    """Return the licence that the front matter names, or several of them."""
+    licence = values.get("license") or LICENCE
+    return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
+
+
+def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, bytes]:
+    """Return all pictures by their paths."""
     shown = next(dataset for dataset in datasets if dataset.name == default)
-    banner(shown.splits).save(data_dir / readme.BANNER)
-    drawn = set()
+    drawn = {readme.BANNER: banner(shown.splits).png()}
     for dataset in datasets:
         for name, figure in FIGURES.items():
-            path = data_dir / readme.picture_path(dataset.name, name)
-            figure.draw(dataset.splits).save(path)
-            drawn.add(path)
-    ours = re.compile(rf"\d+x\d+(-\w+)?-({'|'.join(FIGURES)})\.png", re.ASCII)
-    for path in folder.iterdir():
-        if path not in drawn and ours.fullmatch(path.name):
-            path.unlink()
+            drawn[readme.picture_path(dataset.name, name)] = figure.draw(dataset.splits).png()
+    return drawn
 
 
-def _changelog(path: AnyPath) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return ""
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{path} is not UTF-8 text: move it away") from error
+def _gone(own: OwnFiles, files: Mapping[str, bytes]) -> list[str]:
+    """Return the pictures that were left of configs that are not there any more."""
+    config = re.compile(rf"{readme.PICTURES}/(\d+x\d+(?:-\w+)?)-\w+\.png", re.ASCII)
+    matches = (config.fullmatch(name) for name, _ in own.hashes)
+    configs = [match[1] for match in matches if match]
+    return [name for name in pictures_of(configs) if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
     """Return the whole README.md; keys that a person added, and added tags, are kept."""
     rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
     own = {
-        "license": "mit",
+        "license": values.get("license") or LICENCE,
         "pretty_name": values.get("pretty_name", "Labyrinth"),
         "task_categories": _joined(TASK_CATEGORIES, values.get("task_categories")),
         "tags": _joined(TAGS, values.get("tags")),
@@ -165,30 +186,3 @@ def size_category(rows: int) -> str:
     """Return the Hub's word for a number of rows (`huggingface_hub.DatasetCardData`)."""
     words = ["n<1K", *(f"{low}<n<{high}" for low, high in pairwise(_BOUNDS)), "n>1T"]
     return words[min(max(len(str(rows)) - 3, 0), len(_BOUNDS))]
-
-
-def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:
-    """Return the paths in a folder of all files of its finished datasets and their card."""
-    names = ["README.md", "CHANGELOG.md", "CITATION.cff", "croissant.json", HASHES]
-    pictures = (data_dir / readme.PICTURES).glob("[!.]*.png")
-    names += [f"{readme.PICTURES}/{path.name}" for path in pictures]
-    for manifest in manifests:
-        files = [MANIFEST, COUNTS, ANALYSIS, *(shard.path for shard in manifest.shards)]
-        names += [f"{manifest.config.name}/{name}" for name in files]
-    return [name for name in names if (data_dir / name).is_file()]
-
-
-def _write_hashes(data_dir: AnyPath, manifests: Sequence[Manifest]) -> None:
-    # Those of the shards have just been checked.
-    known = {
-        f"{manifest.config.name}/{shard.path}": shard.sha256
-        for manifest in manifests
-        for shard in manifest.shards
-    }
-    hashes = {
-        name: known.get(name) or file_sha256(data_dir / name)
-        for name in published_files(data_dir, manifests)
-        if name != HASHES
-    }
-    lines = [f"{digest}  {name}\n" for name, digest in sorted(hashes.items())]
-    write_text(data_dir / HASHES, "".join(lines))

@@ -41,6 +41,11 @@ def updated(text: str, manifests: list[Manifest], version: str | None) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def is_generated(text: str) -> bool:
+    """Return whether a text is such a changelog, whatever a person has added to it."""
+    return any(_GENERATED.fullmatch(line) for line in text.splitlines())
+
+
 def _parse(text: str) -> tuple[str, list[tuple[str, list[str]]]]:
     """Return the text above the first entry, and the heading and lines of each entry."""
     title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)

@@ -8,6 +8,7 @@ import yaml
 
 from labyrinth_core.version import __version__
 from pipeline.release.provenance import (
+    LICENCE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_TITLE,
@@ -48,10 +49,10 @@ def citation_file(release: Release) -> str:
         "title": "Labyrinth",
         "message": "If you use this dataset, please cite the paper that defines the benchmark.",
         "type": "dataset",
-        "license": "MIT",
-        "license-url": LICENCE_URL,
-        "authors": [{"name": _DEVELOPERS}],
     }
+    if release.licence == LICENCE:  # Of another only the Hub's name is known, not that of SPDX.
+        values |= {"license": "MIT", "license-url": LICENCE_URL}
+    values["authors"] = [{"name": _DEVELOPERS}]
     if release.version:
         values["version"] = release.version
     if release.repo_id:

@@ -15,11 +15,13 @@ from typing import Any
 from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
+from pipeline.machinery import front_matter
 from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
     DATE,
+    LICENCE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_URL,
@@ -59,7 +61,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             "http://mlcommons.org/croissant/RAI/1.0",
         ],
         "url": release.url,
-        "license": LICENCE_URL,
+        "license": LICENCE_URL if release.licence == LICENCE else release.licence,
         "version": release.version or "0.0.0-unreleased",
         "datePublished": DATE,
         "citeAs": paper_bibtex(),
@@ -132,7 +134,7 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 "containedIn": {"@id": REPOSITORY},
                 "encodingFormat": "application/x-parquet",
                 "includes": [
-                    f"{dataset.name}/{split}-*-of-*.parquet"
+                    front_matter.shard_pattern(dataset.manifest, split)
                     for split in dataset.manifest.config.splits
                 ],
             }

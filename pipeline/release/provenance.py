@@ -19,6 +19,8 @@ PAPER_VENUE = "NeurIPS 2025 Datasets and Benchmarks"
 PAPER_YEAR = 2025
 ARXIV = "2509.24784"
 PAPER_URL = f"https://arxiv.org/abs/{ARXIV}"
+LICENCE = "mit"
+"""The licence of a dataset whose card names no other, as the Hub spells it."""
 LICENCE_URL = "https://spdx.org/licenses/MIT.html"
 """https://spdx.org/licenses/, which Croissant recommends for licences."""
 
@@ -30,6 +32,8 @@ class Release:
     repo_id: str | None = None
     """The id on the Hub, such as `user/labyrinth`."""
     version: str | None = None
+    licence: str = LICENCE
+    """The licence that the card names, as the Hub spells it."""
 
     @property
     def name(self) -> str:

@@ -25,8 +25,9 @@ from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import PublishOptions, Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import say, tracked
-from pipeline.release.card import published_files, write_card
+from pipeline.release.card import write_card
 from pipeline.release.plan import Plan, make_plan
+from pipeline.release.published import left_out, published_files
 from pipeline.release.remote import (
     FAULTS,
     PublishError,
@@ -79,7 +80,10 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
     if not exists and not options.dry_run:
         remote.create(private=options.private)
     head = remote.head(options.branch) if exists or not options.dry_run else ""
-    plan = make_plan(_files(data_dir), remote.tree(head) if head else {})
+    files = _files(data_dir)
+    plan = make_plan(files, remote.tree(head) if head else {})
+    if others := list(left_out(data_dir, list(files))):
+        say(f"not published, since they are no files of the release: {', '.join(others)}.")
     _print_plan(plan, options, exists)
     if options.dry_run:
         return False

@@ -18,6 +18,7 @@ from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
     ARXIV,
+    LICENCE,
     PAPER_TITLE,
     PAPER_URL,
     PAPER_VENUE,
@@ -52,7 +53,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         _statistics(datasets, default),
         _language(datasets),
         "\n".join(["## Limits and biases\n", *(f"- {point}" for point in limits(datasets))]),
-        _ENDING,
+        _ending(release),
     ]
     return "\n\n".join(sections)
 
@@ -334,9 +335,15 @@ door, `I` ice. The three settings switch a task on. `labyrinth_core.parse` reads
 the grammar; the [paper]({PAPER_URL}) introduces it."""
 
 
-_ENDING = f"""## Licence
+def _ending(release: Release) -> str:
+    licence = (
+        "[MIT](https://opensource.org/license/mit)."
+        if release.licence == LICENCE
+        else f"`{release.licence}`, as the head of this file says."
+    )
+    return f"""## Licence
 
-[MIT](https://opensource.org/license/mit).
+{licence}
 
 ## Citation
 

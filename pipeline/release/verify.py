@@ -24,8 +24,8 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from pipeline.machinery import front_matter
-from pipeline.release.card import published_files
 from pipeline.release.plan import make_plan
+from pipeline.release.published import published_files
 from pipeline.release.remote import Remote, repeated
 
 

@@ -6,9 +6,9 @@ where the version of matplotlib is the same.
 
 from __future__ import annotations
 
-import shutil
+import io
+import re
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
@@ -38,44 +38,43 @@ Split = Mapping[str, Any]
 
 
 def draw_figures(
-    datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]], folder: Path
-) -> bool:
-    """Replace the figures in the folder of a report; return whether there is matplotlib to do so.
+    datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]]
+) -> dict[str, bytes] | None:
+    """Return the figures by their paths in the folder of a report, None without matplotlib.
 
     Args:
         datasets: The data of the page on each dataset.
         results: The data of the page on each method that was evaluated.
-        folder: The folder of the report.
-
-    Raises:
-        OSError: The folder cannot be written.
     """
     try:
         import matplotlib as mpl
     except ImportError:
-        return False
-    new, old = folder / f".{FIGURES_FOLDER}.tmp", folder / FIGURES_FOLDER
-    shutil.rmtree(new, ignore_errors=True)
-    new.mkdir()
-    try:
-        with mpl.rc_context(_STYLE):
-            for dataset in datasets:
-                for name, (title, draw) in _KINDS.items():
-                    _save(_figure(dataset, title, draw), new / f"{dataset['name']}-{name}")
-                of_dataset = [each for each in results if each["config"] == dataset["name"]]
-                if of_dataset:
-                    _save(_results(of_dataset), new / f"{dataset['name']}-results")
-        shutil.rmtree(old, ignore_errors=True)
-        new.rename(old)
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
-    return True
+        return None
+    figures = {}
+    with mpl.rc_context(_STYLE):
+        for dataset in datasets:
+            of_dataset = [each for each in results if each["config"] == dataset["name"]]
+            drawn = {name: _figure(dataset, *kind) for name, kind in _KINDS.items()}
+            if of_dataset:
+                drawn["results"] = _results(of_dataset)
+            for name, figure in drawn.items():
+                path = f"{FIGURES_FOLDER}/{dataset['name']}-{name}"
+                # Without the date, which would be another in each run.
+                figures[f"{path}.svg"] = _saved(figure, format="svg", metadata={"Date": None})
+                figures[f"{path}.png"] = _saved(figure, format="png", dpi=_PIXELS_PER_INCH)
+    return figures
 
 
-def _save(figure: Figure, path: Path) -> None:
-    # Without the date, which would be another in each run.
-    figure.savefig(f"{path}.svg", metadata={"Date": None})
-    figure.savefig(f"{path}.png", dpi=_PIXELS_PER_INCH)
+def is_figure(path: str) -> bool:
+    """Return whether a file in the folder of a report has the name of a figure."""
+    kinds = "|".join([*_KINDS, "results"])
+    return re.fullmatch(rf"{FIGURES_FOLDER}/[^/]+-({kinds})\.(svg|png)", path) is not None
+
+
+def _saved(figure: Figure, **options: Any) -> bytes:
+    file = io.BytesIO()
+    figure.savefig(file, **options)
+    return file.getvalue()
 
 
 def _figure(

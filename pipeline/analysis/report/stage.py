@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -16,19 +17,24 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
-from pipeline.analysis.report.figures import FIGURES_FOLDER, draw_figures
+from pipeline.analysis.report.figures import FIGURES_FOLDER, draw_figures, is_figure
 from pipeline.analysis.report.findings import read_results
 from pipeline.analysis.report.packing import PackedSplit, pack
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, say
+from pipeline.machinery.locks import held
+from pipeline.machinery.own_files import OwnFiles, write_list
 from pipeline.machinery.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
 
 FOLDER = "report"
 """The folder of the report in the data_dir; it is not published."""
 PAGE = "index.html"
+
+_TITLE = b'<link rel="icon" href="data:,">\n<title>Labyrinth report</title>'
+"""What every page has, also of versions that left no list of their files."""
 
 PACKED_BYTES = 36_000_000
 """The most bytes of labyrinths and episodes of all datasets; 48 MB of the page, as base64."""
@@ -71,7 +77,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         workers: The number of processes that read shards.
 
     Raises:
-        DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
+        DatasetError: There is no dataset, or one, or what was found out about it, is damaged; or
+            a page of somebody else is in the place of the report.
         OSError: The folder cannot be written.
     """
     found = statistics_of(data_dir, "report", workers)
@@ -81,14 +88,43 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         folder = data_dir / of.name
         packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    folder = data_dir / FOLDER
-    folder.mkdir(exist_ok=True)
     results = read_results(run_dir, [of.manifest for of in found])
-    has_figures = draw_figures(datasets, results, folder)
-    if not has_figures:
+    figures = draw_figures(datasets, results)
+    if figures is None:
         console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
-    write_text(folder / PAGE, page(datasets, results, FIGURES_FOLDER if has_figures else None))
-    return folder / PAGE
+    html = page(datasets, results, None if figures is None else FIGURES_FOLDER)
+    with held(data_dir, FOLDER):
+        _write(data_dir / FOLDER, html, figures)
+    return data_dir / FOLDER / PAGE
+
+
+def _write(folder: Path, html: str, figures: Mapping[str, bytes] | None) -> None:
+    """Write the page, and put the figures in place of earlier ones, unless they were not drawn."""
+    own = _own_files(folder)
+    files = {**(figures or {}), PAGE: html.encode()}
+    others = own.others(files)
+    if PAGE in others:
+        raise DatasetError(
+            f"{folder / PAGE} was made or changed by somebody else: move it away, or choose "
+            "another data_dir"
+        )
+    # A list may name anything, and nothing but figures is ever removed.
+    left = {name for name, _ in own.hashes if is_figure(name)}
+    gone = set() if figures is None else left - set(files)
+    (folder / FIGURES_FOLDER if figures else folder).mkdir(parents=True, exist_ok=True)
+    now = own.replace({name: files[name] for name in files if name not in others}, gone)
+    write_list(folder, now.hashes)
+    if others:
+        say(f"Not written, since somebody else made or changed them: {', '.join(others)}.")
+
+
+def _own_files(folder: Path) -> OwnFiles:
+    """Return the files of the report that is there."""
+    own, page = OwnFiles.read(folder, always=re.escape(PAGE)), folder / PAGE
+    if own.hashes or not page.is_file() or _TITLE not in page.read_bytes():
+        return own
+    inside = (f"{FIGURES_FOLDER}/{path.name}" for path in folder.glob(f"{FIGURES_FOLDER}/*"))
+    return OwnFiles.adopted(folder, [PAGE, *filter(is_figure, inside)])
 
 
 def describe(

@@ -215,6 +215,31 @@ def test_another_configuration_leaves_nothing_of_the_one_before(
     assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
 
 
+@pytest.mark.parametrize("url", ["memory", "bucket"], indirect=True)
+def test_damaged_and_missing_shards_in_a_store_are_made_anew(
+    build: Build, url: str, small_dataset: Run
+) -> None:
+    folder = build(url).folder
+    train, test, random = (f"{name}-00000-of-00001.parquet" for name in ("train", "test", "random"))
+    (folder / test).unlink()
+    write_bytes(folder / train, b"PAR1")
+    changed = (folder / random).read_bytes()[::-1]
+    write_bytes(folder / random, changed)
+    assert content_of(build(url).folder) == content_of(small_dataset.folder)
+
+
+@pytest.mark.parametrize("url", ["memory", "bucket"], indirect=True)
+def test_files_of_a_person_in_a_store_stop_the_build_that_would_replace_them(
+    build: Build, url: str
+) -> None:
+    folder = build(url, labyrinths=1).folder
+    write_bytes(folder / "notes.parquet", b"years of work")
+    with pytest.raises(DatasetError, match=r"holds notes\.parquet"):
+        build(url, overwrite=True)
+    assert (folder / "notes.parquet").read_bytes() == b"years of work"
+    assert Manifest.read(folder).config.labyrinths == 1
+
+
 def test_in_a_store_a_dataset_that_is_being_replaced_is_none_until_the_new_one_is_whole(
     build: Build, memory: str, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

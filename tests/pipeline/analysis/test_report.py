@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
 import sys
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +25,11 @@ from pipeline.analysis.report.findings import read_results
 from pipeline.analysis.report.packing import pack, pack_routes
 from pipeline.analysis.report.stage import PAGE, page, write_report
 from pipeline.machinery.counting import count_dataset, count_routes
+from pipeline.machinery.own_files import HASHES
 from pipeline.machinery.routes import routes
 from pipeline.machinery.statistics import read_analysis
-from pipeline.release.card import published_files, write_card
+from pipeline.release.card import write_card
+from pipeline.release.published import published_files
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +46,7 @@ def data_dir(small_dataset, tmp_path):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Drawing them takes longer than all the rest."""
-    monkeypatch.setattr(report, "draw_figures", lambda *_: True)
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
 
 
 def data_of(text: str):
@@ -51,7 +55,9 @@ def data_of(text: str):
 
 
 def content_of(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+    return {
+        path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
 
 
 def test_the_counts_are_those_of_the_episodes(small_dataset):
@@ -116,7 +122,7 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
     assert content_of(first) == before
     kinds = ("moves", "actions", "visits", "loops", "junctions", "results")
     files = {f"3x3-{kind}.{ending}" for kind in kinds for ending in ("svg", "png")}
-    assert {path.name for path in before} == {PAGE, *files}
+    assert {path.name for path in before} == {PAGE, HASHES, *files}
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -128,7 +134,8 @@ def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
     path = write_report(data_dir, tmp_path / "runs")
     after = content_of(data_dir)
     assert {name: after[name] for name in before} == before
-    assert set(after) - set(before) == {path.relative_to(data_dir)}
+    written = {path, path.with_name(HASHES)}
+    assert set(after) - set(before) == {each.relative_to(data_dir) for each in written}
     assert published_files(data_dir, manifests) == published
 
 
@@ -216,7 +223,67 @@ def test_without_matplotlib_the_page_is_written_and_the_extra_named(
     path = write_report(data_dir, tmp_path / "runs")
     assert data_of(path.read_text())["figures"] is None
     assert "'labyrinth-datasets[analysis]'" in capsys.readouterr().out
-    assert [each.name for each in path.parent.iterdir()] == [PAGE]
+    assert {each.name for each in path.parent.iterdir()} == {PAGE, HASHES}
+
+
+def test_a_page_of_somebody_else_is_refused_and_so_is_one_that_was_changed(
+    data_dir, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+    (data_dir / "report").mkdir()
+    page = data_dir / "report" / PAGE
+    for mine in ("<title>Labyrinth report</title> mine", "<p>mine</p>"):
+        page.write_text(mine)
+        with pytest.raises(DatasetError, match=r"index\.html was made or changed by somebody else"):
+            write_report(data_dir, tmp_path / "runs")
+        assert content_of(data_dir / "report") == {Path(PAGE): mine.encode()}
+    page.unlink()
+    write_report(data_dir, tmp_path / "runs")
+    page.write_text(page.read_text() + "mine")
+    with pytest.raises(DatasetError, match="made or changed by somebody else"):
+        write_report(data_dir, tmp_path / "runs")
+    assert page.read_text().endswith("mine")
+
+
+def test_figures_take_the_place_of_ours_and_of_no_others(data_dir, tmp_path, monkeypatch, capsys):
+    folder = data_dir / "report" / "figures"
+    drawn = {"figures/3x3-moves.png": b"1", "figures/4x4-moves.png": b"1"}
+    monkeypatch.setattr(report, "draw_figures", lambda *_: drawn)
+    write_report(data_dir, tmp_path / "runs")
+    (folder / "3x3-moves.png").write_bytes(b"mine")
+    (folder / "photo.png").write_bytes(b"mine")
+    drawn = {"figures/3x3-moves.png": b"2", "figures/3x3-loops.png": b"2"}
+    write_report(data_dir, tmp_path / "runs")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
+        "3x3-moves.png": b"mine",
+        "photo.png": b"mine",
+        "3x3-loops.png": b"2",
+    }
+    assert "changed them: figures/3x3-moves.png." in capsys.readouterr().out
+
+
+def test_a_list_that_names_other_files_removes_none_of_them(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+    page = write_report(data_dir, tmp_path / "runs")
+    (tmp_path / "thesis.txt").write_bytes(b"mine")
+    digest = hashlib.sha256(b"mine").hexdigest()
+    with page.with_name(HASHES).open("a") as listed:
+        listed.write(f"{digest}  ../../thesis.txt\n")
+    write_report(data_dir, tmp_path / "runs")
+    assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
+
+
+def test_the_report_of_an_earlier_version_is_written_anew(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {"figures/3x3-moves.png": b"1"})
+    page = write_report(data_dir, tmp_path / "runs")
+    page.with_name(HASHES).unlink()  # Earlier versions left none.
+    (page.parent / "figures" / "photo.png").write_bytes(b"mine")
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {"figures/3x3-loops.png": b"2"})
+    monkeypatch.setattr(report, "__version__", "another")
+    write_report(data_dir, tmp_path / "runs")
+    assert data_of(page.read_text())["version"] == "another"
+    names = {path.name for path in (page.parent / "figures").iterdir()}
+    assert names == {"3x3-loops.png", "photo.png"}
 
 
 def test_the_splits_are_in_the_order_of_the_table(small_dataset):

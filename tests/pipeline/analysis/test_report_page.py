@@ -49,7 +49,7 @@ def reported(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
     for seed in (0, 1):
         evaluate(first, data_dir.parent / "runs", seed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "draw_figures", lambda *_: False)
+        patch.setattr(report, "draw_figures", lambda *_: None)
         write_report(data_dir, data_dir.parent / "runs")
     return data_dir
 

@@ -119,6 +119,15 @@ def test_an_impossible_option_of_training_is_refused_where_something_is_trained(
     assert "\n" not in message
 
 
+def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
+    run = composed()
+    options = run.options
+    left = (run.data_dir, options.run_dir, options.results_dir, options.analysis.folder)
+    ignored = (CONF.parent / ".gitignore").read_text(encoding="utf-8").split()
+    for folder in left:
+        assert f"/{Path(str(folder)).parts[0]}/" in ignored
+
+
 @pytest.mark.parametrize("name", ["", "BC", "os.path", "../bc", None])
 def test_the_name_of_a_method_is_an_identifier(name: str | None) -> None:
     with pytest.raises(ConfigError, match=r"^method.name=.*: give the name of a method"):

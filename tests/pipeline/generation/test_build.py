@@ -619,14 +619,20 @@ def test_overwrite_replaces_a_dataset_once_the_new_one_is_finished(
     assert {path.name for path in tmp_path.iterdir()} == {"3x3", "README.md"}
 
 
-def test_files_that_are_no_dataset_stop_the_build_unless_they_may_be_replaced(
-    build: Build, tmp_path: Path, small_dataset: Run
-) -> None:
+def test_files_that_are_no_dataset_stop_the_build(build: Build, tmp_path: Path) -> None:
     (tmp_path / "3x3").mkdir()
     (tmp_path / "3x3" / "thesis.txt").write_text("years of work")
     with pytest.raises(DatasetError, match="holds files but no finished dataset"):
         build(tmp_path)
     assert (tmp_path / "3x3" / "thesis.txt").read_text() == "years of work"
+
+
+def test_what_is_left_of_a_dataset_may_be_replaced(
+    build: Build, tmp_path: Path, small_dataset: Run
+) -> None:
+    (build(tmp_path, labyrinths=1).folder / MANIFEST).unlink()
+    with pytest.raises(DatasetError, match="holds files but no finished dataset"):
+        build(tmp_path)
     assert content_of(build(tmp_path, overwrite=True).folder) == content_of(small_dataset.folder)
 
 
@@ -660,7 +666,7 @@ def test_the_card_lists_every_finished_config_with_true_counts(
     for config, info in zip(front["configs"], front["dataset_info"], strict=True):
         name = config["config_name"]
         assert config["data_files"] == [
-            {"split": split, "path": f"{name}/{split}-*.parquet"} for split in BASE_SPLITS
+            {"split": split, "path": f"{name}/{split}-*-of-00001.parquet"} for split in BASE_SPLITS
         ]
         files = {s: tmp_path / name / f"{s}-00000-of-00001.parquet" for s in BASE_SPLITS}
         assert info["splits"] == [

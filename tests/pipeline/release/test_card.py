@@ -37,6 +37,7 @@ from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.changelog import updated
 from pipeline.release.figures import FIGURES
+from pipeline.release.published import published_files
 
 pytestmark = pytest.mark.slow
 
@@ -327,6 +328,73 @@ def test_text_without_marks_is_a_persons_and_follows_the_generated_part(folder):
     assert everything(folder) == written
 
 
+FOREIGN = (
+    "CITATION.cff",
+    "croissant.json",
+    "CHANGELOG.md",
+    "pictures/labyrinth.png",
+    f"pictures/{DEFAULT}-visits.png",
+)
+
+
+@pytest.mark.parametrize("was_ours", [False, True])
+def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, was_ours, capsys):
+    if not was_ours:
+        for path in [*(folder / name for name in TEXTS), *(folder / "pictures").iterdir()]:
+            path.unlink()
+        front_matter.update(folder)
+    for name in FOREIGN:
+        (folder / name).write_bytes(b"mine")
+    card.write_card(folder)
+    assert {name: (folder / name).read_bytes() for name in FOREIGN} == dict.fromkeys(
+        FOREIGN, b"mine"
+    )
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last.startswith("Not written, since somebody else made or changed them: ")
+    assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
+    listed = (folder / card.HASHES).read_text(encoding="utf-8")
+    assert not any(name in listed for name in FOREIGN)
+    assert not {*FOREIGN} & {*published_files(folder, front_matter.finished(folder))}
+
+
+def test_a_list_of_hashes_of_somebody_else_is_refused(folder):
+    (folder / "SHA256SUMS").write_text(f"{'0' * 64}  thesis.txt\n", encoding="utf-8")
+    refused(folder, "SHA256SUMS is somebody else's: move it away")
+
+
+def test_the_card_of_an_earlier_version_is_written_anew_and_a_picture_in_it_is_no_part(folder):
+    photo = folder / "pictures" / "my-photo.png"
+    photo.write_bytes(b"mine")
+    lines = (folder / "SHA256SUMS").read_text(encoding="utf-8")
+    digest = hashlib.sha256(b"mine").hexdigest()
+    lines = f"{lines}{digest}  pictures/my-photo.png\n"  # As earlier versions listed it.
+    (folder / "SHA256SUMS").write_text(lines, encoding="utf-8")
+    card.write_card(folder, "user/labyrinth", "1.0.0")
+    assert photo.read_bytes() == b"mine"
+    assert "user/labyrinth" in (folder / "croissant.json").read_text(encoding="utf-8")
+    assert "my-photo" not in (folder / "SHA256SUMS").read_text(encoding="utf-8")
+
+
+def test_an_analysis_of_other_rows_is_not_published(folder):
+    (folder / DEFAULT / ANALYSIS).write_text('{"fingerprint": "of other rows"}', encoding="utf-8")
+    assert f"{DEFAULT}/{ANALYSIS}" not in published_files(folder, front_matter.finished(folder))
+
+
+@pytest.mark.parametrize(
+    ("licence", "named"), [("cc-by-4.0", "cc-by-4.0"), (["mit", "cc0-1.0"], "mit, cc0-1.0")]
+)
+def test_a_licence_that_a_person_gives_is_kept_and_named_everywhere(folder, licence, named):
+    path = folder / "README.md"
+    given = yaml.safe_dump({"license": licence})
+    path.write_text(text(folder).replace("license: mit\n", given), encoding="utf-8")
+    card.write_card(folder)
+    assert front(folder)["license"] == licence
+    assert f"## Licence\n\n`{named}`" in text(folder)
+    assert "opensource.org" not in text(folder)
+    assert json.loads((folder / "croissant.json").read_bytes())["license"] == named
+    assert "license" not in yaml.safe_load((folder / "CITATION.cff").read_text(encoding="utf-8"))
+
+
 def refused(folder: Path, message: str) -> None:
     """Check that no card is written, and nothing changed, for a reason in one line."""
     before = everything(folder)
@@ -355,7 +423,7 @@ def test_a_dataset_with_a_leak_gets_no_card(folder):
 
 def test_a_damaged_dataset_gets_no_card(folder):
     next((folder / OTHER).glob("test-*.parquet")).write_bytes(b"damaged")
-    refused(folder, "is damaged: its sha256 is not the manifest's")
+    refused(folder, "is damaged: its sha256 is not the manifest's; delete it, and build")
 
 
 def test_a_folder_without_a_dataset_gets_no_card(tmp_path):
@@ -398,7 +466,7 @@ def test_pictures_of_a_dataset_that_is_gone_go_and_a_persons_stay(folder):
     pictures = {path.name for path in (folder / "pictures").iterdir()}
     own = {f"{DEFAULT}-{figure}.png" for figure in FIGURES}
     assert pictures == own | {"labyrinth.png", "mine.png"}
-    assert "pictures/mine.png" in (folder / "SHA256SUMS").read_text(encoding="utf-8")
+    assert "pictures/mine.png" not in (folder / "SHA256SUMS").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])

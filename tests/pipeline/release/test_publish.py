@@ -281,6 +281,22 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
     assert line.startswith("1.1.0 is published already, at ")
 
 
+def test_files_of_a_person_are_not_published_and_are_named(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    stray = "2x3/train-00001-of-00002.parquet"
+    theirs = ["CITATION.cff", "notes.txt", "pictures/my-passport.png", "report/index.html", stray]
+    for name in theirs:
+        (releasable / name).parent.mkdir(exist_ok=True)
+        (releasable / name).write_bytes(b"mine")
+    printed = published(local_hub, releasable)
+    there = {name: digest for name, digest in built(releasable).items() if name not in theirs}
+    assert held(local_hub) == there
+    named = f"{stray}, CITATION.cff, notes.txt, pictures/my-passport.png, report/"
+    assert f"not published, since they are no files of the release: {named}." in printed
+    assert all((releasable / name).read_bytes() == b"mine" for name in theirs)
+
+
 def test_a_private_release_joins_its_collection_once_and_only_its_owner_loads_it(
     local_hub: LocalHub, releasable: Path
 ) -> None:

@@ -166,7 +166,9 @@ def test_a_structure_of_s0_that_is_not_one_of_train_is_found(folder):
 def test_a_file_that_is_not_the_manifests_is_refused(folder):
     path = shard(folder / DEFAULT, "train")
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(DatasetError, match="is damaged: its sha256 is not the manifest's"):
+    with pytest.raises(
+        DatasetError, match="is damaged: its sha256 is not the manifest's; delete it, and build"
+    ):
         measured(folder / DEFAULT)
 
 

@@ -181,7 +181,7 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
 
 
 def test_the_released_policy_solves_fresh_labyrinths() -> None:
-    folder = Path(__file__).parents[3] / "results" / "released" / "5x5" / "planner-seed0"
+    folder = Path(__file__).parents[3] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
     record = read_record(folder)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])

@@ -1,0 +1,97 @@
+"""Which files of a folder belong to a release of its datasets, and which are somebody's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
+from labyrinth_core.data.storage import AnyPath, file_sha256
+from pipeline.machinery.counts import COUNTS
+from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
+from pipeline.machinery.statistics import read_analysis
+from pipeline.release.changelog import is_generated
+from pipeline.release.figures import FIGURES
+from pipeline.release.readme import BANNER, PICTURES, picture_path
+
+README, CHANGELOG = "README.md", "CHANGELOG.md"
+CROISSANT, CITATION = "croissant.json", "CITATION.cff"
+
+
+def own_files(data_dir: AnyPath) -> OwnFiles:
+    """Return the files that the stage `card` has left in a folder.
+
+    Raises:
+        DatasetError: There is a SHA256SUMS of somebody else.
+    """
+    # The second is in every list but one that a first run was killed over.
+    return OwnFiles.read(data_dir, always=rf"{PICTURES}/[^/]+\.png|[^/]+/{MANIFEST}")
+
+
+def pictures_of(configs: Sequence[str]) -> list[str]:
+    """Return the paths of all pictures on the card of some configs."""
+    return [BANNER, *(picture_path(config, name) for config in configs for name in FIGURES)]
+
+
+def changelog_of(data_dir: AnyPath) -> str | None:
+    """Return the changelog of a folder, empty if there is none; None if it is not a dataset's.
+
+    Raises:
+        DatasetError: It is no text.
+    """
+    path = data_dir / CHANGELOG
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return ""
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{path} is not UTF-8 text: move it away") from error
+    return text if is_generated(text) else None
+
+
+def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:
+    """Return the paths in a folder of all files of its finished datasets and their card.
+
+    Raises:
+        DatasetError: An analysis is damaged, or SHA256SUMS is somebody else's.
+    """
+    return _published(own_files(data_dir), manifests)
+
+
+def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
+    data_dir = own.folder
+    pictures = pictures_of([manifest.config.name for manifest in manifests])
+    names = [README, *([CHANGELOG] if changelog_of(data_dir) else [])]
+    names += [name for name in (CITATION, CROISSANT) if own.has(name)]
+    names += [HASHES, *filter(own.has, pictures)]
+    for manifest in manifests:
+        files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards)]
+        if read_analysis(data_dir / manifest.config.name, manifest):
+            files.append(ANALYSIS)
+        names += [f"{manifest.config.name}/{name}" for name in files]
+    return [name for name in names if (data_dir / name).is_file()]
+
+
+def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:
+    """Yield what lies in a folder beside the files of a release; hidden files are not told."""
+    folders = {name.partition("/")[0] for name in published if "/" in name}
+    for path in sorted(data_dir.glob("[!.]*")):
+        if path.name in folders:
+            inside = (f"{path.name}/{each.name}" for each in sorted(path.glob("[!.]*")))
+            yield from (name for name in inside if name not in published)
+        elif path.name not in published:
+            yield f"{path.name}/" if path.is_dir() else path.name
+
+
+def write_hashes(own: OwnFiles, manifests: Sequence[Manifest]) -> None:
+    """Write SHA256SUMS, after all other files, of which `own` are those of the card."""
+    # Those of the shards have just been checked.
+    known = {
+        f"{manifest.config.name}/{shard.path}": shard.sha256
+        for manifest in manifests
+        for shard in manifest.shards
+    }
+    names = [name for name in _published(own, manifests) if name != HASHES]
+    digests = [known.get(name) or file_sha256(own.folder / name) for name in names]
+    write_list(own.folder, zip(names, digests, strict=True))

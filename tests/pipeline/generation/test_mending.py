@@ -1,0 +1,176 @@
+"""A finished dataset with damaged files, and a person's files beside those of a dataset."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import workplace
+
+Build = Callable[..., Run]
+
+TRAIN, TEST = "train-00000-of-00001.parquet", "test-00000-of-00001.parquet"
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture
+def folder(small_dataset: Run, tmp_path: Path) -> Path:
+    """A finished dataset that may be changed."""
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
+    return tmp_path / "data" / "3x3"
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def change(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[::-1])
+
+
+DAMAGES = (truncate, empty, change, Path.unlink)
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda each: each.__name__)
+def test_a_build_makes_damaged_shards_anew_and_no_others(
+    build: Build,
+    folder: Path,
+    small_dataset: Run,
+    damage: Callable[[Path], None],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in (TRAIN, TEST):
+        damage(folder / name)
+    made = []
+    write = generation.write
+
+    def note(path: Path, *rest: object) -> object:
+        made.append(path.name)
+        return write(path, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(generation, "write", note)
+    build(folder.parent)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert sorted(made) == sorted([TRAIN, TEST])
+    assert f"{folder} is complete again: made anew" in printed
+    assert TRAIN in printed
+    assert TEST in printed
+    assert content_of(folder.parent) == content_of(small_dataset.data_dir)
+    build(folder.parent)
+    assert f"{folder} is complete already." in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_shard_that_was_not_written_since_the_manifest_is_not_hashed(
+    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in folder.iterdir():
+        os.utime(path, (1, 2 if path.name == MANIFEST else 1))
+    monkeypatch.setattr(workplace, "file_sha256", None)
+    monkeypatch.setattr(generation, "write", None)
+    build(folder.parent)
+
+
+def test_a_shard_that_comes_out_otherwise_is_not_put_into_its_place(
+    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / TRAIN).unlink()
+    before = content_of(folder.parent)
+    options = generation.write.__globals__["WRITER_OPTIONS"]
+    monkeypatch.setitem(options, "compression_level", 9)  # As another version might have it.
+    with pytest.raises(DatasetError, match=r"train-.* cannot be made again .*overwrite=true"):
+        build(folder.parent)
+    assert content_of(folder.parent) == before
+    assert not (folder.parent / ".3x3.building").exists()
+
+
+def test_a_shard_that_this_version_would_not_make_is_named(
+    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / TRAIN).unlink()
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 9)  # Eight shards a split.
+    with pytest.raises(DatasetError, match=r"train-00000-of-00001\.parquet cannot be made again"):
+        build(folder.parent)
+
+
+# Files of a person.
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "train.parquet", "my-00001-of-2.parquet", "figures"])
+def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
+    build: Build, folder: Path, name: str
+) -> None:
+    (folder / name).mkdir() if name == "figures" else (folder / name).write_text("years of work")
+    before = content_of(folder.parent)
+    with pytest.raises(DatasetError, match=rf"3x3 holds {name}, .*move it elsewhere") as caught:
+        build(folder.parent, seed=1, overwrite=True)
+    assert "\n" not in str(caught.value)
+    assert content_of(folder.parent) == before
+    assert (folder / name).exists()
+
+
+def test_notes_that_came_during_the_build_are_not_lost_and_no_shard_is(
+    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_shard = generation.make_shard
+
+    def make(job: generation.ShardJob) -> object:
+        (folder / "notes.txt").write_text("years of work")
+        return make_shard(job)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(generation, "make_shard", make)
+        with pytest.raises(DatasetError, match=r"3x3 holds notes\.txt"):
+            build(folder.parent, seed=1, overwrite=True)
+    assert (folder / "notes.txt").read_text() == "years of work"
+    (folder / "notes.txt").unlink()
+    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    build(folder.parent, seed=1, overwrite=True)
+    assert Manifest.read(folder).config.seed == 1
+
+
+def test_a_file_in_the_place_of_the_folder_is_left_alone(build: Build, tmp_path: Path) -> None:
+    (tmp_path / "3x3").write_text("years of work")
+    with pytest.raises(DatasetError, match="3x3 is a file"):
+        build(tmp_path, overwrite=True)
+    assert content_of(tmp_path) == {"3x3": b"years of work"}
+
+
+def test_a_folder_that_a_link_leads_to_is_replaced_and_the_link_stays(
+    build: Build, folder: Path, tmp_path: Path
+) -> None:
+    elsewhere = tmp_path / "elsewhere" / "large"
+    elsewhere.parent.mkdir()
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere)
+    for seed in (1, 2):
+        build(folder.parent, seed=seed, overwrite=True)
+        assert folder.is_symlink()
+        assert Manifest.read(elsewhere).config.seed == seed
+        assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
+        assert [path.name for path in elsewhere.parent.iterdir()] == ["large"]
+
+
+def test_a_link_that_an_earlier_version_left_does_not_stop_a_build(
+    build: Build, folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (folder.parent / ".3x3.replaced").symlink_to(tmp_path / "elsewhere")
+    build(folder.parent, seed=1, overwrite=True)
+    assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
+    assert (tmp_path / "elsewhere").is_dir()
