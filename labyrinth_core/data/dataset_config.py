@@ -42,6 +42,8 @@ class DatasetConfig:
     """The least number of walls in which structures of two splits differ."""
     shifts: tuple[str, ...] = ()
     """The splits besides the six that every dataset has, in the order of `SHIFTS`."""
+    noise: float = 0.0
+    """The probability with which a demonstrator takes a uniformly random action."""
 
     def __post_init__(self) -> None:
         size = f"{self.height}x{self.width}"
@@ -59,6 +61,14 @@ class DatasetConfig:
                 raise ValueError(f"{name}={given}: choose one of [{', '.join(allowed)}]")
         if not 0 <= self.open_walls <= 1:
             raise ValueError(f"open_walls={self.open_walls}: give a probability from 0 to 1")
+        if not 0 <= self.noise < 1:
+            raise ValueError(
+                f"demonstrations.noise={self.noise}: give a probability from 0 to below 1"
+            )
+        if self.noise and self.solutions != "shortest":
+            raise ValueError(
+                f"demonstrations.noise={self.noise}: give solutions=shortest, not {self.solutions}"
+            )
         if min(self.buckets) < 1 or sum(self.buckets) != 100:
             raise ValueError(
                 f"buckets={list(self.buckets)}: give three percentages of 1 or more that add up "
@@ -93,6 +103,8 @@ class DatasetConfig:
             return "with open_walls=1 train has all loops already"
         if shift == "one_wall" and self.min_walls > 1:
             return f"splits.min_walls={self.min_walls} keeps structures farther apart"
+        if shift == "one_wall" and self.noise:
+            return "with demonstrations.noise the demonstrated route is no shortest one"
         if shift == "thin_walls" and usual_wall_pixels(self.height, self.width) == 1:
             return "walls are one pixel thick already"
         return None
@@ -111,7 +123,7 @@ class DatasetConfig:
     def to_json(self) -> dict[str, Any]:
         """Return the options in plain types; `from_json` is the inverse.
 
-        The defaults of `min_walls` and `shifts` are left out, as in datasets older than these.
+        Newer options are left out at their defaults, as in datasets that are older than these.
         """
         lists = {"buckets": list(self.buckets), "shifts": list(self.shifts)}
         plain = asdict(self) | {"task": str(self.task)} | lists
@@ -137,7 +149,7 @@ class DatasetConfig:
         return cls(task=Task(task), buckets=buckets, shifts=tuple(shifts), **plain)
 
 
-_NEWER: dict[str, Any] = {"min_walls": 1, "shifts": []}
+_NEWER: dict[str, Any] = {"min_walls": 1, "shifts": [], "noise": 0.0}
 """The options that datasets of earlier versions lack, with what they stand for there."""
 
 _IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}

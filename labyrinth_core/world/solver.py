@@ -12,7 +12,13 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.dynamics import initial, state_count, state_index, transition_table
+from labyrinth_core.world.dynamics import (
+    initial,
+    state_count,
+    state_index,
+    step_limit,
+    transition_table,
+)
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_first
 
 Table = Sequence[Moves]
@@ -92,6 +98,26 @@ def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
                     break
         actions.append(action)
         state = table[state][action]
+    return actions
+
+
+def erring_route(labyrinth: Labyrinth, noise: float, rng: np.random.Generator) -> list[int]:
+    """Return the actions of a demonstrator who errs, up to the goal, ice or the step limit.
+
+    Args:
+        labyrinth: The labyrinth.
+        noise: The probability of a uniformly random action, which may be optimal by chance; else
+            one of the optimal actions is taken, each equally likely.
+        rng: Draws both.
+    """
+    table, optimal = transition_table(labyrinth), optimal_actions(labyrinth)
+    cells, ends = labyrinth.structure.cells, {labyrinth.goal, *labyrinth.ice}
+    state = state_index(labyrinth, initial(labyrinth))
+    actions: list[int] = []
+    while state % cells not in ends and len(actions) < step_limit(labyrinth):
+        choices = np.arange(4) if rng.random() < noise else np.flatnonzero(optimal[state])
+        actions.append(int(choices[rng.integers(len(choices))]))
+        state = table[state][actions[-1]]
     return actions
 
 

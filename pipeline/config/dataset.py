@@ -35,6 +35,15 @@ class SplitsConfig:
 
 
 @dataclass(frozen=True)
+class DemonstrationsConfig:
+    """How well the demonstrator acts."""
+
+    noise: float = option(
+        0.0, "probability of a uniformly random action; the route goes on from where it leads"
+    )
+
+
+@dataclass(frozen=True)
 class DatasetOptions:
     """What a dataset is; `DatasetConfig` checks the values."""
 
@@ -69,6 +78,7 @@ class DatasetOptions:
         (),
         "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
     )
+    demonstrations: DemonstrationsConfig = DemonstrationsConfig()
     seed: int = option(0, "same seed and options, same bytes; in training, same weights")
 
 
@@ -99,6 +109,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             buckets=(options.buckets.train, options.buckets.validation, options.buckets.test),
             seed=options.seed,
             min_walls=options.splits.min_walls,
+            noise=float(options.demonstrations.noise),
         )
         return replace(config, shifts=_shifts(config, options.shifts))
     except ValueError as error:

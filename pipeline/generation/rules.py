@@ -8,10 +8,10 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import distances
+from labyrinth_core.world.solver import distances, erring_route
 from labyrinth_core.world.tasks import default_start_and_goal, tiles_matter
 from pipeline.generation.buckets import split_of
-from pipeline.generation.solve import all_routes
+from pipeline.generation.solve import acting_rng, all_routes
 
 
 def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
@@ -53,6 +53,10 @@ def route_problem(
     if split == "random":
         steps = sum(map(len, routes))
         return None if steps == config.random_steps else f"{steps} random steps"
+    if config.noise:
+        if routes == [erring_route(labyrinth, config.noise, acting_rng(config, split, labyrinth))]:
+            return None
+        return f"not the route of a demonstrator with noise {config.noise} and this seed"
     if config.solutions == "shortest":
         best = distances(labyrinth)[labyrinth.start]
         if len(routes) == 1 and len(routes[0]) == best:

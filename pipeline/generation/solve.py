@@ -12,7 +12,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.rollout import Episode, random_episode, replay
-from labyrinth_core.world.solver import shortest_route, shortest_routes, simple_routes
+from labyrinth_core.world.solver import erring_route, shortest_route, shortest_routes, simple_routes
 from pipeline.generation.randomness import ACTING, item_rng
 
 
@@ -32,19 +32,30 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
         split: The split of the labyrinths; in `random` a random policy acts instead.
         labyrinths: The labyrinths to solve.
     """
-    # Where only pictures differ, the routes are the parent's.
-    drawn_for = split if SPLITS[split].look is Look.PLAIN else SPLITS[split].parent or split
     for labyrinth in labyrinths:
-        make_rng = partial(item_rng, config, drawn_for, labyrinth.structure, ACTING)
+        make_rng = partial(acting_rng, config, split, labyrinth)
         if split == "random":
             episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
             yield Solution(episodes, cut=False)
+        elif config.noise:
+            route = erring_route(labyrinth, config.noise, make_rng())
+            yield Solution([replay(labyrinth, route)], cut=False)
         elif config.solutions == "shortest":
             yield Solution([replay(labyrinth, shortest_route(labyrinth, make_rng))], cut=False)
         else:
             routes = all_routes(config, labyrinth)
             episodes = [replay(labyrinth, route) for route in routes]
             yield Solution(episodes, cut=len(routes) == config.solutions_limit)
+
+
+def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.random.Generator:
+    """Return the randomness of what is demonstrated in a labyrinth of a split.
+
+    Where a shift changes only pictures, it is that of its parent.
+    """
+    redrawn = SPLITS[split].look is not Look.PLAIN
+    drawn_for = SPLITS[split].parent if redrawn else None
+    return item_rng(config, drawn_for or split, labyrinth.structure, ACTING)
 
 
 def all_routes(config: DatasetConfig, labyrinth: Labyrinth) -> list[list[int]]:

@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from labyrinth_core.world.grid import Action
 from pipeline.machinery.statistics import DatasetStatistics
 
-_OF_SOLUTIONS = {
+_NOISE = "demonstrations.noise"
+_OF_DEMONSTRATIONS = {
     "shortest": "With `solutions=shortest` a labyrinth has one demonstration, drawn uniformly from "
     "its shortest routes: where *choices* is above 1, an action that differs from the demonstrated "
     "one can be as good.",
     "all": "With `solutions=all` every route without repetition is a demonstration, also long "
     "ones: see *optimal* for how many actions begin a shortest route.",
+    _NOISE: f"With `{_NOISE}` a demonstrator takes random actions now and then, and goes on "
+    "optimally from where they lead: see *optimal* for how many actions begin a shortest route.",
 }
-"""Value of `solutions` -> a point that holds for it."""
+"""Value of `solutions`, or the option that comes before it, -> a point that holds for it."""
 
 
 def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
@@ -31,7 +34,8 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
         for pair in dataset.analysis["pairs"]
         if (pair["first"], pair["second"]) == ("train", "test")
     )
-    demonstrated = {dataset.manifest.config.solutions for dataset in datasets}
+    configs = [dataset.manifest.config for dataset in datasets]
+    demonstrated = {_NOISE if config.noise else config.solutions for config in configs}
     points = [
         *_sampler_points(datasets),
         "Disjoint is not far apart. A structure of `test` can differ from one of `train` in a "
@@ -41,7 +45,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
         f"goal top right, so most demonstrated actions are up or right ({forward}): always "
         "compare with a policy that knows only this. `s0` and `s0_and_g` are there to take it "
         "away.",
-        *(point for solutions, point in _OF_SOLUTIONS.items() if solutions in demonstrated),
+        *(point for solutions, point in _OF_DEMONSTRATIONS.items() if solutions in demonstrated),
         "All splits are drawn by one renderer, in the same colours and at the same scale: "
         "a result says nothing about other pictures, and nothing about the real world.",
         "The environment is deterministic and no demonstration walks into a wall; states off the "

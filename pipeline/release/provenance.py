@@ -64,6 +64,10 @@ def command(config: DatasetConfig) -> str:
         "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
+    if config.shifts:
+        options["shifts"] = f"[{','.join(config.shifts)}]"
+    if config.noise:
+        options["demonstrations.noise"] = config.noise
     return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
 
 

@@ -1,0 +1,101 @@
+"""Demonstrators that err: so often as they should, and in rows that replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt
+from pathlib import Path
+
+import pytest
+from tampering import episode_rows, rows_of
+
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import State, initial, state_index, transition
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.solver import optimal_actions, shortest_routes
+from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.generation import validate as validation
+from pipeline.machinery.routes import routes_of
+
+Build = Callable[..., Run]
+
+OPTIONS = {"size": "5", "labyrinths": 30, "random_steps": 10}
+
+
+def noisy(build: Build, folder: Path, noise: float, **options: object) -> Run:
+    return build(folder, **OPTIONS | options, demonstrations=DemonstrationsConfig(noise=noise))
+
+
+def steps(run: Run, split: str = "train") -> list[tuple[Labyrinth, State, int]]:
+    """Return labyrinth, state and action of each step of a split."""
+    found = []
+    for shard in Manifest.read(run.folder).of(split):
+        for route in routes_of(run.folder, shard):
+            state = initial(route.labyrinth)
+            for action in route.actions:
+                found.append((route.labyrinth, state, action))
+                state = transition(route.labyrinth, state, action)
+    return found
+
+
+@pytest.mark.parametrize("task", list(map(str, Task)))
+def test_so_many_actions_are_optimal_as_the_noise_says(
+    build: Build, tmp_path: Path, task: str
+) -> None:
+    """The rest are those random actions that are not optimal by chance."""
+    noise = 0.3
+    run = noisy(build, tmp_path, noise, task=task)
+    assert validation.validate(run.folder, Manifest.read(run.folder)) == []
+    of_steps = steps(run)
+    rows = [optimal_actions(labyrinth)[state_index(labyrinth, s)] for labyrinth, s, _ in of_steps]
+    expected = [1 - noise + noise * row.sum() / 4 for row in rows]
+    found = sum(bool(row[action]) for row, (_, _, action) in zip(rows, of_steps, strict=True))
+    deviation = sqrt(sum(share * (1 - share) for share in expected))
+    assert abs(found - sum(expected)) < 3 * deviation
+    assert found < len(rows)
+
+
+def test_without_noise_not_a_byte_changes(build: Build, tmp_path: Path) -> None:
+    plain = build(tmp_path / "plain", **OPTIONS)
+    silent = noisy(build, tmp_path / "silent", 0)
+    assert (plain.folder / "manifest.json").read_bytes() == (
+        silent.folder / "manifest.json"
+    ).read_bytes()
+
+
+def test_a_route_that_the_demonstrator_did_not_take_is_found(build: Build, tmp_path: Path) -> None:
+    run = noisy(build, tmp_path, 0.3)
+    file = "train-00000-of-00001.parquet"
+    with rows_of(run.folder, file) as rows:
+        first = [row for row in rows if row["info"] == rows[0]["info"]]
+        labyrinth = parse(first[0]["info"])
+        best = shortest_routes(labyrinth)[0]
+        assert best != [row["actions"] for row in first[:-1]]
+        rows[: len(first)] = episode_rows("train", 0, labyrinth, best)
+    (problem,) = validation.validate(run.folder, Manifest.read(run.folder))
+    assert problem == (
+        f"{file} row 0 actions: not the route of a demonstrator with noise 0.3 and this seed"
+    )
+
+
+@pytest.mark.parametrize(
+    ("noise", "options", "words"),
+    [
+        (1.0, {}, "demonstrations.noise=1.0: give a probability from 0 to below 1"),
+        (-0.1, {}, "demonstrations.noise=-0.1: give a probability from 0 to below 1"),
+        (0.1, {"solutions": "all"}, "give solutions=shortest, not all"),
+        (0.1, {"shifts": ("one_wall",)}, "the demonstrated route is no shortest one"),
+    ],
+)
+def test_noise_that_makes_no_sense_is_refused(
+    make_run: Callable[..., Run],
+    tmp_path: Path,
+    noise: float,
+    options: dict[str, object],
+    words: str,
+) -> None:
+    with pytest.raises(ConfigError, match=words.replace(".", r"\.")):
+        make_run(tmp_path, **options, demonstrations=DemonstrationsConfig(noise=noise))
