@@ -8,7 +8,7 @@ nothing is trained on it, in no dataset; and no split has it yet.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -31,9 +31,9 @@ from pipeline.generation.variants import labyrinth_of
 class Effort(NamedTuple):
     """How many candidates a choice is made from."""
 
-    pool: int = 96
+    pool: int = 64
     """The number of candidates to choose from."""
-    renewed: int = 6
+    renewed: int = 4
     """How many of them are new for each choice."""
     patience: int = 30_000
     """The number looked at in vain after which there are taken to be no more."""
@@ -51,6 +51,7 @@ FREE = {
 """Shift -> the measures of a labyrinth that it leaves free, and that follow those of test."""
 
 _Key = tuple[int, ...]
+_Candidate = tuple[_Key, Structure]
 
 
 class Selection:
@@ -83,26 +84,30 @@ class Selection:
         Raises:
             ConfigError: There are fewer.
         """
-        size, renewed, patience = EFFORTS.get(split, Effort())
+        effort = EFFORTS.get(split, Effort())
         candidates = self._candidates(split)
-        pool = list(islice(candidates, size))
+        pool = list(islice(candidates, effort.pool))
         for number, structure in enumerate(self._tests):
             target = self._key(split, labyrinth_of(self._config, "test", structure))
-            in_vain = 0
-            while True:
-                pool += islice(candidates, renewed)
-                del pool[:-size]
-                in_vain += renewed
-                if not pool or in_vain > patience:
-                    raise self._not_enough(split, number)
-                nearest = min(
-                    pool, key=lambda of: sum(abs(a - b) for a, b in zip(of[0], target, strict=True))
-                )
-                pool.remove(nearest)
-                if self._is_new(nearest[1]):
-                    break
-            chosen = nearest[1]
+            pool += islice(candidates, effort.renewed)
+            del pool[: -effort.pool]
+            chosen = self._taken(pool, target, islice(candidates, effort.patience))
+            if chosen is None:
+                raise self._not_enough(split, number)
+            # A copy without the cached properties, since a shard holds many structures.
             yield Structure(chosen.height, chosen.width, chosen.up, chosen.right)
+
+    def _taken(
+        self, pool: list[_Candidate], target: _Key, more: Iterator[_Candidate]
+    ) -> Structure | None:
+        """Take the candidate nearest to a target out of the pool, None if no new one is found."""
+        nearest_first = sorted(pool, key=lambda candidate: _apart(candidate[0], target))
+        for place, candidate in enumerate(chain(nearest_first, more)):
+            if place < len(nearest_first):
+                pool.remove(candidate)
+            if self._is_new(candidate[1]):
+                return candidate[1]
+        return None
 
     def _in_bucket(self, structure: Structure) -> bool:
         return split_of(structure, self._config.buckets) == "test"
@@ -121,7 +126,7 @@ class Selection:
             for name in FREE[split]
         )
 
-    def _candidates(self, split: str) -> Iterator[tuple[_Key, Structure]]:
+    def _candidates(self, split: str) -> Iterator[_Candidate]:
         """Yield structures with the property of a shift, until there seem to be no more."""
         in_vain, patience = 0, EFFORTS.get(split, Effort()).patience
         for structure in self._drawn(split):
@@ -179,3 +184,7 @@ class Selection:
             f"found, and no other after a long search; ask for fewer labyrinths, or leave {split} "
             "out"
         )
+
+
+def _apart(key: _Key, target: _Key) -> int:
+    return sum(abs(a - b) for a, b in zip(key, target, strict=True))
