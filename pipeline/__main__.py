@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from importlib import import_module
+from types import FrameType
 
 import hydra
 from hydra.errors import HydraException
@@ -40,11 +42,19 @@ def perform(config: DictConfig) -> None:
         raise SystemExit(f"error: {where}: {error.strerror or error}") from error
 
 
+def _end(number: int, _frame: FrameType | None) -> None:
+    """End as after an interruption, so that workers are stopped and leftovers are removed."""
+    print("\nterminated: the same command goes on from what is finished", file=sys.stderr)
+    sys.exit(128 + number)
+
+
 def main() -> None:
     """Run what the command line asks for, and exit: 1 for a mistake, which one line explains."""
     if "--version" in sys.argv[1:]:  # Hydra would print its own.
         print(f"labyrinth-datasets {__version__}")
         return
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # Else somebody wants it ignored.
+        signal.signal(signal.SIGTERM, _end)
     sys.argv[1:] = map(with_brackets, sys.argv[1:])
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.

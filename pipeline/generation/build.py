@@ -32,6 +32,7 @@ from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.locks import held
+from pipeline.machinery.worker import count
 
 CELLS_PER_SHARD = 400_000
 """The number of cells of all labyrinths in a shard: 16,000 at 5x5, some tens of megabytes."""
@@ -111,7 +112,9 @@ def _finished(run: Run) -> Manifest | None:
 def _build(run: Run, workplace: Workplace) -> Manifest:
     try:
         workplace.prepare(run.dataset)
-        shards = ordered_map(make_shard, _jobs(run.dataset, workplace), run.options.workers)
+        jobs = _jobs(run.dataset, workplace)
+        workers = min(run.options.workers, shards_of_split(run.dataset) * len(SPLITS))
+        shards = ordered_map(make_shard, jobs, workers)
         done = tracked(
             ((shard.labyrinths, shard) for shard in shards),
             "build",
@@ -136,10 +139,19 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
     return manifest
 
 
+def shard_size(config: DatasetConfig) -> int:
+    """Return the number of labyrinths of a shard; the last one of a split may have fewer."""
+    return max(1, CELLS_PER_SHARD // (config.height * config.width))
+
+
+def shards_of_split(config: DatasetConfig) -> int:
+    """Return the number of shards of each split."""
+    return -(-config.labyrinths // shard_size(config))
+
+
 def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
     """Yield the jobs that a list of structures is for, as soon as it has been sampled."""
-    size = max(1, CELLS_PER_SHARD // (config.height * config.width))
-    count = -(-config.labyrinths // size)
+    size, shards = shard_size(config), shards_of_split(config)
     made_of = {split: [split] for split in SAMPLED_SPLITS}
     made_of["train"] += [split for split in SPLITS if split not in SAMPLED_SPLITS]
     first = dict.fromkeys(SAMPLED_SPLITS, 0)
@@ -150,7 +162,7 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
         if len(part) < min(size, config.labyrinths - first[sampled]):
             continue
         for split in made_of[sampled]:
-            name = f"{split}-{first[sampled] // size:05d}-of-{count:05d}"
+            name = f"{split}-{first[sampled] // size:05d}-of-{shards:05d}"
             path = workplace.shards / f"{name}.parquet"
             sidecar = workplace.building / f"{name}.json"
             yield ShardJob(config, split, first[sampled], part, path, sidecar)
@@ -163,16 +175,18 @@ def make_shard(job: ShardJob) -> Shard:
     with suppress(FileNotFoundError, ValueError, AttributeError):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
         if file_sha256(job.path) == finished.sha256:
+            count(finished.labyrinths)
             return finished
     config, split, cut = job.config, job.split, 0
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
         labyrinths = (labyrinth_of(config, split, structure) for structure in job.structures)
-        count = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        solutions = batched(solve(config, split, batched(labyrinths, count)), count)
+        batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
+        solutions = batched(solve(config, split, batched(labyrinths, batch)), batch)
         for number, solution in enumerate(solutions, start=job.first):
             cut += solution.cut
+            count(1)
             yield from render(split, number, solution.episodes)
 
     with new_file(job.path, job.sidecar.parent) as path:

@@ -30,6 +30,7 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
+from pipeline.machinery.worker import count
 
 
 @dataclass
@@ -149,6 +150,7 @@ class _ShardCheck:
         """Check the rows from one `episode_starts` to the next."""
         begin = self.row
         self.row += len(rows)
+        count(len(rows))
         self.episodes += 1
         self.longest = max(self.longest, len(rows) - 1)
         if not rows[0].episode_starts:
