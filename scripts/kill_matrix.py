@@ -6,10 +6,10 @@
 A build of 30 shards is forked and gets SIGKILL; then the same build is run to its end in the same
 folder. Half of the kills hit the whole process group, as when a machine is switched off, the others
 only the first process, whose workers live on for a moment while the build is run again, and then
-have to end by themselves. A third of the builds replace another dataset. The moment is between two events of an undisturbed build: its beginning,
-each finished shard, its end. A quarter of the kills is aimed before the first shard and a quarter
-after the last. A kill after the end is repeated. With a file for the results, the same command
-continues where it was stopped.
+have to end by themselves. A third of the builds replace another dataset. The moment is between two
+events of an undisturbed build: its beginning, each finished shard, its end. A quarter of the kills
+is aimed before the first shard and a quarter after the last. A kill after the end is repeated. With
+a file for the results, the same command continues where it was stopped.
 
 The exit status is 1 if a dataset differs in anything from that of an undisturbed build, or if a
 process or something in shared memory is left.

@@ -11,6 +11,7 @@ from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world.tasks import check_open_walls
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
@@ -56,6 +57,7 @@ class DatasetConfig:
                 raise ValueError(f"{name}={given}: choose one of [{', '.join(allowed)}]")
         if not 0 <= self.open_walls <= 1:
             raise ValueError(f"open_walls={self.open_walls}: give a probability from 0 to 1")
+        check_open_walls(self.task, self.open_walls)
         if min(self.buckets) < 1 or sum(self.buckets) != 100:
             raise ValueError(
                 f"buckets={list(self.buckets)}: give three percentages of 1 or more that add up "

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from functools import lru_cache
 from typing import Any
 
@@ -39,11 +38,12 @@ def begin_worker(parent: int, count: Any) -> None:
     """
     global _count
     _count = count
+    never = threading.Event()
 
     def watch() -> None:
         # The number of another process: the system has given this one to a new parent.
         while os.getppid() == parent:
-            time.sleep(PATIENCE)
+            never.wait(PATIENCE)
         os._exit(1)
 
     threading.Thread(target=watch, name="watch", daemon=True).start()

@@ -212,7 +212,7 @@ def test_nothing_is_left_of_a_build_whose_first_process_is_ended(
                     break
                 time.sleep(0.01)
             assert is_empty(run.pid)
-            assert not list(Path("/dev/shm").glob(f"*loky-{run.pid}-*"))  # noqa: S108
+            assert not list(Path("/dev/shm").glob(f"*loky-{run.pid}-*"))
         finally:
             if not is_empty(run.pid):
                 os.killpg(run.pid, signal.SIGKILL)
