@@ -38,10 +38,15 @@ def begin_worker(parent: int, count: Any) -> None:
     """
     global _count
     _count = count
+    end_with_parent(parent)
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process soon after its parent, the process of that id, has ended."""
     never = threading.Event()
 
     def watch() -> None:
-        # The number of another process: the system has given this one to a new parent.
+        # The system gives an orphan another parent.
         while os.getppid() == parent:
             never.wait(PATIENCE)
         os._exit(1)
