@@ -16,7 +16,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import STAGES, options_of, refusal, register, resolve, with_brackets
@@ -37,6 +37,11 @@ def perform(config: DictConfig) -> None:
         raise SystemExit(f"error: {refusal(error)}") from error
     except (ConfigError, DatasetError) as error:
         raise SystemExit(f"error: {error}") from error
+    except MemoryError as error:
+        more = one_line(error) or "no block of any size"
+        raise SystemExit(
+            f"error: out of memory ({more:.200}); the same command goes on from what is finished"
+        ) from error
     except OSError as error:
         where = error.filename or options.data_dir
         raise SystemExit(f"error: {where}: {error.strerror or error}") from error

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -96,7 +96,7 @@ def _watch(process: subprocess.Popen[str], home: Path, total: int) -> str:
     with progress() as bars:
         bar = bars.add_task("verify", total=total)
         while (line := _next(lines)) is not None:
-            size = sum(path.stat().st_size for path in home.rglob("*") if path.is_file())
+            size = _bytes_had(home)
             if line or size != held:
                 held, last = size, time.monotonic()
             elif time.monotonic() > last + PATIENCE:
@@ -109,6 +109,16 @@ def _watch(process: subprocess.Popen[str], home: Path, total: int) -> str:
                 bars.update(bar, completed=int(rows))
             bars.update(bar, description=f"verify {what}, {held / 1e6:.1f} MB")
     return said
+
+
+def _bytes_had(home: Path) -> int:
+    """Return the bytes in the caches of files and of rows; elsewhere are logs, which grow."""
+    files = (path for name in ("hub", "datasets") for path in (home / name).rglob("*"))
+    size = 0
+    for path in files:
+        with suppress(FileNotFoundError):  # Renamed or removed meanwhile.
+            size += path.lstat().st_size
+    return size
 
 
 def _pass_on(output: Iterable[str], lines: SimpleQueue[str | None]) -> None:

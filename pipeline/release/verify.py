@@ -115,6 +115,7 @@ def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str, 
             raise DatasetError(f"{what}: the rows of {shard.path} are not those published")
     if next(iterator, None) is not None:
         raise DatasetError(f"{what}: there are more than {seen} rows")
+    _tell(before + seen, what)
     return seen
 
 
