@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -52,6 +53,8 @@ def _end_out_of_memory(error: BaseException) -> NoReturn:
     """End at once: libraries that got no memory may crash when the interpreter ends."""
     line = f"out of memory ({one_line(error):.200}); the same command goes on from what is finished"
     print(f"error: {line}", file=sys.stderr, flush=True)
+    if threading.current_thread() is threading.main_thread():
+        atexit._run_exitfuncs()  # Else joblib's tracker says what it clears up.
     os._exit(1)
 
 
