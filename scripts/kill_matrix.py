@@ -5,13 +5,14 @@
 
 A build of 30 shards is forked and gets SIGKILL; then the same build is run to its end in the same
 folder. Half of the kills hit the whole process group, as when a machine is switched off, the others
-only the first process, whose workers live on while the build is run again. A third of the builds
-replace another dataset. The moment is between two events of an undisturbed build: its beginning,
-each finished shard, its end. A quarter of the kills is aimed before the first shard and a quarter
-after the last. A kill after the end is repeated. With a file for the results, the same command
-continues where it was stopped.
+only the first process, whose workers live on for a moment while the build is run again, and then
+have to end by themselves. A third of the builds replace another dataset. The moment is between two
+events of an undisturbed build: its beginning, each finished shard, its end. A quarter of the kills
+is aimed before the first shard and a quarter after the last. A kill after the end is repeated. With
+a file for the results, the same command continues where it was stopped.
 
-The exit status is 1 if a dataset differs in anything from that of an undisturbed build.
+The exit status is 1 if a dataset differs in anything from that of an undisturbed build, or if a
+process or something in shared memory is left.
 """
 
 from __future__ import annotations
@@ -53,6 +54,12 @@ PHASES = (
 )
 TOO_LATE = "after the end, not counted"
 
+TIME_TO_END = 10.0
+"""The seconds in which workers have to end after the first process."""
+SHARED = Path("/dev/shm")
+LEFT: list[str] = []
+"""What builds have left behind."""
+
 
 class Undisturbed(NamedTuple):
     """The files and the times of a build that is not killed."""
@@ -91,9 +98,32 @@ def started(run: Run) -> Iterator[int]:
     os.setpgid(process, process)
     try:
         yield process
-    finally:  # Otherwise workers that live on would wait for minutes.
-        os.killpg(process, signal.SIGKILL)
+    finally:
+        os.kill(process, signal.SIGKILL)
         os.waitpid(process, 0)  # Not earlier: its id could be reused.
+        LEFT.extend(what_is_left(process))
+
+
+def what_is_left(process: int) -> list[str]:
+    """Return what a build leaves whose first process has ended, and remove it."""
+    left = []
+    waited = 0.0
+    with suppress(ProcessLookupError):
+        while waited < TIME_TO_END:
+            os.killpg(process, 0)
+            time.sleep(0.05)
+            waited += 0.05
+        os.killpg(process, signal.SIGKILL)
+        left.append(f"processes of the group {process}")
+    return left + clear_memory(process)
+
+
+def clear_memory(process: int) -> list[str]:
+    """Remove what a process has in shared memory, and return the names."""
+    found = [*SHARED.glob(f"sem.loky-{process}-*"), *SHARED.glob(f"joblib_*_{process}_*")]
+    for path in found:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return [path.name for path in found]
 
 
 def perform(run: Run) -> None:
@@ -186,6 +216,8 @@ def kill(run: Run, process: int, moment: tuple[int, float], whole_group: bool) -
     time.sleep(delay)
     (os.killpg if whole_group else os.kill)(process, signal.SIGKILL)
     os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
+    if whole_group:  # As if the machine had been switched off: nobody is there to clear it.
+        clear_memory(process)
 
 
 def random_moment(rng: random.Random, times: list[float]) -> tuple[int, float]:
@@ -267,6 +299,7 @@ def report(results: list[Result], executor: str) -> None:
     for place in (*PHASES, TOO_LATE):
         print(f"{places[place]:5} {place}")
     print(f"{sum(not result.same for result in results)} datasets differ from the undisturbed one")
+    print(f"{len(LEFT)} processes or names in shared memory were left", *LEFT[:10])
 
 
 def main() -> None:
@@ -294,7 +327,7 @@ def main() -> None:
                     with arguments.results.open("a") as file:
                         file.write(json.dumps(result) + "\n")
     report(results, arguments.executor)
-    sys.exit(any(not result.same for result in results))
+    sys.exit(bool(LEFT) or any(not result.same for result in results))
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ HOMES = {
     ),
     "rich": ("pipeline",),
     "yaml": ("pipeline",),
-    "joblib": ("pipeline.machinery.executor",),
+    "joblib": ("pipeline.machinery.executor", "pipeline.machinery.worker"),
     "distributed": ("pipeline.machinery.executor",),
     "ray": ("pipeline.machinery.executor",),
     "torch": (

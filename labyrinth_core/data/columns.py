@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,6 +15,20 @@ if TYPE_CHECKING:
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""
+
+
+GROUP_BYTES = 64 << 20
+"""The bytes of pictures after which a row group ends, within an episode if need be.
+
+The Hub's viewer reads no group of more than 286 MiB, and needs several times its size in memory. A
+group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
+"""
+
+BATCH_ROWS = 4096
+"""The rows that are read at once; a hostile file may repeat a large picture in many rows."""
+
+MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
+"""The rows and the bytes that no row group exceeds; no picture has fewer than 512 bytes."""
 
 
 class Column(NamedTuple):
@@ -96,6 +111,43 @@ def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
 
     names = read_schema(path).names
     return pq.ParquetFile(path, read_dictionary=["info"] if "info" in names else [])
+
+
+def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
+    """Return what in the footer of a file shows that it is not ours, before any row is read.
+
+    A few bytes of a file may stand for any number of rows, and a row group is read as a whole.
+
+    Args:
+        file: The file.
+        rows: The number of rows that the manifest says it has.
+    """
+    footer = file.metadata
+    if footer.num_rows != rows:
+        return f"rows {footer.num_rows}, but the manifest says {rows}"
+    for group in map(footer.row_group, range(footer.num_row_groups)):
+        if group.num_rows > MOST_ROWS:
+            return f"a row group of {group.num_rows} rows, but none has more than {MOST_ROWS}"
+        if group.total_byte_size > MOST_BYTES:
+            return f"a row group of {group.total_byte_size} bytes, more than {MOST_BYTES}"
+    return None
+
+
+def tables_of(
+    file: pyarrow.parquet.ParquetFile, columns: list[str] | None = None
+) -> Iterator[pyarrow.Table]:
+    """Yield the rows of a file, those of a row group at once unless they are very many.
+
+    Args:
+        file: The file.
+        columns: The names of the columns to read; None for all.
+    """
+    import pyarrow as pa
+
+    for group in range(file.num_row_groups):
+        # `map` lets go of each batch, of which there would otherwise be two.
+        batches = file.iter_batches(BATCH_ROWS, [group], columns)
+        yield from map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
 
 
 def read_schema(path: Path) -> pyarrow.Schema:

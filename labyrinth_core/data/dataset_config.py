@@ -12,6 +12,7 @@ from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixel
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world.tasks import check_open_walls
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
@@ -69,6 +70,7 @@ class DatasetConfig:
             raise ValueError(
                 f"demonstrations.noise={self.noise}: give solutions=shortest, not {self.solutions}"
             )
+        check_open_walls(self.task, self.open_walls)
         if min(self.buckets) < 1 or sum(self.buckets) != 100:
             raise ValueError(
                 f"buckets={list(self.buckets)}: give three percentages of 1 or more that add up "

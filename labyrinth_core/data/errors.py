@@ -13,3 +13,18 @@ class DatasetError(RuntimeError):
 def one_line(error: BaseException) -> str:
     """Return the message of an error in one line, or its type if the message is empty."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Return whether an error says that there is not enough memory.
+
+    A library that cannot be loaded, a thread that cannot be started and a compressor have other
+    types; Arrow's error is a MemoryError.
+    """
+    signs = (
+        "failed to map segment",
+        "allocate memory",
+        "Allocation error",
+        "can't start new thread",
+    )
+    return isinstance(error, MemoryError) or any(sign in str(error) for sign in signs)

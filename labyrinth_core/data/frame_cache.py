@@ -15,6 +15,8 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import re
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +26,9 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.locks import locked
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.transitions import LoadedEpisode, Transitions, gather
 
 FRAMES = np.dtype("u1")
@@ -40,7 +44,21 @@ COLUMNS: dict[str, np.dtype[Any]] = {
 SUFFIX = ".frames.npy"
 """The end of the names of cache files, so that leftovers are known from files of others."""
 
+_NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{16}}{re.escape(SUFFIX)}", re.ASCII)
+"""The names of cache files, see `name_of`."""
+
+LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
+"""The environment variable for the most gigabytes in a folder, and its default."""
+
+LARGE = 500_000_000
+"""The bytes of a file from which on it is said that it is written."""
+
 _ALIGNMENT = 64
+
+
+def name_of(config: str, split: str, image_size: int, key: str) -> str:
+    """Return the name of a cache file."""
+    return f"{config}-{split}-{image_size}-{key[:16]}{SUFFIX}"
 
 
 def user_folder() -> Path:
@@ -58,23 +76,60 @@ def user_folder() -> Path:
     return base / "labyrinth-datasets"
 
 
-def load(path: Path, key: str, episodes: Callable[[], Iterable[LoadedEpisode]]) -> Transitions:
+def limit() -> int:
+    """Return how many bytes the cache files of a folder may have, by the environment.
+
+    Raises:
+        DatasetError: `LABYRINTH_CACHE_GB` is no number of gigabytes.
+    """
+    text = os.environ.get(LIMIT_VARIABLE, LIMIT)
+    try:
+        gigabytes = float(text)
+    except ValueError:
+        gigabytes = -1.0
+    if not 0 <= gigabytes < math.inf:
+        raise DatasetError(f"{LIMIT_VARIABLE}={text}: give a number of gigabytes, such as {LIMIT}")
+    return int(gigabytes * 1e9)
+
+
+def load(
+    path: Path, key: str, size: int, episodes: Callable[[], Iterable[LoadedEpisode]]
+) -> Transitions:
     """Return the transitions of a cache file, made of `episodes` if it is missing or wrong.
 
-    All that its content depends on is in the key.
+    All that its content depends on is in the key. Files that were not used for the longest time
+    make room for it, where there would be more than the limit; it says so if it gets large.
+
+    Args:
+        path: The file.
+        key: What the content is known by.
+        size: The bytes that the frames will have.
+        episodes: Makes the content.
 
     Raises:
         OSError: The file can be neither read nor made.
+        DatasetError: It exceeds the limit by itself, or the limit is no number.
     """
     found = read(path, key)
     if found is not None:
+        with suppress(OSError):  # A folder that may only be read.
+            os.utime(path)
         return found
+    most = limit()
+    if size > most:
+        raise DatasetError(
+            f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
+            f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
+        )
+    if size >= LARGE:
+        warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {path}", stacklevel=3)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path.parent)
     with locked(path.with_name(f".{path.name}.lock")):
         found = read(path, key)
         if found is None:
             temporary = path.with_name(f".{path.name}.tmp")
+            _make_room(path, most - size)
             try:
                 _write(temporary, key, episodes())
                 temporary.replace(path)
@@ -161,6 +216,18 @@ def _write_header(file: BinaryIO, shape: tuple[int, ...]) -> None:
 
 def _pad(file: BinaryIO) -> None:
     file.write(bytes(-file.tell() % _ALIGNMENT))
+
+
+def _make_room(path: Path, most: int) -> None:
+    """Remove the cache files beside a path that were used least recently, down to so many bytes."""
+    others = [each for each in path.parent.iterdir() if _NAME.fullmatch(each.name) and each != path]
+    states = sorted(((each.stat(), each) for each in others), key=lambda pair: pair[0].st_mtime)
+    total = sum(state.st_size for state, _ in states)
+    for state, each in states:
+        if total <= most:
+            break
+        each.unlink(missing_ok=True)
+        total -= state.st_size
 
 
 def _remove_leftovers(folder: Path) -> None:

@@ -63,13 +63,19 @@ def load_transitions(
         resize: How pictures are made smaller.
         cache_dir: Folder of the cache file. True stands for `labyrinth-datasets` in
             `$XDG_CACHE_HOME` or `~/.cache`. False or None holds all in memory; so does, with a
-            warning, a folder that cannot be written, or a full disk.
+            warning, a folder that cannot be written, or a full disk. Its cache files have 20 GB
+            at most, or as many as the environment variable LABYRINTH_CACHE_GB says; those used
+            least recently make room.
 
     Raises:
         ValueError: An argument is none of the allowed values.
-        DatasetError: As for `load_episodes`, or there is no episode in the split.
+        DatasetError: As for `load_episodes`, or there is no episode in the split, or the cache may
+            not have so much.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
+    named = isinstance(cache_dir, str) and cache_dir.strip()
+    if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
+        raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
     folder = locate(source, config, split, revision)
     manifest = Manifest.read(folder)
     shards = manifest.of(split)
@@ -81,8 +87,9 @@ def load_transitions(
         try:
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
             key = _key(shards, spec)
-            name = f"{manifest.config.name}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
-            return frame_cache.load(cache / name, key, episodes)
+            path = cache / frame_cache.name_of(manifest.config.name, split, image_size, key)
+            size = sum(shard.rows for shard in shards) * 3 * image_size**2
+            return frame_cache.load(path, key, size, episodes)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
             warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=2)
@@ -93,7 +100,7 @@ def _key(shards: Sequence[Shard], spec: ObservationSpec, version: int = PICTURES
     """Return a hash of all that the content of a cache file depends on."""
     content = {
         "shards": [shard.sha256 for shard in shards],
-        "image_size": spec.image_size,
+        "image_size": int(spec.image_size),
         "drawn": spec.draw,
         "resize": spec.resize,
         "pixels": version,

@@ -60,14 +60,13 @@ class ObservationSpec:
         if self.observation not in OBSERVATIONS:
             allowed = ", ".join(OBSERVATIONS)
             raise ValueError(f"observation={self.observation}: choose one of {allowed}")
-        if self.image_size < 1:
-            raise ValueError(f"image_size={self.image_size}: give 1 or more")
+        size = self.image_size
+        if not isinstance(size, int | np.integer) or size not in range(1, PICTURE_SIZE + 1):
+            raise ValueError(
+                f"image_size={size!r}: give a whole number of pixels from 1 to {PICTURE_SIZE}"
+            )
         if self.resize not in RESIZES:
             raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
-        if self.resize != "area" and self.image_size > PICTURE_SIZE:
-            raise ValueError(
-                f"image_size={self.image_size}: resize={self.resize} goes up to {PICTURE_SIZE}"
-            )
 
     @property
     def decodes(self) -> bool:

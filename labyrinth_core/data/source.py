@@ -9,7 +9,7 @@ from itertools import chain, groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from labyrinth_core.data.columns import open_shard, texts
+from labyrinth_core.data.columns import footer_problem, open_shard, tables_of, texts
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_copy
@@ -89,8 +89,11 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
         with _readable(path), local_copy(path) as local:
             check_file(local, shard, path)
             with open_shard(local) as file:
-                for group in range(file.num_row_groups):
-                    yield from _rows(file.read_row_group(group, columns=columns), pictures=pictures)
+                problem = footer_problem(file, shard.rows)
+                if problem is not None:
+                    raise DatasetError(f"{path} is damaged: {problem}")
+                for table in tables_of(file, columns):
+                    yield from _rows(table, pictures=pictures)
 
 
 def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
@@ -161,6 +164,8 @@ def _readable(place: object) -> Iterator[None]:
 
     try:
         yield
+    except MemoryError:  # Of Arrow, too; nothing is wrong with the files.
+        raise
     except (OSError, ValueError, LookupError, pa.ArrowException) as error:
         raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
 

@@ -9,7 +9,7 @@ import numpy as np
 from labyrinth_core.world.grid import row_and_column
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.tasks import default_start_and_goal, place
+from labyrinth_core.world.tasks import check_open_walls, default_start_and_goal, place
 
 MAX_DRAWS = 10_000
 """Structures drawn before giving up; where a task can be held at all, hundreds are plenty."""
@@ -39,7 +39,7 @@ def sample_labyrinth(
         open_walls: Probability of opening each wall that the tree leaves.
 
     Raises:
-        LabyrinthError: No structure drawn can hold the task.
+        LabyrinthError: No structure drawn can hold the task, or none ever could.
         ValueError: Start and goal are the same cell, or there is no such algorithm.
     """
     default_start, default_goal = default_start_and_goal(height, width)
@@ -47,6 +47,8 @@ def sample_labyrinth(
     goal = default_goal if goal is None else goal
     wish = f"size={height}x{width}, {wish_text(task, start, goal, width)}"
     check_apart(start, goal, wish)
+    if open_walls is not None:
+        check_open_walls(task, open_walls)
     structures = sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls)
     for structure in islice(structures, MAX_DRAWS):
         try:

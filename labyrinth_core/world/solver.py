@@ -6,7 +6,7 @@ in key and door the search runs over agent, key and door; ice is a terminal stat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -152,17 +152,10 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
     table = transition_table(labyrinth)
     distance = distances(labyrinth, table)
 
-    def extend() -> Iterator[list[int]]:
-        stack = [(state_index(labyrinth, initial(labyrinth)), list[int]())]
-        while stack:
-            state, actions = stack.pop()
-            if not distance[state]:
-                yield actions
-                continue
-            choices = reversed(_choices(table, distance, state))
-            stack.extend((table[state][action], [*actions, action]) for action in choices)
+    def onward(state: int) -> Iterator[tuple[int, int]]:
+        return ((action, table[state][action]) for action in _choices(table, distance, state))
 
-    return list(islice(extend(), limit))
+    return list(islice(_routes(labyrinth, len(table), onward), limit))
 
 
 def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[int]]:
@@ -174,36 +167,52 @@ def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[i
         labyrinth: The labyrinth to solve.
         limit: The number of routes to stop at; those found first are not always the shortest.
     """
-    found = list(islice(_simple_routes(labyrinth), limit))
+    table = transition_table(labyrinth)
+    found = islice(_routes(labyrinth, len(table), lambda state: enumerate(table[state])), limit)
     return sorted(found, key=lambda actions: (len(actions), actions))
 
 
-def _simple_routes(labyrinth: Labyrinth) -> Iterator[list[int]]:
-    table = transition_table(labyrinth)
-    goals = range(labyrinth.goal, len(table), labyrinth.structure.cells)
-    predecessors = _predecessors(table)
-    path: list[int] = []
+def _routes(
+    labyrinth: Labyrinth, states: int, onward: Callable[[int], Iterable[tuple[int, int]]]
+) -> Iterator[list[int]]:
+    """Yield the actions of every route that visits no state twice, in the order of the moves.
+
+    The search is depth first. A state that it left in vain stays closed, since from there all ways
+    lead to the path that led to it; so a dead end is entered once for a route, not once for each
+    of its moves, and the next route takes about as long as a walk through the whole labyrinth.
+    Where a path that did reach the goal is given up, what was closed because of it opens again.
+
+    Args:
+        labyrinth: The labyrinth, whose ice is not entered.
+        states: The number of its states.
+        onward: For a state the actions that may be taken and the states that they lead to.
+    """
+    goals = range(labyrinth.goal, states, labyrinth.structure.cells)
+    start = state_index(labyrinth, initial(labyrinth))
+    closed = bytearray(states)
+    for state in (start, *labyrinth.ice):
+        closed[state] = True
+    in_vain: list[int] = []
     actions: list[int] = []
-
-    def promising(state: int) -> Iterator[tuple[int, int]]:
-        """Add a state to the path, and yield the moves after which a goal is within reach.
-
-        Within reach, that is, without visiting a state twice; a search that also went into dead
-        ends would take exponentially long.
-        """
-        path.append(state)
-        distance = breadth_first(predecessors, goals, [*path, *labyrinth.ice])
-        return ((a, after) for a, after in enumerate(table[state]) if distance[after] >= 0)
-
-    moves = [promising(state_index(labyrinth, initial(labyrinth)))]
-    while moves:
-        action, state = next(moves[-1], (None, 0))
-        if action is None:
-            path.pop()
-            moves.pop()
-            del actions[-1:]
-        elif state in goals:
-            yield [*actions, action]
+    path = [(start, iter(onward(start)), 0)]
+    fruitful = 0  # So many states at the beginning of the path have led to the goal.
+    while path:
+        state, moves, before = path[-1]
+        for action, after in moves:
+            if after in goals:
+                fruitful = len(path)
+                yield [*actions, action]
+            elif not closed[after]:
+                closed[after] = True
+                actions.append(action)
+                path.append((after, iter(onward(after)), len(in_vain)))
+                break
         else:
-            actions.append(action)
-            moves.append(promising(state))
+            path.pop()
+            del actions[-1:]
+            in_vain.append(state)
+            if len(path) < fruitful:
+                fruitful = len(path)
+                for each in in_vain[before:]:
+                    closed[each] = False
+                del in_vain[before:]

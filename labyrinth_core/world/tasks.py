@@ -22,6 +22,23 @@ def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
     return 0, height * width - 1
 
 
+def check_open_walls(task: Task, open_walls: float) -> None:
+    """Refuse a task that no labyrinth can hold, however often one is drawn.
+
+    Args:
+        task: The task.
+        open_walls: The probability of opening each wall that the tree leaves.
+
+    Raises:
+        LabyrinthError: None of them can.
+    """
+    wish = f"open_walls={open_walls:g} task={task}"
+    if task is Task.ICY_FLOOR and open_walls == 0:
+        raise LabyrinthError(f"{wish}: there is one route, and ice needs another; give more than 0")
+    if task is Task.KEY_AND_DOOR and open_walls == 1:
+        raise LabyrinthError(f"{wish}: no cell is on every route, for a door; give less than 1")
+
+
 def place(
     structure: Structure,
     start: int,

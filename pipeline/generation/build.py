@@ -34,6 +34,7 @@ from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.locks import held
+from pipeline.machinery.worker import count
 
 CELLS_PER_SHARD = 400_000
 """The number of cells of all labyrinths in a shard: 16,000 at 5x5, some tens of megabytes."""
@@ -147,7 +148,9 @@ def _not_as_it_was(path: AnyPath) -> str:
 def _build(run: Run, workplace: Workplace) -> Manifest:
     try:
         workplace.prepare(run.dataset)
-        shards = ordered_map(make_shard, _jobs(run.dataset, workplace), run.options.workers)
+        jobs = _jobs(run.dataset, workplace)
+        workers = min(run.options.workers, shards_of_split(run.dataset) * len(run.dataset.splits))
+        shards = ordered_map(make_shard, jobs, workers)
         done = tracked(
             ((shard.labyrinths, shard) for shard in shards),
             "build",
@@ -172,11 +175,19 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
     return manifest
 
 
+def shard_size(config: DatasetConfig) -> int:
+    """Return the number of labyrinths of a shard; the last one of a split may have fewer."""
+    return max(1, CELLS_PER_SHARD // (config.height * config.width))
+
+
+def shards_of_split(config: DatasetConfig) -> int:
+    """Return the number of shards of each split."""
+    return -(-config.labyrinths // shard_size(config))
+
+
 def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
     """Yield the jobs that a list of structures is for, as soon as it has been sampled."""
-    size = max(1, CELLS_PER_SHARD // (config.height * config.width))
-    count = -(-config.labyrinths // size)
-    own = own_splits(config)
+    size, shards, own = shard_size(config), shards_of_split(config), own_splits(config)
     made_of = {
         split: [split, *(child for child in config.splits if SPLITS[child].parent == split)]
         for split in own
@@ -189,7 +200,7 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
         if len(part) < min(size, config.labyrinths - first[sampled]):
             continue
         for split in made_of[sampled]:
-            name = f"{split}-{first[sampled] // size:05d}-of-{count:05d}"
+            name = f"{split}-{first[sampled] // size:05d}-of-{shards:05d}"
             path = workplace.shards / f"{name}.parquet"
             sidecar = workplace.building / f"{name}.json"
             yield ShardJob(config, split, first[sampled], part, path, sidecar)
@@ -202,6 +213,7 @@ def make_shard(job: ShardJob) -> Shard:
     with suppress(FileNotFoundError, ValueError, AttributeError):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
         if file_sha256(job.path) == finished.sha256:
+            count(finished.labyrinths)
             return finished
     config, split, cut = job.config, job.split, 0
     numbers: list[int] = []
@@ -219,10 +231,11 @@ def make_shard(job: ShardJob) -> Shard:
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
-        count = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        solutions = batched(solve(config, split, batched(labyrinths(), count)), count)
+        batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
+        solutions = batched(solve(config, split, batched(labyrinths(), batch)), batch)
         for place, solution in enumerate(solutions):
             cut += solution.cut
+            count(1)
             yield from render(split, numbers[place], solution.episodes)
 
     with new_file(job.path, job.sidecar.parent) as path:

@@ -17,7 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema, open_shard, read_schema, texts
+from labyrinth_core.data.columns import (
+    NO_ACTION,
+    Row,
+    arrow_schema,
+    footer_problem,
+    open_shard,
+    read_schema,
+    tables_of,
+    texts,
+)
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
@@ -40,6 +49,7 @@ from pipeline.generation.relations import (
 )
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
+from pipeline.machinery.worker import count
 
 
 @dataclass
@@ -86,10 +96,16 @@ def check_shard(job: CheckJob) -> ShardReport:
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
             with open_shard(local) as file:
+                problem = footer_problem(file, job.shard.rows)
+                if problem is not None:
+                    report.problems.append(f"{job.shard.path}: {problem}")
+                    return report
                 found |= _ShardCheck(job, report).check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")
         return report
+    except MemoryError:  # Of Arrow, too; nothing is wrong with the file.
+        raise
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         report.problems.append(f"{job.shard.path} cannot be read: {one_line(error)}")
         return report
@@ -119,8 +135,7 @@ def _parents(job: CheckJob, report: ShardReport) -> list[Parent]:
 def _rows(file: Any, report: ShardReport) -> Iterator[Row]:
     """Yield the rows of a file, up to the first that has a null."""
     first = 0
-    for group in range(file.num_row_groups):
-        table = file.read_row_group(group)
+    for table in tables_of(file):
         values = ("obs", "actions", "rewards", "episode_starts")
         columns = [*(table[name].to_pylist() for name in values), texts(table["info"])]
         del table  # It holds the pictures a second time.
@@ -183,6 +198,7 @@ class _ShardCheck:
         """Check the rows from one `episode_starts` to the next."""
         begin = self.row
         self.row += len(rows)
+        count(len(rows))
         self.episodes += 1
         self.longest = max(self.longest, len(rows) - 1)
         if not rows[0].episode_starts:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
+from labyrinth_core.data.columns import GROUP_BYTES, NO_ACTION, Row, arrow_schema
 from labyrinth_core.data.fingerprint import Fingerprint
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import file_sha256
@@ -21,13 +21,6 @@ if TYPE_CHECKING:
 
 ROW_GROUP = 256
 """The number of rows after which a row group ends, at the next end of an episode."""
-
-GROUP_BYTES = 64 << 20
-"""The bytes of pictures after which a row group ends, within an episode if need be.
-
-The Hub's viewer reads no group of more than 286 MiB, and needs several times its size in memory. A
-group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
-"""
 
 WRITER_OPTIONS = {
     # Chosen by scripts/benchmark_parquet.py; see docs/performance.md.

@@ -10,15 +10,18 @@ import logging
 import os
 import socket
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice
 from typing import Any, TypeVar
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.worker import begin_worker, shared_count
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -26,17 +29,40 @@ Result = TypeVar("Result")
 Losses = tuple[type[Exception], ...]
 """The errors that a backend raises when a worker is lost."""
 
-_LOCAL: tuple[str, Losses] = "local", (BrokenExecutor,)
-_backend = ContextVar("backend", default=_LOCAL)
+
+@dataclass
+class _Cluster:
+    """The cluster that `ordered_map` runs on."""
+
+    start: Callable[[ExitStack, int], Losses]
+    """Starts it with so many processes, and returns what it raises when one is lost."""
+    stack: ExitStack
+    """Ends it when it is closed."""
+    backend: str
+    processes: int = 0
+    lost: Losses = ()
+
+    def provide(self, workers: int) -> None:
+        """See to it that there are so many processes, or more."""
+        if workers > self.processes:
+            self.stack.close()
+            self.lost = self.start(self.stack, workers)
+            self.processes = workers
+
+
+_LOST: Losses = (BrokenExecutor,)
+_cluster: ContextVar[_Cluster | None] = ContextVar("cluster", default=None)
 
 
 @contextmanager
 def cluster(executor: str, workers: int, address: str | None = None) -> Iterator[None]:
     """Let `ordered_map` run on an executor within the context.
 
+    A cluster of its own is started when there is work for it, and with no more processes.
+
     Args:
         executor: local, dask or ray.
-        workers: The number of processes of a cluster that is started for the context.
+        workers: The number of processes that will be used at most.
         address: The address of a running cluster to use instead, which has to see the same folder
             under the same name.
 
@@ -46,21 +72,32 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
     if executor == "local":
         yield
         return
-    with ExitStack() as stack:
+
+    def start(stack: ExitStack, workers: int) -> Losses:
         try:
             options, lost = {"dask": _dask, "ray": _ray}[executor](stack, workers, address)
-        except ImportError as error:
-            install = f"pip install 'labyrinth-datasets[{executor}]'"
-            raise ConfigError(f"executor={executor} is not installed: {install}") from error
         except (OSError, ValueError, RuntimeError) as error:
             place = f" executor_address={address}" if address else ""
             raise ConfigError(f"executor={executor}{place}: {one_line(error):.300}") from error
         from joblib import parallel_config
 
         stack.enter_context(parallel_config(backend=executor, **options))
-        token = _backend.set((executor, lost))
-        stack.callback(_backend.reset, token)
-        yield
+        return lost
+
+    try:
+        import_module({"dask": "distributed", "ray": "ray"}[executor])
+    except ImportError as error:
+        install = f"pip install 'labyrinth-datasets[{executor}]'"
+        raise ConfigError(f"executor={executor} is not installed: {install}") from error
+    with ExitStack() as stack:
+        there = _Cluster(start, stack, executor)
+        if address is not None:
+            there.provide(workers)
+        token = _cluster.set(there)
+        try:
+            yield
+        finally:
+            _cluster.reset(token)
 
 
 def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
@@ -117,16 +154,22 @@ def ordered_map(
     Args:
         function: Picklable, and pure: it may run in another process, and again.
         items: Its arguments; each is taken when a worker is free.
-        workers: Processes; with 1, and no cluster, everything happens in this one.
+        workers: Processes, of which no more are used than there are items in a list; with 1, and
+            no cluster, everything happens in this one.
         losses: The number of times in a row that workers may be lost.
 
     Raises:
         DatasetError: Workers were lost more often.
     """
-    backend, lost = _backend.get()
-    if backend == "local" and workers == 1:
+    if isinstance(items, Sized):
+        workers = min(workers, len(items))
+    there = _cluster.get()
+    if there is not None and workers:
+        there.provide(workers)
+    elif workers <= 1:
         yield from map(function, items)
         return
+    backend, lost = ("local", _LOST) if there is None else (there.backend, there.lost)
     source = iter(items)
     again: deque[Item] = deque()  # Taken back from lost workers.
     out: deque[Item] = deque()  # Given to workers, no result yet.
@@ -175,6 +218,9 @@ def _results(
             while part := list(islice(feed, 4 * workers)):
                 yield from parallel(delayed(function)(item) for item in part)
         return
-    parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
+    own = {}
+    if backend == "local":
+        own = {"initializer": begin_worker, "initargs": (os.getpid(), shared_count())}
+    parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
     with closing(parallel(delayed(function)(item) for item in feed)) as results:
         yield from results

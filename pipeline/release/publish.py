@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, get_token
+from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
@@ -36,9 +33,7 @@ from pipeline.release.remote import (
     reasons,
     repeated,
 )
-
-CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
-"""The names of environment variables that move the caches of the Hub's clients."""
+from pipeline.release.verification import verified
 
 
 def run(run: Run) -> None:
@@ -94,7 +89,7 @@ def _release(data_dir: Path, remote: Remote, options: PublishOptions, exists: bo
         if options.create_pr:
             say(f"pull request: {head}; publish again, to tag, once it is merged.")
             return False
-    _verify(options, data_dir, head)
+    say(verified(options.repo_id, head, data_dir))
     remote.tag(options.version, head)
     say(f"tagged {options.version} at {head[:12]}.")
     return True
@@ -217,31 +212,3 @@ def _uploaded(remote: Remote, options: PublishOptions, plan: Plan) -> list[Commi
         return plan.files[path].stat().st_size, addition
 
     return list(tracked(map(upload, plan.add), "upload", total=plan.bytes))
-
-
-def _verify(options: PublishOptions, data_dir: Path, commit: str) -> None:
-    """Load the release from the Hub in another process with an empty cache, by its commit."""
-    say(f"verifying {commit[:12]} from an empty cache ...")
-    command = [sys.executable, "-m", "pipeline.release.verify", options.repo_id, commit]
-    with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as home:
-        done = subprocess.run(
-            [*command, str(data_dir.resolve())],
-            env=_environment(home),
-            cwd=Path(__file__).parents[2],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    if done.returncode:
-        reason = done.stderr.strip().rpartition("\n")[2] or f"it ended with {done.returncode}"
-        raise PublishError(
-            f"the verification of {commit[:12]} failed, so it is not tagged: {reason}"
-        )
-    say(done.stdout.strip())
-
-
-def _environment(home: str) -> dict[str, str]:
-    """Return the environment of a process whose caches are empty."""
-    kept = {name: value for name, value in os.environ.items() if not CACHES.fullmatch(name)}
-    own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
-    return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.

@@ -24,9 +24,13 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from pipeline.machinery import front_matter
+from pipeline.machinery.worker import end_with_parent
 from pipeline.release.plan import make_plan
 from pipeline.release.published import published_files
 from pipeline.release.remote import Remote, repeated
+
+TOLD = 100
+"""The number of rows after which it is told how far the verification is."""
 
 
 def verify(repo_id: str, commit: str, folder: Path) -> str:
@@ -44,40 +48,56 @@ def verify(repo_id: str, commit: str, folder: Path) -> str:
     if not plan.is_done:
         path = [*plan.add, *plan.delete][0]
         raise DatasetError(f"{path} on the Hub is not what was published")
-    rows = sum(_verified_rows(repo_id, commit, manifest) for manifest in manifests)
+    rows = 0
+    for manifest in manifests:
+        rows += _verified_rows(repo_id, commit, manifest, rows)
     return f"verified {commit[:12]}: {rows:,} rows, plain and streaming, are those published."
 
 
-def _verified_rows(repo_id: str, commit: str, manifest: Manifest) -> int:
+def _tell(rows: int, what: str) -> None:
+    """Tell the process that watches how many rows have been read, and what is read now."""
+    print(f"{rows}\t{what}", flush=True)  # noqa: T201
+
+
+def _verified_rows(repo_id: str, commit: str, manifest: Manifest, before: int) -> int:
     """Return the number of rows of a config, loaded again after any fault."""
     from datasets.exceptions import DatasetsError
 
     faults = (OSError, ValueError, HTTPError, DatasetsError)
     try:
-        return repeated(lambda: _load(repo_id, commit, manifest), faults, lambda _: True)
+        return repeated(lambda: _load(repo_id, commit, manifest, before), faults, lambda _: True)
     except faults as error:
         reason = one_line(error.__cause__ or error)
         raise DatasetError(f"{manifest.config.name} cannot be loaded: {reason}") from error
 
 
-def _load(repo_id: str, commit: str, manifest: Manifest) -> int:
-    """Load a config in every way, and return the number of its rows, each way counted."""
+def _load(repo_id: str, commit: str, manifest: Manifest, before: int) -> int:
+    """Load a config in every way, and return the number of its rows, each way counted.
+
+    Args:
+        repo_id: The dataset on the Hub.
+        commit: The commit to load.
+        manifest: The manifest of the config, as it was published.
+        before: The number of rows of the configs before it.
+    """
     from datasets import Image, load_dataset
 
     name, rows = manifest.config.name, 0
+    _tell(before, name)
     remote = hf_hub_download(repo_id, f"{name}/{MANIFEST}", repo_type="dataset", revision=commit)
     if Manifest.read(Path(remote).parent) != manifest:
         raise DatasetError(f"{name}/{MANIFEST} is not the one that was published")
     for split in manifest.config.splits:
         for streaming in (False, True):
+            what = f"{name} {split}{', streaming' if streaming else ''}"
+            _tell(before + rows, what)
             dataset = load_dataset(repo_id, name, split=split, revision=commit, streaming=streaming)
             dataset = dataset.cast_column("obs", Image(decode=False))
-            what = f"{name} {split}{', streaming' if streaming else ''}"
-            rows += _check_rows(dataset, manifest.of(split), what)
+            rows += _check_rows(dataset, manifest.of(split), what, before + rows)
     return rows
 
 
-def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str) -> int:
+def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str, before: int) -> int:
     """Compare the fingerprints of rows with those of their shards, and return their number."""
     iterator = iter(rows)
     seen = 0
@@ -89,10 +109,13 @@ def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str) 
                 raise DatasetError(f"{what}: it ends after {seen} rows")
             fingerprint.update([_row(row)])
             seen += 1
+            if seen % TOLD == 0:
+                _tell(before + seen, what)
         if fingerprint.hexdigest() != shard.fingerprint:
             raise DatasetError(f"{what}: the rows of {shard.path} are not those published")
     if next(iterator, None) is not None:
         raise DatasetError(f"{what}: there are more than {seen} rows")
+    _tell(before + seen, what)
     return seen
 
 
@@ -114,6 +137,7 @@ def _digest(png: bytes) -> bytes:
 def main() -> None:
     """Verify what the command line names, and end with 0 if all is well, else 1."""
     repo_id, commit, folder = sys.argv[1:]
+    end_with_parent(os.getppid())
     status = 0
     try:
         print(verify(repo_id, commit, Path(folder)))  # noqa: T201

@@ -331,3 +331,58 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one() -> None:
     assert (result.returncode, result.stderr) == (0, "")
     assert "3 kills, executor=local, 3 with workers=1" in result.stdout
     assert "0 datasets differ" in result.stdout
+
+
+# Too little memory.
+
+SHORT_OF_MEMORY = """
+import sys
+import pyarrow
+from pipeline import __main__
+from pipeline.generation import build
+
+make_shard = build.make_shard
+
+def make(job):
+    if job.split == "random":
+        {fault}
+    return make_shard(job)
+
+build.make_shard = make
+__main__.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("raise MemoryError", "MemoryError"),
+        ("raise pyarrow.ArrowMemoryError('malloc of size 9 failed')", "malloc of size 9 failed"),
+        ("raise ImportError('x.so: failed to map segment')", "x.so: failed to map segment"),
+        ("raise OSError('ZSTD: Allocation error')", "ZSTD: Allocation error"),
+        (
+            "import threading, time; n = []; n.append(threading.Thread(target=lambda: "
+            "bytearray(1 << 62))); n[0].start(); time.sleep(60)",
+            "MemoryError",
+        ),
+    ],
+    ids=["Python", "Arrow", "library", "compressor", "thread"],
+)
+def test_too_little_memory_is_told_in_one_line_and_finished_shards_are_kept(
+    fault: str, reason: str, tmp_path: Path
+) -> None:
+    arguments = ["size=3", "labyrinths=2", "stages=[build]", f"data_dir={tmp_path}"]
+    program = SHORT_OF_MEMORY.format(fault=fault)
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        cwd=RUN.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert reason in line
+    assert "finished" in line
+    assert list(tmp_path.glob(".3x3.building/train-*.json"))

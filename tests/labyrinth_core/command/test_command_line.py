@@ -181,6 +181,11 @@ def test_new_without_a_seed_prints_another_one_each_time(run):
     assert len({run("new", "--size", "8")[1] for _ in range(3)}) == 3
 
 
+def test_new_says_that_without_an_open_wall_there_can_be_no_ice(refused):
+    err = refused("new", "--size", "9", "--task", "icy-floor", "--open-walls", "0")
+    assert err.startswith("labyrinth: open_walls=0 task=icy_floor: ")
+
+
 def test_new_says_that_no_structure_can_hold_the_task(refused):
     err = refused("new", "--size", "2", "--task", "icy-floor")
     assert err.startswith("labyrinth: size=2x2, task=icy_floor, ")

@@ -14,6 +14,7 @@ import pytest
 
 from labyrinth_core.data import frame_cache, loader
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.frame_cache import LIMIT_VARIABLE
 from labyrinth_core.data.loader import (
     load_episodes,
     load_transitions,
@@ -253,6 +254,52 @@ def test_a_full_disk_is_warned_of_and_done_without(data_dir, cache, monkeypatch)
     assert list(cache.iterdir()) == []
 
 
+# A bound.
+
+
+def size_of(image_size, data_dir):
+    rows = sum(shard.rows for shard in Manifest.read(data_dir / "3x3").of("train"))
+    return 3 * image_size**2 * rows
+
+
+def test_what_was_not_used_for_longest_makes_room(data_dir, cache, monkeypatch):
+    for age, image_size in ((3, 8), (1, 9), (2, 10)):
+        load_transitions(data_dir, "3x3", image_size=image_size, cache_dir=cache)
+        path = next(cache.glob(f"3x3-train-{image_size}-*"))
+        os.utime(path, (path.stat().st_atime, path.stat().st_mtime - 1000 * age))
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)  # Used again just now.
+    kept = sum(path.stat().st_size for path in cache.iterdir())
+    oldest = next(cache.glob("3x3-train-10-*")).stat().st_size
+    limit = kept - oldest + size_of(11, data_dir)
+    monkeypatch.setenv(LIMIT_VARIABLE, str(limit / 1e9))
+    load_transitions(data_dir, "3x3", image_size=11, cache_dir=cache)
+    sizes = sorted(int(path.name.split("-")[2]) for path in cache.iterdir())
+    assert sizes == [8, 9, 11]
+
+
+def test_a_file_larger_than_the_bound_is_refused_and_others_stay(data_dir, cache, monkeypatch):
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    monkeypatch.setenv(LIMIT_VARIABLE, "0.0001")
+    with pytest.raises(DatasetError, match=f"^the pictures are .* GB, .* higher {LIMIT_VARIABLE}"):
+        load_transitions(data_dir, "3x3", image_size=500, cache_dir=cache)
+    assert "3x3-train-8-" in only_file(cache).name
+
+
+@pytest.mark.parametrize("text", ["much", "-1", "nan", "inf"])
+def test_a_bound_that_is_no_number_is_refused(data_dir, cache, monkeypatch, text):
+    monkeypatch.setenv(LIMIT_VARIABLE, text)
+    with pytest.raises(DatasetError, match=f"^{LIMIT_VARIABLE}={text}: give a number of gigabytes"):
+        load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+
+
+def test_a_large_file_is_announced(data_dir, cache, monkeypatch):
+    monkeypatch.setattr(frame_cache, "LARGE", size_of(16, data_dir))
+    load_transitions(data_dir, "3x3", image_size=15, cache_dir=cache)
+    with pytest.warns(UserWarning, match=r"writing 0\.0 GB of pictures to .*3x3-train-16-"):
+        load_transitions(data_dir, "3x3", image_size=16, cache_dir=cache)
+    load_transitions(data_dir, "3x3", image_size=16, cache_dir=cache)
+
+
 # Several processes.
 
 LOAD = """
@@ -340,11 +387,12 @@ def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(data_dir, c
         assert temporary.exists()
 
 
-def test_files_of_others_are_left_alone(data_dir, cache):
+def test_files_of_others_are_left_alone(data_dir, cache, monkeypatch):
     cache.mkdir()
     others = [cache / name for name in (".other.npy.tmp", "x.frames.npy", "x.tmp")]
     for path in others:
-        path.touch()
+        path.write_bytes(bytes(1000))
+    monkeypatch.setenv(LIMIT_VARIABLE, "1e-3")
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert all(path.exists() for path in others)
 

@@ -8,6 +8,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,6 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
 
+from labyrinth_core.data import columns
 from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
@@ -257,7 +259,7 @@ def divided(data_dir, folder, split, *, rows_a_file, rows_a_group):
         path = folder / "3x3" / f"{split}-{number:05d}-of-{count:05d}.parquet"
         rows = table.slice(number * rows_a_file, rows_a_file)
         pq.write_table(rows, path, row_group_size=rows_a_group)
-        kept.append(shard | {"path": path.name, "sha256": file_sha256(path)})
+        kept.append(shard | {"path": path.name, "sha256": file_sha256(path), "rows": len(rows)})
     (folder / "3x3" / "manifest.json").write_text(json.dumps(manifest | {"shards": kept}))
     return folder
 
@@ -447,8 +449,10 @@ def test_a_folder_without_datasets_is_told_so(tmp_path, load):
     ("options", "message"),
     [
         ({"observation": "picture"}, "observation=picture: choose one of image, vector"),
-        ({"image_size": 0}, "image_size=0: give 1 or more"),
-        ({"image_size": -64}, "image_size=-64: give 1 or more"),
+        *(
+            ({"image_size": size}, f"image_size={size!r}: give a whole number of pixels from .*")
+            for size in (0, -64, 601, 10**9, "64", 1.5, 64.0, None)
+        ),
         ({"revision": "main"}, "revision=main: .* is a folder, which has no revisions"),
     ],
 )
@@ -457,7 +461,31 @@ def test_an_impossible_argument_is_refused_at_once(data_dir, load, options, mess
         load(data_dir, "3x3", **options)
 
 
+@pytest.mark.parametrize("cache_dir", ["", " ", 5])
+def test_a_cache_that_is_no_folder_is_refused(data_dir, cache_dir):
+    with pytest.raises(ValueError, match=rf"\Acache_dir={cache_dir!r}: give a folder, True or"):
+        load_transitions(data_dir, "3x3", cache_dir=cache_dir)
+
+
 # Damaged datasets.
+
+
+def test_a_shard_with_more_rows_than_the_manifest_says_is_not_read(data_dir, tmp_path, monkeypatch):
+    other = divided(data_dir, tmp_path / "divided", "random", rows_a_file=50, rows_a_group=7)
+    path = other / "3x3" / "manifest.json"
+    path.write_text(path.read_text().replace('"rows": 50', '"rows": 49'))
+    monkeypatch.delattr(pq.ParquetFile, "iter_batches")
+    with pytest.raises(DatasetError, match="is damaged: rows 50, but the manifest says 49"):
+        list(load_episodes(other, "3x3", split="random"))
+
+
+def test_a_row_group_larger_than_any_of_ours_is_not_read(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(columns, "MOST_ROWS", 8)
+    for rows_a_group, found in ((8, None), (9, "a row group of 9 rows")):
+        sizes = {"rows_a_file": 1000, "rows_a_group": rows_a_group}
+        other = divided(data_dir, tmp_path / str(rows_a_group), "random", **sizes)
+        with pytest.raises(DatasetError, match=found) if found else nullcontext():
+            list(load_episodes(other, "3x3", split="random", image_size=8))
 
 
 def no_last_row(rows):
@@ -597,7 +625,7 @@ def edited(data_dir, folder, edit=lambda _: None):
     manifest = Manifest.read(folder / "3x3")
     shards = [s for s in manifest.shards if s.split != "train"]
     first = next(s for s in manifest.shards if s.path == path.name)
-    shards.append(replace(first, sha256=file_sha256(path)))
+    shards.append(replace(first, sha256=file_sha256(path), rows=len(rows)))
     Manifest(manifest.config, manifest.versions, tuple(shards)).write(folder / "3x3")
     return folder
 

@@ -115,7 +115,7 @@ def test_a_step_limit_is_forty_times_the_cells(datasets):
         ({"split": "eval"}, "split=eval: the dataset has train, "),
         ({"source": "nowhere at all"}, "neither a folder nor an id"),
         ({"resize": "nearest"}, "resize=nearest: choose one of area, original"),
-        ({"resize": "original", "image_size": 601}, "image_size=601: resize=original goes up to"),
+        ({"image_size": 601}, "image_size=601: give a whole number of pixels from 1 to 600"),
         ({"observation": "smell"}, "observation=smell: choose one of"),
     ],
 )

@@ -1,5 +1,6 @@
 """Optimal behaviour, against brute force over every situation of the rules."""
 
+import sys
 from collections import Counter
 from functools import cache
 from itertools import islice
@@ -357,3 +358,28 @@ def test_dead_ends_do_not_slow_the_search_for_simple_routes():
         labyrinth = Labyrinth(structure, 0, 399)
         assert len(simple_routes(labyrinth)) == 1
         assert simple_routes(labyrinth) == shortest_routes(labyrinth)
+
+
+def lines_run(function):
+    """Return how many lines of Python a function runs, which is the same on every machine."""
+    lines = 0
+
+    def trace(_frame, event, _argument):
+        nonlocal lines
+        lines += event == "line"
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        function()
+    finally:
+        sys.settrace(before)
+    return lines
+
+
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
+def test_the_work_for_two_routes_is_a_few_walks_through_the_labyrinth(task):
+    (labyrinth,) = sampled(task, 1, 7, [(40, 40)])
+    table = transition_table(labyrinth)
+    assert lines_run(lambda: simple_routes(labyrinth, 2)) < 60 * len(table)

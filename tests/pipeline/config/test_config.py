@@ -155,6 +155,8 @@ def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allow
         ({"data_dir": "  "}, ["data_dir=", "give a folder"]),
         ({"run_dir": " "}, ["run_dir=", "give a folder"]),
         ({"task": "chess"}, ["task=chess", "key_and_door"]),
+        ({"task": "icy_floor", "open_walls": 0}, ["open_walls=0 task=icy_floor", "more than 0"]),
+        ({"task": "key_and_door", "open_walls": 1}, ["open_walls=1 task=key_", "less than 1"]),
         ({"buckets": BucketsConfig(50, 33, 33)}, ["buckets=[50, 33, 33]", "add up to 100"]),
         ({"buckets": BucketsConfig(100, 0, 0)}, ["buckets=[100, 0, 0]", "1 or more"]),
         ({"buckets": BucketsConfig(102, -1, -1)}, ["buckets=[102, -1, -1]", "1 or more"]),

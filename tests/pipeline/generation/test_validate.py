@@ -25,8 +25,10 @@ from tampering import (
     with_a_wall_opened,
 )
 
-from labyrinth_core.data.columns import COLUMNS, arrow_schema
+from labyrinth_core.data import columns
+from labyrinth_core.data.columns import COLUMNS, SPLITS, arrow_schema
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
@@ -34,6 +36,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
+from pipeline.generation import check as checking
 from pipeline.generation import validate as validation
 
 Build = Callable[..., Run]
@@ -99,6 +102,41 @@ def test_right_rows_written_anew_have_no_problems(folder: Path) -> None:
     with rows_of(folder) as rows:
         assert len(episode_starts(rows)) == 3
     assert problems(folder) == []
+
+
+# A file that is not read, as its footer shows that it is not ours.
+
+
+@pytest.mark.parametrize("wrong", ["rows", "groups"])
+def test_a_file_that_may_be_huge_is_not_read(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
+) -> None:
+    if wrong == "groups":
+        monkeypatch.setattr(columns, "MOST_ROWS", 5)
+        expected = "a row group of "
+    else:
+        expected = "rows "
+        with manifest_of(folder) as content:
+            for shard in content["shards"]:
+                shard["rows"] += 1
+    monkeypatch.delattr(pq.ParquetFile, "iter_batches")
+    found = problems(folder)
+    assert len(found) == len(SPLITS)
+    assert all(f".parquet: {expected}" in problem for problem in found)
+
+
+def test_a_want_of_memory_is_not_taken_for_a_damaged_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(*_: Any) -> None:
+        raise pa.ArrowMemoryError("malloc of size 30000000 failed")
+
+    monkeypatch.setattr(columns, "read_schema", read)
+    monkeypatch.setattr(checking, "read_schema", read)
+    with pytest.raises(MemoryError):
+        problems(folder)
+    with pytest.raises(MemoryError):
+        list(load_episodes(folder.parent, folder.name))
 
 
 # Rows that are wrong, though file and manifest agree.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from subprocess import PIPE
 from typing import Any
 
 import dask
@@ -26,6 +28,7 @@ from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
 from pipeline.machinery.executor import cluster, ordered_map
+from pipeline.machinery.worker import count, counted
 
 pytestmark = pytest.mark.slow
 
@@ -139,6 +142,86 @@ def test_workers_that_are_lost_again_and_again_are_answered_with_one_line() -> N
     assert "\n" not in str(caught.value)
 
 
+class CountsThenWaits:
+    """A function that counts five, and returns when a file is there."""
+
+    def __init__(self, marker: Path) -> None:
+        self.wait = WaitsFor(marker)
+
+    def __call__(self, item: int) -> int:
+        count(5)
+        return self.wait(item)
+
+
+def test_what_workers_have_counted_is_known_before_they_return(tmp_path: Path) -> None:
+    marker = tmp_path / "go"
+    before = counted()
+    seen: list[int] = []
+
+    def look() -> None:
+        for _ in range(3000):
+            seen.append(counted() - before)
+            if seen[-1] == 10:
+                break
+            time.sleep(0.01)
+        marker.touch()
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    assert list(ordered_map(CountsThenWaits(marker), [1, 2], 2)) == [1, 2]
+    thread.join()
+    assert seen[-1] == 10
+
+
+def test_no_more_workers_are_started_than_there_are_items() -> None:
+    assert list(ordered_map(abs, [-1, -2], 60)) == [1, 2]
+    assert get_reusable_executor(reuse=True)._max_workers == 2
+
+
+def test_no_more_workers_are_started_than_a_build_has_shards(build: Build, tmp_path: Path) -> None:
+    build(tmp_path, workers=60)
+    assert get_reusable_executor(reuse=True)._max_workers == 6
+
+
+def is_empty(group: int) -> bool:
+    """Return whether a process group has no processes."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL], ids=["SIGTERM", "SIGKILL"])
+def test_nothing_is_left_of_a_build_whose_first_process_is_ended(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    options = [f"data_dir={tmp_path}", "size=4", "labyrinths=100000", "stages=[build]"]
+    command = [sys.executable, "-m", "pipeline", *options, "workers=2"]
+    root = Path(__file__).parents[3]
+    with subprocess.Popen(command, cwd=root, start_new_session=True, text=True, stderr=PIPE) as run:
+        try:
+            for _ in range(6000):
+                if len(list(tmp_path.glob(".4x4.building/.labyrinth-*/*.parquet"))) == 2:
+                    break
+                time.sleep(0.01)
+            os.kill(run.pid, number)
+            _, err = run.communicate()
+            for _ in range(3000):
+                if is_empty(run.pid):
+                    break
+                time.sleep(0.01)
+            assert is_empty(run.pid)
+            assert not list(Path("/dev/shm").glob(f"*loky-{run.pid}-*"))
+        finally:
+            if not is_empty(run.pid):
+                os.killpg(run.pid, signal.SIGKILL)
+    if number == signal.SIGTERM:
+        assert run.returncode == 128 + number
+        assert "terminated: the same command goes on from what is finished" in err
+        assert list(tmp_path.iterdir()) == []
+
+
 # Clusters.
 
 
@@ -215,9 +298,13 @@ def test_more_workers_than_a_cluster_has_room_for_are_answered_with_one_line(
     assert str(caught.value) == f"{place}: workers=3: the cluster has room for 2"
 
 
-def test_ray_is_started_for_the_run_where_no_address_is_given() -> None:
-    with cluster("ray", 2):
+def test_ray_is_started_when_there_is_work_with_no_more_processes_than_items() -> None:
+    with cluster("ray", 500):
+        assert not ray.is_initialized()
+        assert list(ordered_map(abs, [-1, -2], 500)) == [1, 2]
         assert ray.cluster_resources()["CPU"] == 2
+        assert list(ordered_map(abs, [-1, -2, -3], 500)) == [1, 2, 3]
+        assert ray.cluster_resources()["CPU"] == 3
     assert not ray.is_initialized()
 
 

@@ -25,6 +25,9 @@ from publishing import (
     wait_for,
 )
 
+from pipeline.release import verification
+from pipeline.release.remote import PublishError
+
 pytestmark = pytest.mark.slow
 
 R = "/api/datasets/user/labyrinth"
@@ -87,7 +90,9 @@ def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releas
     rules += [local_hub.faults.fail(*call) for call in READING[1::2]]
     done = verify(local_hub, commit, releasable)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"verified {commit[:12]}: 150 rows, plain and streaming, are ")
+    *progress, verdict = done.stdout.splitlines()
+    assert verdict.startswith(f"verified {commit[:12]}: 150 rows, plain and streaming, are ")
+    assert progress[-1].endswith("\t2x3 s0_and_g, streaming")
     assert [rule for rule in rules if not rule.reached.is_set()] == []
 
 
@@ -119,6 +124,25 @@ def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
     assert "tagged 1.0.0" in published(local_hub, releasable)
     assert held(local_hub) == built(releasable)
     assert len(local_hub.history(REPO)) == 2
+
+
+def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
+    local_hub: LocalHub, releasable: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    local_hub.restart("lfs-basic")
+    published(local_hub, releasable)
+    commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
+    rule = local_hub.faults.hold("GET|HEAD", "/resolve/.*parquet", times=UNLIMITED)
+    for name, value in environment(local_hub).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(verification, "PATIENCE", 15.0)
+    with pytest.raises(PublishError) as caught:
+        verification.verified(REPO, commit, releasable)
+    assert rule.reached.is_set()
+    assert str(caught.value) == (
+        f"the verification of {commit[:12]} failed, so it is not tagged: nothing came from the Hub "
+        "in 15 seconds, waiting for 2x3 train"
+    )
 
 
 def test_a_hub_that_is_not_there_is_told_in_one_line(local_hub: LocalHub, releasable: Path) -> None:
