@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -15,13 +15,24 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from labyrinth_core.data.columns import SPLITS
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.language.source_text import printable
 
 Item = TypeVar("Item")
 
-console = Console(markup=False)
+
+class _Console(Console):
+    """A terminal on which no name of a file or of a method colours or clears anything."""
+
+    def render_str(self, text: str, *args: Any, **options: Any) -> Text:
+        """Return what is shown for a text: a line, or a cell of a table."""
+        return super().render_str(printable(text), *args, **options)
+
+
+console = _Console(markup=False, emoji=False)
 
 
 def say(text: str) -> None:
