@@ -79,7 +79,7 @@ HOMES = {
         "pipeline.release",
     ),
     "rich": ("pipeline",),
-    "yaml": ("pipeline",),
+    "yaml": ("pipeline", "labyrinth_core.data.source"),  # There, what broken cards raise.
     "joblib": ("pipeline.machinery.executor",),
     "distributed": ("pipeline.machinery.executor",),
     "ray": ("pipeline.machinery.executor",),

@@ -17,6 +17,7 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import DatasetOptions, dataset_config
@@ -258,6 +259,10 @@ def resolve(options: RunConfig) -> Run:
         data_dir = folder_at(options.data_dir)
     except ValueError as error:
         raise ConfigError(f"data_dir={error}") from error
+    check(
+        not isinstance(data_dir, Path) or not (data_dir / MANIFEST).is_file(),
+        f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
+    )
     if isinstance(data_dir, Path) and options.executor != "local":
         data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
     run = Run(options, dataset_config(options), data_dir)

@@ -78,6 +78,19 @@ print(load_dataset(sys.argv[2], revision=sys.argv[3])["test"].num_rows)
 print(names["picture"].size, len(names["actions"]))
 """
 
+REFUSED = """
+import os, sys
+from labyrinth_core import DatasetError, load_transitions, stream_transitions
+
+for load in (load_transitions, stream_transitions):
+    try:
+        load(sys.argv[1], "9x9")
+    except DatasetError as error:
+        print(error, flush=True)
+os._exit(0)
+"""
+"""What is said of a config that is not there."""
+
 EXISTS = """
 import sys
 from huggingface_hub import HfApi
@@ -138,6 +151,10 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
 
     results = loaded(local_hub, "1.0.0", tmp_path / "copy")
     configs = ["3x3", "4x4", "5x5"]
+    told = fresh(local_hub, REFUSED, REPO).splitlines()
+    assert told[0] == f"config=9x9: {REPO} holds 3x3, 4x4, 5x5"
+    assert told[1] == (f"{REPO}: BuilderConfig '9x9' not found. Available: ['3x3', '4x4', '5x5']")
+    assert len(told) == 2
     assert list(results) == [
         name for config in configs for name in [*(f"{config} {s}" for s in SPLITS), config]
     ]
