@@ -70,6 +70,9 @@ class PlaceOptions:
     )
 
 
+_PART = r"(?!\.)[\w.-]+(?<!\.)(?<!\.lock)"
+_BRANCH = rf"(?!-|HEAD$|.*\.\.){_PART}(/{_PART})*"
+"""What `git check-ref-format --branch` allows, of letters and digits and `_ . - /`."""
 _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 
@@ -90,7 +93,7 @@ class PublishOptions:
     dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
     private: bool = option(False, "make the dataset private, if it has to be made")
     branch: str = option(
-        "main", "branch to release on", like=(r"[\w./-]+", "the name of a branch, such as main")
+        "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
     )
     create_pr: bool = option(False, "open a pull request instead")
     collection: str | None = option(None, "title of a collection on the Hub that the dataset joins")

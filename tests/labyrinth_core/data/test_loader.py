@@ -478,7 +478,9 @@ def test_a_cache_that_cannot_be_written_is_not_taken_for_a_folder_that_is_not_th
         f"try: next(stream_transitions({str(data_dir)!r}, '3x3'))\n"
         "except DatasetError as error: print(error)\n"
     )
-    said = python(program, HF_HOME="/proc/cache", HF_DATASETS_CACHE="/proc/cache", HF_HUB_OFFLINE="1")
+    said = python(
+        program, HF_HOME="/proc/cache", HF_DATASETS_CACHE="/proc/cache", HF_HUB_OFFLINE="1"
+    )
     assert said.startswith(f"{data_dir}: the cache of the Hub's client cannot be used (HF_HOME ")
     assert "/proc/cache" in said
     assert said.count("\n") == 1
