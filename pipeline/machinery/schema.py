@@ -56,7 +56,8 @@ class Named:
 
 
 COUNT = Number(0, whole=True)
-SHARE = Number(0, 1)
+SHARE = Number(0, 1 + 1e-9)
+"""A sum of many probabilities may be a little more than 1."""
 
 
 def read_json(path: AnyPath) -> Any:
