@@ -28,6 +28,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import parse_size
@@ -43,6 +44,7 @@ from pipeline.config.run import RunConfig, resolve
 from pipeline.machinery.certificate import Certificate
 from pipeline.machinery.counting import count_routes
 from pipeline.machinery.counts import DatasetCounts
+from pipeline.machinery.evaluation_file import FORMAT
 from pipeline.machinery.routes import Route, routes
 from pipeline.machinery.statistics import DatasetStatistics
 
@@ -97,9 +99,12 @@ def shard_of(split: str, labyrinths: int) -> Shard:
 def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dict[str, Any]]:
     """Return the page's results of runs that each failed on half of the labyrinths."""
     rng = np.random.default_rng(0)
-    about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint}
-    figures = dict.fromkeys(SCORES, 0.5) | {"sr_interval": [0.4, 0.6], "failures": {"loop": 1}}
-    rates = {"random": {"sr": 0.9, "aer": -0.5, "aer_std": 1.0}}
+    about = {"config": manifest.config.name, "fingerprint": manifest.fingerprint, "settings": {}}
+    about |= {"method": "bc", "encoder": "cnn", "pool_stride": 1, "protocol": "default"}
+    training = {"epochs": 1, "seconds": 1, "selected": {"epoch": 1}, "computed": {"device": "cpu"}}
+    figures = dict.fromkeys(SCORES, 0.5) | {"failures": {"loop": 1}}
+    figures |= {"sr_interval": [0.4, 0.6], "aer_interval": [0.4, 0.6]}
+    rates = {name: {"sr": 0.9, "aer": -0.5, "aer_std": 1.0} for name in BASELINES}
     with tempfile.TemporaryDirectory() as folder:
         for method, seed in product(range(METHODS), range(SEEDS)):
             told = {}
@@ -108,10 +113,14 @@ def evaluated(manifest: Manifest, splits: Mapping[str, PackedSplit]) -> list[dic
                 solved = rng.random(len(ids) // 8) < 0.5
                 failed = [ids[8 * at : 8 * at + 8].hex() for at in np.flatnonzero(~solved)]
                 outcomes = "".join("ls"[won] for won in solved.tolist())
+                count = len(outcomes)
                 told[split] = figures | {"outcomes": outcomes, "failed": failed}
+                told[split] |= {"labyrinths": count, "moves": [8] * count}
+                told[split] |= {"by_distance": {"8": [count - len(failed), count]}}
             path = Path(folder) / "config" / f"method{method}-seed{seed}" / "evaluation.json"
             path.parent.mkdir(parents=True)
-            content = {"run": about | {"seed": seed}, "splits": told}
+            content = {"format": FORMAT, "run": about | {"seed": seed}, "training": training}
+            content["splits"] = told
             content["baselines"] = dict.fromkeys(EVALUATED_SPLITS, rates)
             path.write_text(json.dumps(content), encoding="utf-8")
         return read_results(Path(folder), [manifest])

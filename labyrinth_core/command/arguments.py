@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
@@ -17,7 +18,7 @@ ROUTES = 1_000
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        self.exit(1, f"{self.prog}: {message} (see {self.prog} --help)\n")
+        self.exit(1, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labyrinth_core.command.arguments import ROUTES, parser
-from labyrinth_core.language.source_text import MAX_TEXT, LabyrinthSyntaxError, decode, read_text
+from labyrinth_core.language.source_text import (
+    MAX_TEXT,
+    LabyrinthSyntaxError,
+    decode,
+    printable,
+    read_text,
+)
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 
 if TYPE_CHECKING:
@@ -44,8 +50,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except SystemExit as stop:  # From argparse, which has said why.
         return int(stop.code or 0)
-    except KeyboardInterrupt:
-        return 130
     except BrokenPipeError:
         # The reader of the output has gone, so what is left in the buffer is discarded.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -63,7 +67,7 @@ def _explain(error: Exception) -> None:
         where = f"{error.filename}: " if error.filename is not None else ""
         message = where + (error.strerror or message)
     program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
-    print(program + message, file=sys.stderr)
+    print(printable(program + message), file=sys.stderr)
 
 
 def _read(file: str) -> tuple[str, str]:
@@ -107,7 +111,7 @@ def _check(options: Namespace) -> int:
             status = 1
             continue
         moves = _counted(len(_optimal(labyrinth)), "move")
-        print(f"{file}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
+        print(f"{printable(file)}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
     return status
 
 
@@ -237,7 +241,3 @@ COMMANDS = {
     "convert": _convert,
     "play": _play,
 }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 from functools import lru_cache
+from itertools import islice
 
 import numpy as np
 
@@ -17,13 +18,21 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
 
 
-def episodes_of(rows: Iterable[RawRow], spec: ObservationSpec) -> Generator[LoadedEpisode]:
+def episodes_of(
+    rows: Iterable[RawRow], spec: ObservationSpec, part: int = 0, parts: int = 1
+) -> Generator[LoadedEpisode]:
     """Yield the episodes of rows in order, which may cross the ends of shards and batches.
+
+    Args:
+        rows: The rows.
+        spec: What is observed.
+        part: Which of the parts to yield, from 0.
+        parts: The number of parts that the episodes are dealt out to, one after the other.
 
     Raises:
         DatasetError: The rows do not make episodes.
     """
-    for episode_rows in grouped(rows):
+    for episode_rows in islice(grouped(rows), part, None, parts):
         info, actions = episode_rows[0].info, [row.actions for row in episode_rows[:-1]]
         try:
             labyrinth, number = parse_info(info)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import warnings
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -161,6 +162,9 @@ def stream_episodes(
     A thread downloads and decodes a few episodes ahead; it ends after the last episode, or when
     the generator is closed. Arguments and errors are those of `load_episodes`. Only the columns
     that are needed are downloaded.
+
+    Called in a worker of a `DataLoader`, it yields that worker's part of the episodes, so that all
+    workers together yield each of them once.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
     folder = local_folder(source, config, revision)
@@ -168,7 +172,17 @@ def stream_episodes(
         rows = stream_rows(str(source), config, split, revision, pictures=spec.decodes)
     else:
         rows = read_rows(folder, Manifest.read(folder).of(split), pictures=spec.decodes)
-    return prefetched(episodes_of(rows, spec), ahead=2)
+    return prefetched(episodes_of(rows, spec, *_part_of_worker()), ahead=2)
+
+
+def _part_of_worker() -> tuple[int, int]:
+    """Return the number of this worker of a `DataLoader`, from 0, and how many workers there are.
+
+    A process that has not imported torch is none.
+    """
+    torch_data = sys.modules.get("torch.utils.data")
+    worker = None if torch_data is None else torch_data.get_worker_info()
+    return (0, 1) if worker is None else (worker.id, worker.num_workers)
 
 
 def stream_transitions(

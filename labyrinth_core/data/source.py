@@ -58,8 +58,12 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
         if revision is not None:
             raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
         if not (folder / config / MANIFEST).is_file():
-            held = sorted(path.parent.name for path in folder.glob(f"*/{MANIFEST}"))
-            raise DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
+            if (folder / MANIFEST).is_file():
+                raise DatasetError(
+                    f"{source} is the folder of the config {folder.name}: give the folder that "
+                    f"holds it, {folder.parent}"
+                )
+            raise _not_held(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
         return folder / config
     if not _HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
@@ -67,14 +71,23 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
 
 
 def _download(source: str, config: str, split: str, revision: str | None) -> Path:
-    from huggingface_hub import snapshot_download
+    from huggingface_hub import HfApi, snapshot_download
 
     files = [f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"]
     with _had(source):
         snapshot = snapshot_download(
             source, repo_type="dataset", revision=revision, allow_patterns=files
         )
+        if not Path(snapshot, config, MANIFEST).is_file():
+            there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+            manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
+            raise _not_held(source, config, manifests)
     return Path(snapshot) / config
+
+
+def _not_held(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
+    held = sorted(path.split("/")[-2] for path in manifests)
+    return DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
 
 
 def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
@@ -192,11 +205,22 @@ def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
 
 @contextmanager
 def _had(source: str) -> Iterator[None]:
-    """Raise DatasetError for what is raised within when the Hub does not give a dataset."""
+    """Raise DatasetError for what is raised within when a dataset is not to be had."""
+    import yaml
+
     try:
         yield
-    except (OSError, ValueError) as error:
-        raise DatasetError(
-            f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the "
-            f"Hub: {one_line(error)}"
-        ) from error
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        reason = (
+            f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
+        )
+        file = error.filename if isinstance(error, OSError) else None
+        if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
+            reason = f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
+        elif isinstance(error, yaml.YAMLError):
+            reason = f"{source}: the front matter of its README.md cannot be read"
+        elif "BuilderConfig" in str(error):  # One that is not there; the message lists the others.
+            reason = source
+        elif Path(source).is_dir():
+            reason = f"{source} cannot be read"
+        raise DatasetError(f"{reason}: {one_line(error)}") from error

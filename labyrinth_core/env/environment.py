@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from operator import index
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 REWARDS = ("default", "normalised")
 RENDER_MODES = ("rgb_array", "human", "ansi")
+SHOWN_HERE = [mode for mode in RENDER_MODES if mode != "human" or find_spec("pygame")]
+"""The modes that this machine has, as a window needs pygame; Gymnasium's checker tries each."""
 
 
 class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
@@ -57,7 +60,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
     - `distance`: the least number of moves to the goal, -1 where no route leads there.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": SHOWN_HERE, "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,

@@ -65,7 +65,7 @@ class LabyrinthSyntaxError(ValueError):
         before = "..." if start else ""
         after = "..." if start + _WINDOW < len(source) else ""
         shown = source[start : start + _WINDOW]
-        harmless = "".join(char if char.isprintable() else "?" for char in shown)
+        harmless = "".join(char if char.isprintable() else "?" for char in shown)  # Aligned.
         caret = " " * (len(before) + column - start) + "^"
         return f"{message}\n{before}{harmless}{after}\n{caret}"
 
@@ -158,6 +158,16 @@ def describe(text: str, offset: int) -> str:
     if char in names:
         return names[char]
     return repr(char) if char.isprintable() else f"the character U+{ord(char):04X}"
+
+
+def printable(text: str) -> str:
+    """Return a text for a terminal: all but line breaks that does not print is spelt out.
+
+    The name of a file may hold any characters, those that colour or clear the screen included.
+    """
+    return "".join(
+        char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
+    )
 
 
 def quoted(text: str) -> str:

@@ -56,12 +56,16 @@ def run(run: Run) -> None:
 
 def _certify(source: str, run: Run) -> Iterator[str]:
     """Certify a dataset from elsewhere, print the table, and yield the other lines to print."""
-    splits, files = labyrinths_of(source, run.options.leakage.config)
+    config = run.options.leakage.config
+    splits, files = labyrinths_of(source, config)
     certificate = certify(splits)
-    name = re.sub(r"[^\w.-]+", "-", source).strip("-")
-    path = run.data_dir / "analysis" / f"{name}.json"
+    # A folder for the configs of a source, as a name of both could be that of another source.
+    parts = [source] if config is None else [source, config]
+    names = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "dataset" for part in parts]
+    path = run.data_dir / f"analysis/{'/'.join(names)}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, {"source": source, "leakage": certificate.to_json(), "files": files})
+    told = {"source": source, "config": config, "leakage": certificate.to_json(), "files": files}
+    _write(path, told)
     console.print(_leakage_table(certificate))
     yield from _leaks(certificate, files)
     yield f"{path} has all of it."

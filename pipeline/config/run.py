@@ -17,6 +17,7 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
@@ -70,6 +71,9 @@ class PlaceOptions:
     )
 
 
+_PART = r"(?!\.)[\w.-]+(?<!\.)(?<!\.lock)"
+_BRANCH = rf"(?!-|HEAD$|.*\.\.){_PART}(/{_PART})*"
+"""What `git check-ref-format --branch` allows, of letters and digits and `_ . - /`."""
 _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 
@@ -90,7 +94,7 @@ class PublishOptions:
     dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
     private: bool = option(False, "make the dataset private, if it has to be made")
     branch: str = option(
-        "main", "branch to release on", like=(r"[\w./-]+", "the name of a branch, such as main")
+        "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
     )
     create_pr: bool = option(False, "open a pull request instead")
     collection: str | None = option(None, "title of a collection on the Hub that the dataset joins")
@@ -263,6 +267,10 @@ def resolve(options: RunConfig) -> Run:
         data_dir = folder_at(options.data_dir)
     except ValueError as error:
         raise ConfigError(f"data_dir={error}") from error
+    check(
+        not isinstance(data_dir, Path) or not (data_dir / MANIFEST).is_file(),
+        f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
+    )
     if isinstance(data_dir, Path) and options.executor != "local":
         data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
     run = Run(options, dataset_config(options), data_dir)

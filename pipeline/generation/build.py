@@ -9,6 +9,7 @@ from which a build that was stopped goes on.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -90,8 +91,7 @@ def run(run: Run) -> None:
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
-    load = "load_transitions" if isinstance(run.data_dir, RemotePath) else "load_dataset"
-    console.print(f'{load}("{run.data_dir}", "{run.dataset.name}")', soft_wrap=True)
+    say(_loading_line(run))
 
 
 def _finished(run: Run) -> Manifest | None:
@@ -261,6 +261,15 @@ def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
     iterator = iter(items)
     while batch := list(islice(iterator, count)):
         yield from batch
+
+
+def _loading_line(run: Run) -> str:
+    """Return the line of Python that loads the dataset of a run."""
+    place = str(run.data_dir)
+    # `datasets` takes these for patterns, variables and chains of URLs, and finds no file.
+    is_strange = re.search(r"[*?$]|\[.*\]|::", place) is not None
+    load = "load_transitions" if is_strange or "://" in place else "load_dataset"
+    return f"{load}({place!r}, {run.dataset.name!r})"
 
 
 def _report_cut(manifest: Manifest) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from threading import Event, Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -16,8 +16,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.language.source_text import printable
 from pipeline.machinery.worker import counted
 
 Item = TypeVar("Item")
@@ -25,7 +27,16 @@ Item = TypeVar("Item")
 REFRESH = 0.2
 """Seconds between two looks at what was counted."""
 
-console = Console(markup=False)
+
+class _Console(Console):
+    """A terminal on which no name of a file or of a method colours or clears anything."""
+
+    def render_str(self, text: str, *args: Any, **options: Any) -> Text:
+        """Return what is shown for a text: a line, or a cell of a table."""
+        return super().render_str(printable(text), *args, **options)
+
+
+console = _Console(markup=False, emoji=False)
 
 
 def say(text: str) -> None:

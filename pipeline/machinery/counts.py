@@ -22,6 +22,7 @@ from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.machinery.certificate import Certificate, Pair
+from pipeline.machinery.schema import read_json
 
 COUNTS = "counts.json"
 """The name of the file."""
@@ -163,7 +164,7 @@ class DatasetCounts:
     def read(cls, folder: AnyPath, manifest: Manifest) -> DatasetCounts | None:
         """Return the counts in a folder, None if there are none of its shards as they are now."""
         try:
-            content = json.loads((folder / COUNTS).read_bytes())
+            content = read_json(folder / COUNTS)
             if content | _described(manifest) != content:
                 return None
             splits = {

@@ -106,7 +106,10 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str
     # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
     place: Any = address
-    if place is None:
+    if address is not None:
+        if not address.startswith("inproc://"):  # A cluster in this very process has no port.
+            _check_listened_at(address)
+    else:
         place = stack.enter_context(
             distributed.LocalCluster(
                 n_workers=workers,
@@ -121,10 +124,8 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str
 
 def _ray(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    if address and ":" in address:  # Checked here, since Ray would try for minutes.
-        host, _, port = address.rpartition(":")
-        host = host.removeprefix("ray://").strip("[]")
-        socket.create_connection((host, int(port)), timeout=10).close()
+    if address and ":" in address:  # Others are names that Ray knows, such as auto.
+        _check_listened_at(address)
     import ray
     from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
     from ray.util.joblib import register_ray
@@ -138,6 +139,20 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str,
         raise ValueError(f"workers={workers}: the cluster has room for {processors}")
     register_ray()
     return {}, (OutOfMemoryError, RayActorError, WorkerCrashedError)
+
+
+def _check_listened_at(address: str) -> None:
+    """Raise an error unless something listens at an address; the clients would try for a minute.
+
+    Raises:
+        ValueError: It is no address.
+        OSError: Nothing listens there.
+    """
+    place = address.rpartition("://")[2].partition("/")[0]
+    host, _, port = place.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > 65_535:
+        raise ValueError("give the address of a cluster with its port, such as 10.0.0.1:8786")
+    socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
 
 
 def ordered_map(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 
@@ -10,6 +11,11 @@ def table(heading: Sequence[str], rows: Iterable[Sequence[str]], alignment: str 
     sides = alignment or "l" + "r" * (len(heading) - 1)
     rule = ["---:" if side == "r" else "---" for side in sides]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heading, rule, *rows))
+
+
+def plain(text: str) -> str:
+    """Return a text that Markdown shows as it is: in one line, without markup of its own."""
+    return re.sub(r"([\\`*\[\]<>|!#&~$])", r"\\\1", " ".join(text.split()))
 
 
 def count(number: int, thing: str) -> str:

@@ -5,12 +5,11 @@ The analysis is in the file that the stage `analyse` has left, if it has.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
@@ -19,6 +18,17 @@ from pipeline.machinery import front_matter
 from pipeline.machinery.console import progress
 from pipeline.machinery.counting import counts_of
 from pipeline.machinery.counts import DatasetCounts, SplitCounts
+from pipeline.machinery.schema import (
+    COUNT,
+    SHARE,
+    Each,
+    Maybe,
+    Named,
+    Number,
+    Text,
+    check,
+    read_json,
+)
 
 ACTION_COLOURS: dict[Action, Colour] = {
     Action.UP: DEFAULT_STYLE.agent,
@@ -32,6 +42,32 @@ MOST_NAMED = 20
 """The most labyrinths shared by two splits that are named, of each kind."""
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
 """The kinds of what two labyrinths may have in common."""
+
+_SPLIT = Text(r"\w{1,99}")
+_ID = Text(r"[0-9a-f]{16}")
+_BOTH = {"first": _SPLIT, "second": _SPLIT}
+_ANALYSIS = {
+    "leakage": {
+        "labyrinths": Named(_SPLIT, COUNT),
+        "repeated": Named(_SPLIT, COUNT),
+        "strangers": Named(_SPLIT, Each(_ID)),
+        "pairs": Each(
+            _BOTH
+            | dict.fromkeys(KINDS, Named(_ID, _ID))
+            | {"within": dict.fromkeys("123", COUNT), "spread": Text(r"[\w., -]{0,99}")}
+        ),
+    },
+    "shift": {
+        "permutations": COUNT,
+        "measures": Each(
+            _BOTH
+            | {"measure": Text(r"\w[\w ]{0,99}"), "labyrinths": (COUNT, COUNT)}
+            | {"distance": Number(0), "effect": Maybe(Number())}
+            | {"p_value": SHARE, "corrected": SHARE}
+        ),
+    },
+}
+"""What the card and the report use of an analysis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +131,15 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     """
     path = folder / ANALYSIS
     try:
-        content = json.loads(path.read_bytes())
+        content = read_json(path)
         if content["fingerprint"] != manifest.fingerprint:
             return None
+        check(content, _ANALYSIS)
         leakage = content["leakage"]
+        for pair in leakage["pairs"]:
+            check(leakage["labyrinths"], {pair["second"]: COUNT}, "it.leakage.labyrinths")
         return {
-            "labyrinths": {split: int(number) for split, number in leakage["labyrinths"].items()},
+            "labyrinths": leakage["labyrinths"],
             "repeated": leakage["repeated"],
             "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
             "pairs": [_pair(pair) for pair in leakage["pairs"]],
@@ -110,7 +149,8 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except MALFORMED as error:
-        raise DatasetError(f"{path} cannot be read: stages=[analyse] writes it anew") from error
+        reason = f"{one_line(error):.300}; stages=[analyse] writes it anew"
+        raise DatasetError(f"{path} cannot be read: {reason}") from error
 
 
 def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,6 +159,6 @@ def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
         "second": pair["second"],
         "counts": {kind: len(pair[kind]) for kind in KINDS},
         "examples": {kind: list(pair[kind].items())[:MOST_NAMED] for kind in KINDS},
-        "within": {walls: int(number) for walls, number in pair["within"].items()},
-        "spread": str(pair["spread"]),
+        "within": {walls: pair["within"][walls] for walls in "123"},
+        "spread": pair["spread"],
     }

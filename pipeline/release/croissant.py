@@ -30,7 +30,8 @@ from pipeline.release.provenance import (
 )
 
 REPOSITORY = "repo"
-"""The id of the repository; `mapping={"repo": folder}` makes mlcroissant read a local copy."""
+"""The id of the repository that a release is contained in; `mapping={"repo": folder}` makes
+mlcroissant read a local copy of it."""
 
 _DATA_TYPES = {
     "obs": "sc:ImageObject",
@@ -112,18 +113,19 @@ def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:
 
 
 def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> list[dict[str, Any]]:
-    parts: list[dict[str, Any]] = [
-        {
-            "@type": "cr:FileObject",
-            "@id": REPOSITORY,
-            "name": REPOSITORY,
-            "description": "The repository of the dataset on the Hugging Face Hub.",
-            "contentUrl": release.url,
-            "encodingFormat": "git+https",
-            # A repository has no hash of its own: https://github.com/mlcommons/croissant/issues/80
-            "sha256": "https://github.com/mlcommons/croissant/issues/80",
-        }
-    ]
+    repository = {
+        "@type": "cr:FileObject",
+        "@id": REPOSITORY,
+        "name": REPOSITORY,
+        "description": "The repository of the dataset on the Hugging Face Hub.",
+        "contentUrl": release.url,
+        "encodingFormat": "git+https",
+        # A repository has no hash of its own: https://github.com/mlcommons/croissant/issues/80
+        "sha256": "https://github.com/mlcommons/croissant/issues/80",
+    }
+    # What is contained in nothing lies beside this file.
+    within = {"containedIn": {"@id": REPOSITORY}} if release.repo_id else {}
+    parts: list[dict[str, Any]] = [repository] if release.repo_id else []
     for dataset in datasets:
         parts.append(
             {
@@ -131,7 +133,7 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 "@id": f"files-of-{dataset.name}",
                 "name": f"files-of-{dataset.name}",
                 "description": f"The Parquet files of {dataset.name}.",
-                "containedIn": {"@id": REPOSITORY},
+                **within,
                 "encodingFormat": "application/x-parquet",
                 "includes": [
                     front_matter.shard_pattern(dataset.manifest, split)
@@ -144,7 +146,7 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 "@type": "cr:FileObject",
                 "@id": f"{dataset.name}/{shard.path}",
                 "name": f"{dataset.name}/{shard.path}",
-                "containedIn": {"@id": REPOSITORY},
+                **within,
                 "contentUrl": f"{dataset.name}/{shard.path}",
                 "contentSize": f"{shard.bytes} B",
                 "encodingFormat": "application/x-parquet",

@@ -42,8 +42,10 @@ class Release:
 
     @property
     def url(self) -> str:
-        """The page of the dataset."""
-        return f"https://huggingface.co/datasets/{self.name}"
+        """The page of the dataset: on the Hub, or the file beside it where it is not there yet."""
+        if self.repo_id is None:
+            return "README.md"
+        return f"https://huggingface.co/datasets/{self.repo_id}"
 
 
 def command(config: DatasetConfig) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -34,6 +35,9 @@ from pipeline.release.remote import (
     repeated,
 )
 from pipeline.release.verification import verified
+
+VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
+"""What a tag of a release looks like."""
 
 
 def run(run: Run) -> None:
@@ -129,10 +133,18 @@ def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bo
     """Return whether these data are tagged already.
 
     Raises:
-        PublishError: The tag is on other data.
+        PublishError: The tag is on other data, or `main` would go back to an earlier version.
     """
-    tagged = remote.tagged(options.version)
+    tags = remote.tags()
+    tagged = tags.get(options.version)
     if tagged is None:
+        versions = (tag for tag in tags if VERSION.fullmatch(tag))
+        newest = max([options.version, *versions], key=_numbers)
+        if options.branch == "main" and newest != options.version:
+            raise PublishError(
+                f"publish.version={options.version}: {options.repo_id} has {newest}, and main does "
+                "not go back: choose a later version, or another publish.branch"
+            )
         return False
     plan = make_plan(_files(data_dir), remote.tree(tagged))
     if plan.data:
@@ -143,6 +155,10 @@ def _is_published(data_dir: Path, remote: Remote, options: PublishOptions) -> bo
     card = "" if plan.is_done else ", with a card that was written otherwise"
     say(f"{options.version} is published already, at {tagged[:12]}{card}.")
     return True
+
+
+def _numbers(version: str) -> list[int]:
+    return [int(number) for number in version.split(".")]
 
 
 def _print_plan(plan: Plan, options: PublishOptions, exists: bool) -> None:

@@ -128,10 +128,10 @@ class Remote:
             if isinstance(entry, RepoFile)
         }
 
-    def tagged(self, tag: str) -> str | None:
-        """Return the commit that a tag points to, None if there is no such tag."""
+    def tags(self) -> dict[str, str]:
+        """Return the commit that each tag points to."""
         tags = self._call("list_repo_refs").tags
-        return next((str(each.target_commit) for each in tags if each.name == tag), None)
+        return {str(each.name): str(each.target_commit) for each in tags}
 
     def tag(self, tag: str, commit: str) -> None:
         """Let a tag point to a commit.
@@ -139,14 +139,14 @@ class Remote:
         Raises:
             PublishError: It points to another.
         """
-        if self.tagged(tag) is None:
+        if tag not in self.tags():
             try:
                 self._call("create_tag", tag=tag, revision=commit)
             except HfHubHTTPError as error:
                 # It is there: by a call whose answer was lost, or by somebody else's.
                 if status_of(error) != 409:
                     raise
-        tagged = self.tagged(tag)
+        tagged = self.tags().get(tag)
         if tagged != commit:
             raise PublishError(
                 f"the tag {tag} of {self.repo_id} points to {str(tagged)[:12]}, not to the release "

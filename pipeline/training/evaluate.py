@@ -19,10 +19,10 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, evaluate
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
+from pipeline.machinery.evaluation_file import EVALUATION, FORMAT
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
-from pipeline.training.results.evaluations import EVALUATION, FORMAT
 from pipeline.training.train import choose_device, fingerprint_of, loader_of, spec_of
 
 

@@ -101,6 +101,34 @@ def test_a_mistake_is_answered_with_one_line_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("way_in", [[str(RUN)], ["-m", "pipeline"]], ids=["clone", "installed"])
+def test_ctrl_c_while_the_program_is_imported_ends_with_one_line(
+    tmp_path: Path, way_in: list[str]
+) -> None:
+    (tmp_path / "hydra.py").write_text("raise KeyboardInterrupt", encoding="utf-8")
+    result = subprocess.run(
+        [sys.executable, *way_in, "size=3"],
+        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{RUN.parent}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (result.returncode, result.stdout) == (130, "")
+    assert result.stderr.startswith("\ninterrupted: ")
+    assert len(result.stderr.splitlines()) == 2
+
+
+def test_no_name_of_a_folder_colours_or_clears_the_terminal(tmp_path: Path) -> None:
+    options = ["size=3", "labyrinths=1", "random_steps=5", 'data_dir="a\x1b[2J:fire:\u202eb"']
+    made = run(tmp_path, *options, STAGES)
+    assert (made.returncode, made.stderr) == (0, "")
+    assert r"a\x1b[2J:fire:\u202eb/3x3 is valid: " in spaced(made.stdout)
+    missing = run(tmp_path, "stages=[card]", 'data_dir="c\x1b[2J"')
+    assert error_of(missing).startswith(r"error: c\x1b[2J holds no finished dataset")
+    assert not {"\x1b", "\u202e"} & {*made.stdout, *missing.stderr}
+
+
 def connected_structures_of_3x3() -> list[Structure]:
     edges = [(c, c + 1) for c in range(9) if c % 3 < 2] + [(c, c + 3) for c in range(6)]
     found = []
@@ -204,7 +232,7 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     arguments = ["size=3", "labyrinths=8", "data_dir=data", STAGES]
     first = run(tmp_path, *arguments)
     assert (first.returncode, first.stderr) == (0, "")
-    assert 'load_dataset("data", "3x3")' in first.stdout
+    assert "load_dataset('data', '3x3')" in first.stdout
     rows = sum(shard.rows for shard in Manifest.read(small_dataset.folder).shards)
     assert f"data/3x3 is valid: {rows:,} rows replayed." in spaced(first.stdout)
     assert all(split in first.stdout for split in BASE_SPLITS)
@@ -245,6 +273,17 @@ def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
         manifest = Manifest.read(tmp_path / "data" / name)
         assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
         assert f"data/{name} is valid" in spaced(result.stdout)
+
+
+def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_path: Path) -> None:
+    options = ["size=2,3", "task=icy_floor,navigation", "labyrinths=1", "random_steps=5"]
+    result = run(tmp_path, "-m", *options, "data_dir=data", "stages=[build]")
+    assert result.returncode == 1
+    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert "size=2x2" in errors[0]
+    assert "Traceback" not in result.stderr
+    assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
 def test_validation_that_fails_names_the_file_and_makes_the_command_fail(

@@ -9,6 +9,7 @@ from typing import Any
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.evaluation.baselines import BASELINES
 
 METHOD = "bc-<b>cnn"
 """A name that would be an element of the page, if it were taken for markup."""
@@ -73,25 +74,39 @@ def evaluate(folder: Path, run_dir: Path, seed: int = 0) -> list[str]:
             "sr_interval": [0.4, 1.0],
             "aer": -0.25 - seed,
             "aer_std": 2.0,
+            "aer_interval": [-2.0, 0.5],
             "path_efficiency": None,
             "accuracy_on_demonstrations": 0.9,
             "accuracy_elsewhere": 0.5,
             "failures": {"loop": len(failed[split])} if failed[split] else {},
+            "by_distance": {"4": [len(ids[split]) - len(failed[split]), len(ids[split])]},
             "outcomes": "".join("l" if each in failed[split] else "s" for each in ids[split]),
+            "moves": [4] * len(ids[split]),
             "failed": failed[split],
         }
         for split in ids
     }
-    random = {"sr": 0.1, "aer": -3.5, "aer_std": 1.0}
+    figures = {"sr": 0.1, "aer": -3.5, "aer_std": 1.0}
     content = {
         "format": 1,
         "run": {
+            "method": "bc",
+            "encoder": "cnn",
+            "pool_stride": 1,
+            "protocol": "default",
             "seed": seed,
             "config": folder.name,
             "fingerprint": Manifest.read(folder).fingerprint,
+            "settings": {},
+        },
+        "training": {
+            "epochs": 7,
+            "seconds": 90.5,
+            "selected": {"epoch": 5},
+            "computed": {"device": "cpu"},
         },
         "splits": splits,
-        "baselines": {split: {"random": random} for split in ids},
+        "baselines": {split: dict.fromkeys(BASELINES, figures) for split in ids},
     }
     path = run_dir / folder.name / f"{METHOD}-seed{seed}" / "evaluation.json"
     path.parent.mkdir(parents=True)

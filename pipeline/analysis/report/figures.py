@@ -163,7 +163,8 @@ def _results(methods: Sequence[Mapping[str, Any]]) -> Figure:
             [max(0, rate - low) for rate, (low, _) in zip(rates, bounds, strict=True)],
             [max(0, high - rate) for rate, (_, high) in zip(rates, bounds, strict=True)],
         ]
-        names = [method["name"] for method in methods]
+        # Between two dollar signs matplotlib would read mathematics.
+        names = [method["name"].replace("$", r"\$") for method in methods]
         panel.barh(names, rates, xerr=away, color=_rgb(DEFAULT_STYLE.goal), ecolor="black")
         panel.set(xlim=(0, 105), xlabel="SR, %")
         panel.set_title(split, loc="left", fontweight="bold")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean
@@ -11,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-
-EVALUATIONS = "*/*/evaluation.json"
-"""The files of the stage `evaluate`, in the folder of the runs."""
+from pipeline.machinery.evaluation_file import EVALUATION, check_evaluation
+from pipeline.machinery.schema import read_json
 
 MOST_FAILED = 2_000
 """The most labyrinths of a split that are named because a run failed on them."""
@@ -53,11 +51,11 @@ def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str,
     """
     of = {manifest.config.name: manifest for manifest in manifests}
     methods: dict[tuple[str, str], list[_Run]] = {}
-    for path in sorted(run_dir.glob(EVALUATIONS)):
+    for path in sorted(run_dir.glob(f"*/*/{EVALUATION}")):
         try:
-            run = _run(path.parent.name, of, json.loads(path.read_bytes()))
-        except MALFORMED as error:
-            raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
+            run = _run(path.parent.name, of, read_json(path))
+        except (OSError, *MALFORMED) as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
         if run is not None:
             methods.setdefault((run.config, run.method), []).append(run)
     return [_method(sorted(runs, key=lambda run: run.seed)) for runs in methods.values()]
@@ -85,7 +83,8 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
     manifest = of.get(run["config"])
     if manifest is None or manifest.fingerprint != run["fingerprint"]:
         return None
-    seed, told, solved, failed = int(run["seed"]), {}, {}, {}
+    check_evaluation(content)
+    seed, told, solved, failed = run["seed"], {}, {}, {}
     for split in EVALUATED_SPLITS:
         scores = content["splits"][split]
         solved[split] = np.array([letter == _SOLVED for letter in scores["outcomes"]], np.float64)

@@ -181,7 +181,8 @@ def page(
     # The data last: nothing in it is taken for a place to fill.
     for name, text in {"policy": policy, "style": style, "script": script}.items():
         html = html.replace(f"{{{{{name}}}}}", text)
-    plain = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    # What is no number in JSON would be the end of the whole page.
+    plain = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return html.replace("{{data}}", plain)
 
 

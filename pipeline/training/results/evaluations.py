@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,17 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.following import Episodes
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, episodes_of
 from labyrinth_core.world.grid import parse_size
+from pipeline.machinery.evaluation_file import check_evaluation
+from pipeline.machinery.schema import read_json
 from pipeline.training.results.paper import METHODS
-
-EVALUATION = "evaluation.json"
-"""The name of the file that an evaluation leaves in the folder of its run."""
-
-FORMAT = 1
 
 FAILURES = ("loop", "wall", "ice")
 AVERAGED = ("path_efficiency", "accuracy_on_demonstrations", "accuracy_elsewhere")
@@ -88,7 +84,7 @@ def read_all(results_dir: Path) -> list[Evaluation]:
     first: dict[object, Evaluation] = {}
     for each in found:
         other = first.setdefault(each.config, each)
-        if other.content["run"]["fingerprint"] != each.content["run"]["fingerprint"]:
+        if _labyrinths(other) != _labyrinths(each):
             raise DatasetError(
                 f"{each.path} and {other.path} are of different datasets, and not to be compared: "
                 "remove one, or choose another results_dir"
@@ -111,34 +107,41 @@ def read_all(results_dir: Path) -> list[Evaluation]:
     return sorted(found, key=order)
 
 
+def _labyrinths(evaluation: Evaluation) -> tuple[Any, ...]:
+    """Return what tells on which labyrinths a run was evaluated."""
+    splits = evaluation.content["splits"]
+    distances = [
+        {moves: count for moves, (_, count) in splits[split]["by_distance"].items()}
+        for split in EVALUATED_SPLITS
+    ]
+    return evaluation.content["run"]["fingerprint"], distances
+
+
 def read(path: Path) -> Evaluation:
     """Return the evaluation in a file.
 
     Raises:
-        DatasetError: The file cannot be read.
+        DatasetError: The file cannot be read, or holds no evaluation.
     """
     try:
-        content = json.loads(path.read_bytes())
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+        content = read_json(path)
+        check_evaluation(content)
         about, splits = content["run"], content["splits"]
         setup = [about["encoder"]]
         setup += [f"stride{about['pool_stride']}"] * (about["pool_stride"] != 1)
         setup += [about["protocol"]] * (about["protocol"] != "default")
-        height, width = parse_size(str(about["config"]).partition("-")[0])
-        if not isinstance(about["fingerprint"], str) or not isinstance(about["settings"], dict):
-            raise TypeError("fingerprint and settings are not a text and a mapping")
+        height, width = parse_size(about["config"].partition("-")[0])
         return Evaluation(
             path=path,
-            config=str(about["config"]),
+            config=about["config"],
             setup="-".join(setup),
-            method=str(about["method"]),
-            seed=int(about["seed"]),
+            method=about["method"],
+            seed=about["seed"],
             episodes={name: episodes_of(splits[name], height * width) for name in EVALUATED_SPLITS},
             content=content,
         )
-    except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
 
 
 def summarise(evaluations: Sequence[Evaluation]) -> list[Figures]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import groupby
@@ -14,7 +15,7 @@ from statistics import mean
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.machinery.markdown import table
+from pipeline.machinery.markdown import plain, table
 from pipeline.training.results.evaluations import (
     AVERAGED,
     BY_METHOD,
@@ -50,7 +51,10 @@ def write_tables(
     for (config, setup), grouped in groupby(figures, key):
         group = list(grouped)
         runs = [each for each in evaluations if key(each) == (config, setup)]
-        parts += [f"## {config}, {setup}\n", *(part + "\n" for part in markdown(group, runs))]
+        parts += [
+            f"## {plain(f'{config}, {setup}')}\n",
+            *(part + "\n" for part in markdown(group, runs)),
+        ]
         tex.append(latex(group))
     write_text(folder / "README.md", "\n".join(parts))
     write_text(folder / "results.csv", as_csv(figures))
@@ -60,7 +64,7 @@ def write_tables(
 def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[str]:
     """Yield the tables of one config and setup."""
     methods = methods_of(group)
-    names = [METHODS.get(method, method) for method in methods]
+    names = [name_of(method) for method in methods]
     yield table(["split", "", "", *names], compared(group, methods), "lll" + "r" * len(names))
     yield "What needs no learning:"
     heading = ["split", "", *(name.replace("_", " ") for name in BASELINES)]
@@ -72,8 +76,7 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     yield "By moves on a shortest route, episodes that succeed, of all:"
     lengths = sorted({moves for each in group for moves in each.by_distance})
     rows = [
-        [METHODS.get(each.method, each.method), each.split]
-        + [each.by_distance.get(moves, "") for moves in lengths]
+        [name_of(each.method), each.split] + [each.by_distance.get(moves, "") for moves in lengths]
         for each in group
     ]
     yield table(["method", "split", *map(str, lengths)], rows, "ll" + "r" * len(lengths))
@@ -81,6 +84,11 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
     by_method = (list(group) for _, group in groupby(runs, BY_METHOD))
     yield table(heading, map(_effort, by_method), "lrrrrrl")
+
+
+def name_of(method: str) -> str:
+    """Return the name of a method in Markdown."""
+    return METHODS.get(method) or plain(method)
 
 
 def methods_of(group: Sequence[Figures]) -> list[str]:
@@ -131,7 +139,7 @@ def _baseline_rows(evaluation: Evaluation) -> Iterator[list[str]]:
 def _detail(each: Figures) -> list[str]:
     shares = (each.sr, *each.failures.values(), *each.averages.values())
     cells = ("" if share is None else f"{100 * share:.1f}" for share in shares)
-    return [METHODS.get(each.method, each.method), each.split, *cells]
+    return [name_of(each.method), each.split, *cells]
 
 
 def _effort(runs: Sequence[Evaluation]) -> list[str]:
@@ -139,13 +147,13 @@ def _effort(runs: Sequence[Evaluation]) -> list[str]:
     told = [each.content["training"] for each in runs]
     points, low, high = (100 * share for share in gap(runs))
     return [
-        METHODS.get(runs[0].method, runs[0].method),
+        name_of(runs[0].method),
         str(len(runs)),
         f"{points:.1f} [{low:.1f}, {high:.1f}]",
         _listed(each["epochs"] for each in told),
         _listed(each["selected"]["epoch"] for each in told),
         f"{mean(each['seconds'] for each in told) / 60:.1f}",
-        _listed(each["computed"]["device"] for each in told),
+        plain(_listed(each["computed"]["device"] for each in told)),
     ]
 
 
@@ -162,6 +170,8 @@ def as_csv(figures: Sequence[Figures]) -> str:
     for figure in figures:
         row = asdict(figure) | figure.failures | figure.averages
         row |= {"source": "here", "possible": True}
+        for name in ("config", "setup", "method"):  # A spreadsheet would compute some.
+            row[name] = re.sub(r"^(?=[=+\-@\t\r])", "'", str(row[name]))
         for name in ("sr", "aer"):
             row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval")
         rows.append(row)
@@ -179,7 +189,7 @@ def latex(group: Sequence[Figures]) -> str:
     """Return the comparison of one config and setup as a LaTeX table (package booktabs)."""
     methods = methods_of(group)
     lines = [
-        f"% {group[0].config}, {group[0].setup}",
+        f"% {' '.join(f'{group[0].config}, {group[0].setup}'.split())}",
         rf"\begin{{tabular}}{{lll{'r' * len(methods)}}}",
         r"\toprule",
         _latex_row(["Split", "", "", *(METHODS.get(method, method) for method in methods)]),
@@ -191,7 +201,14 @@ def latex(group: Sequence[Figures]) -> str:
     return "\n".join(lines) + "\n"
 
 
+_LATEX = {
+    **{letter: rf"\{letter}" for letter in "_&%$#{}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"±": r"$\pm$", MARK: r"$^\dagger$", "-": "$-$"},
+}
+"""Letter -> what prints it."""
+
+
 def _latex_row(cells: Sequence[str]) -> str:
-    replaced = {"_": r"\_", "±": r"$\pm$", MARK: r"$^\dagger$", "-": "$-$"}
-    text = " & ".join(cells)
-    return "".join(replaced.get(letter, letter) for letter in text) + r" \\"
+    escaped = ("".join(_LATEX.get(letter, letter) for letter in cell) for cell in cells)
+    return " & ".join(escaped) + r" \\"

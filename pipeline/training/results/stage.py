@@ -16,10 +16,10 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console
+from pipeline.machinery.evaluation_file import EVALUATION
 from pipeline.machinery.markdown import count
 from pipeline.training.results.evaluations import (
     BY_METHOD,
-    EVALUATION,
     Figures,
     read,
     read_all,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from labyrinth_core.command import __main__ as way_in
 from labyrinth_core.command.arguments import parser
 from labyrinth_core.command.main import main
 from labyrinth_core.command.terminal_play import KEYS, draw, pressed
@@ -24,7 +25,7 @@ DATA = ROOT / "tests" / "data"
 NAVIGATION = str(DATA / "valid" / "figure_1a_navigation.labyrinth")
 KEY_AND_DOOR = str(DATA / "valid" / "figure_1c_key_and_door.labyrinth")
 INVALID = str(DATA / "invalid" / "unknown_tile.labyrinth")
-COMMAND = [sys.executable, "-m", "labyrinth_core.command.main"]
+COMMAND = [sys.executable, "-m", "labyrinth_core.command"]
 
 
 @pytest.fixture
@@ -258,12 +259,35 @@ def test_help_does_without_numpy():
     )
 
 
-def test_ctrl_c_ends_with_status_130(run, monkeypatch):
+def test_ctrl_c_ends_with_status_130(capsys, monkeypatch):
     def interrupt(_):
         raise KeyboardInterrupt
 
     monkeypatch.setitem(sys.modules["labyrinth_core.command.main"].COMMANDS, "check", interrupt)
-    assert run("check", NAVIGATION) == (130, "", "")
+    monkeypatch.setattr(sys, "argv", ["labyrinth", "check", NAVIGATION])
+    assert (way_in.main(), *capsys.readouterr()) == (130, "", "")
+
+
+def test_ctrl_c_while_the_command_is_imported_ends_with_status_130(tmp_path):
+    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt", encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    result = subprocess.run([*COMMAND, "--help"], env=environment, capture_output=True)
+    assert (result.returncode, result.stdout, result.stderr) == (130, b"", b"")
+
+
+def test_no_name_of_a_file_colours_or_clears_the_terminal(run, tmp_path):
+    name = "a\x1b[2J\x9b\u202e\udcff b"
+    file = tmp_path / f"{name}.labyrinth"
+    spelt = r"a\x1b[2J\x9b\u202e\udcff b.labyrinth"
+    status, out, err = run("check", tmp_path / "none", file)
+    assert (status, out) == (1, "")
+    assert f"{tmp_path}/{spelt}: No such file" in err
+    file = tmp_path / "a\x1b[2J.labyrinth"
+    file.write_text("nonsense", encoding="utf-8")
+    assert rf"{tmp_path}/a\x1b[2J.labyrinth:1:1: " in run("check", file)[2]
+    file.write_bytes(Path(NAVIGATION).read_bytes())
+    assert run("check", file)[1].startswith(rf"{tmp_path}/a\x1b[2J.labyrinth: ok, 3x3, ")
+    assert r"\x1b[2J" in run("\x1b[2J")[2]
 
 
 def test_standard_output_that_the_shell_has_closed_changes_nothing():

@@ -11,6 +11,7 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import huggingface_hub
 import numpy as np
@@ -344,6 +345,44 @@ def test_transitions_can_be_sent_to_the_processes_of_a_data_loader(data_dir):
     assert type(again[0]) is Transition
 
 
+@pytest.mark.parametrize("workers", [1, 2, 5, 50])
+def test_the_workers_of_a_data_loader_together_stream_each_episode_once(
+    data_dir, workers, monkeypatch
+):
+    episodes = list(stream_episodes(data_dir, "3x3", split="random", image_size=8))
+    parts = []
+    for number in range(workers):
+        worker = SimpleNamespace(id=number, num_workers=workers)
+        torch_data = SimpleNamespace(get_worker_info=lambda: worker)  # noqa: B023
+        monkeypatch.setitem(sys.modules, "torch.utils.data", torch_data)
+        parts.append(list(stream_episodes(data_dir, "3x3", split="random", image_size=8)))
+    assert [len(part) for part in parts] == [len(episodes[n::workers]) for n in range(workers)]
+    in_turn = [part.pop(0) for _ in range(len(episodes)) for part in parts if part]
+    assert_same_episodes(in_turn, episodes)
+
+
+@pytest.mark.slow
+def test_a_data_loader_with_two_workers_streams_each_transition_once(data_dir):
+    program = f"""
+import json
+from torch.utils.data import DataLoader, IterableDataset
+from labyrinth_core import stream_transitions
+
+class Stream(IterableDataset):
+    def __iter__(self):
+        return stream_transitions({str(data_dir)!r}, "3x3", image_size=8)
+
+def met(workers):
+    loader = DataLoader(Stream(), batch_size=3, num_workers=workers)
+    return sorted(step for batch in loader for step in zip(*(part.tolist() for part in batch)))
+
+print(json.dumps([met(0), met(2)]))
+"""
+    alone, together = json.loads(python(program, HF_HUB_OFFLINE="1"))
+    assert len(alone) == len(load_transitions(data_dir, "3x3", cache_dir=False))
+    assert together == alone
+
+
 def python(program, **environment):
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -429,6 +468,44 @@ def test_an_unknown_config_is_told_which_there_are(data_dir, load):
     there = ", ".join(sorted(TASKS))
     with pytest.raises(DatasetError, match=rf"\Aconfig=9x9: .* holds {there}\Z"):
         load(data_dir, "9x9")
+
+
+@LOADS
+def test_the_folder_of_a_config_is_told_that_its_parent_is_meant(data_dir, load):
+    message = f"{data_dir}/3x3 is the folder of the config 3x3: give the folder that holds it, "
+    with pytest.raises(DatasetError, match=rf"\A{message}{data_dir}\Z"):
+        load(data_dir / "3x3", "3x3")
+
+
+@pytest.mark.parametrize("stream", [stream_episodes, stream_transitions])
+def test_a_card_that_is_no_yaml_is_answered_by_streams_with_one_line(data_dir, tmp_path, stream):
+    folder = shutil.copytree(data_dir, tmp_path / "labyrinth")
+    (folder / "README.md").write_text("---\nconfigs: [a: b: c\n---\n", encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"labyrinth: the front matter of its README\.md cannot"):
+        next(stream(folder, "3x3"))
+
+
+@pytest.mark.slow
+def test_a_cache_that_cannot_be_written_is_not_taken_for_a_folder_that_is_not_there(data_dir):
+    program = (
+        "from labyrinth_core import DatasetError, stream_transitions\n"
+        f"try: next(stream_transitions({str(data_dir)!r}, '3x3'))\n"
+        "except DatasetError as error: print(error)\n"
+    )
+    said = python(
+        program, HF_HOME="/proc/cache", HF_DATASETS_CACHE="/proc/cache", HF_HUB_OFFLINE="1"
+    )
+    assert said.startswith(f"{data_dir}: the cache of the Hub's client cannot be used (HF_HOME ")
+    assert "/proc/cache" in said
+    assert said.count("\n") == 1
+
+
+def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch):
+    there = ["README.md", "3x3/manifest.json", "5x5/manifest.json", "old/6x6/manifest.json"]
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: str(tmp_path))
+    monkeypatch.setattr(huggingface_hub.HfApi, "list_repo_files", lambda *_, **__: there)
+    with pytest.raises(DatasetError, match=r"\Aconfig=9x9: user/labyrinth holds 3x3, 5x5\Z"):
+        load_transitions("user/labyrinth", "9x9")
 
 
 @LOADS

@@ -1,6 +1,7 @@
 """The single environment: what it says is true, and a seed settles it."""
 
 import pickle
+import subprocess
 import sys
 import warnings
 from itertools import islice
@@ -435,6 +436,18 @@ def test_a_window_without_pygame_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "labyrinth_core.env.window", raising=False)
     with pytest.raises(DependencyNotInstalled, match=r"pip install 'labyrinth-datasets\[play\]'"):
         LabyrinthEnv(render_mode="human").reset()
+
+
+@pytest.mark.slow
+def test_gymnasium_finds_nothing_wrong_where_pygame_is_not_installed():
+    program = (
+        "import sys; sys.modules['pygame'] = None\n"
+        "import gymnasium\n"
+        "from gymnasium.utils.env_checker import check_env\n"
+        "check_env(gymnasium.make('labyrinth_core.env:Labyrinth-v0').unwrapped)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("leave", ["q", "escape", "close"])

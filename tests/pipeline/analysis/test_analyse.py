@@ -130,7 +130,7 @@ def files(small_dataset, tmp_path):
 def certified(make_run, source, tmp_path, config=None):
     data_dir = tmp_path / "data"
     run_on(make_run, data_dir, leakage=LeakageOptions(str(source), config))
-    (path,) = (data_dir / "analysis").iterdir()
+    (path,) = (data_dir / "analysis").rglob("*.json")
     content = json.loads(path.read_bytes())
     assert content["source"] == str(source)
     pairs = {(pair["first"], pair["second"]): pair for pair in content["leakage"]["pairs"]}
@@ -153,6 +153,15 @@ def test_files_by_split_are_certified_and_those_that_leak_are_named(
     named = [line for line in lines if "has a mirror image of" in line]
     assert len(named) == 1
     assert named[0].startswith(str(test / "09.labyrinth"))
+
+
+def test_the_configs_of_a_source_are_certified_side_by_side(files, make_run, tmp_path):
+    data_dir = tmp_path / "data"
+    for config in (None, "3x3", "..", "4x4"):
+        run_on(make_run, data_dir, leakage=LeakageOptions(str(files), config))
+    made = [json.loads(path.read_bytes()) for path in (data_dir / "analysis").rglob("*.json")]
+    assert sorted(str(each["config"]) for each in made) == ["..", "3x3", "4x4", "None"]
+    assert [path.name for path in data_dir.iterdir()] == ["analysis"]
 
 
 def test_a_file_that_is_no_labyrinth_is_named_in_one_line(files, make_run, tmp_path):

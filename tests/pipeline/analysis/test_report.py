@@ -192,9 +192,78 @@ def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_di
 def test_an_evaluation_of_another_number_of_labyrinths_is_refused(data_dir, tmp_path):
     evaluate(data_dir / "3x3", tmp_path / "runs")
     (path,) = (tmp_path / "runs").glob("*/*/evaluation.json")
-    path.write_text(path.read_text().replace('"ss', '"s'))
+    content = json.loads(path.read_text())
+    fewer = {"labyrinths": 7, "outcomes": "s" * 7, "moves": [4] * 7, "by_distance": {"4": [7, 7]}}
+    content["splits"]["train"] |= fewer
+    path.write_text(json.dumps(content))
     with pytest.raises(DatasetError, match="train has 8 labyrinths, not 7"):
         write_report(data_dir, tmp_path / "runs")
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("splits", "test", "sr"), float("nan")),
+        (("splits", "test", "aer"), float("-inf")),
+        (("splits", "test", "labyrinths"), True),
+        (("splits", "test", "failed"), [{}]),
+        (("splits", "test", "failures"), {"<script>": 1}),
+        (("baselines",), {}),
+        (("baselines", "test", "oracle", "sr"), "1"),
+        (("run", "seed"), [0]),
+    ],
+)
+@pytest.mark.usefixtures("no_figures")
+def test_an_evaluation_that_is_none_is_named_in_one_line(data_dir, tmp_path, place, value):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    (path,) = (tmp_path / "runs").glob("*/*/evaluation.json")
+    content = json.loads(path.read_text())
+    planted(content, place, value)
+    path.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=r"^.*evaluation\.json cannot be read: .*$"):
+        write_report(data_dir, tmp_path / "runs")
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("leakage", "labyrinths", "test"), float("inf")),
+        (("leakage", "labyrinths"), {}),
+        (("leakage", "repeated", "train"), "<b>"),
+        (("leakage", "strangers", "s0"), "many"),
+        (("leakage", "pairs", 0, "equal"), {"x": "y"}),
+        (("leakage", "pairs", 0, "within"), {}),
+        (("leakage", "pairs", 0, "second"), "| <b>"),
+        (("leakage", "pairs", 0, "spread"), "<b>"),
+        (("shift", "permutations"), None),
+        (("shift", "measures", 0, "distance"), float("nan")),
+        (("shift", "measures", 0, "p_value"), 7),
+        (("shift", "measures", 0), {}),
+    ],
+)
+def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
+    folder = data_dir / "3x3"
+    content = analyse(folder)
+    planted(content, place, value)
+    (folder / ANALYSIS).write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it anew$"):
+        read_analysis(folder, Manifest.read(folder))
+
+
+def planted(content, place, value):
+    """Put a value into JSON."""
+    *path, last = place
+    for name in path:
+        content = content[name]
+    content[last] = value
+
+
+def test_a_name_with_dollar_signs_is_drawn_as_it_is(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    (folder,) = (tmp_path / "runs").glob("*/*")
+    folder.rename(folder.with_name(r"$\frac$-seed0"))
+    write_report(data_dir, tmp_path / "runs")
+    assert r"<!-- $\frac$ -->" in (data_dir / "report/figures/3x3-results.svg").read_text()
 
 
 @pytest.mark.parametrize("damage", ["{", "[]", '{"fingerprint": null}', "[" * 100_000])

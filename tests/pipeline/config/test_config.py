@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+from contextlib import suppress
 from dataclasses import FrozenInstanceError, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,16 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import OPTIONS, STAGES, Run, RunConfig, options_of, register, resolve
+from pipeline.config.run import (
+    OPTIONS,
+    STAGES,
+    PublishOptions,
+    Run,
+    RunConfig,
+    options_of,
+    register,
+    resolve,
+)
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -126,6 +137,26 @@ def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
     ignored = (CONF.parent / ".gitignore").read_text(encoding="utf-8").split()
     for folder in left:
         assert f"/{Path(str(folder)).parts[0]}/" in ignored
+
+
+@given(st.text("aB1_.-/", max_size=9) | st.sampled_from(["HEAD", "a.lock", "x.lock/y", "@"]))
+def test_every_branch_that_may_be_given_is_one_for_git(branch: str) -> None:
+    publish = PublishOptions(repo_id="user/name", version="1.0.0", branch=branch)
+    with suppress(ConfigError):
+        resolve(config(stages=["publish"], publish=publish))
+        subprocess.run(["git", "check-ref-format", "--branch", branch], check=True, cwd="/")
+
+
+@pytest.mark.parametrize("branch", ["main", "next", "v1.x", "feature/a-b_c.d", "refs/pr/1"])
+def test_usual_branches_may_be_given(branch: str) -> None:
+    publish = PublishOptions(repo_id="user/name", version="1.0.0", branch=branch)
+    resolve(config(stages=["publish"], publish=publish))
+
+
+def test_the_folder_of_a_dataset_is_not_taken_for_one_that_holds_datasets(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").touch()
+    with pytest.raises(ConfigError, match=r"is the folder of one dataset: give the folder that"):
+        resolve(config(data_dir=str(tmp_path)))
 
 
 @pytest.mark.parametrize("name", ["", "BC", "os.path", "../bc", None])

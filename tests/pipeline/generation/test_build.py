@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -726,9 +727,42 @@ def test_a_name_of_a_folder_is_shown_as_it_is(
     build: Build, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = build(tmp_path / "[/red]a [bold]b", labyrinths=1)
-    assert f'load_dataset("{run.data_dir}", "3x3")' in capsys.readouterr().out
+    assert f"load_transitions({str(run.data_dir)!r}, '3x3')" in capsys.readouterr().out
     build(run.data_dir, labyrinths=1)
     assert f"{run.folder} is complete already." in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a'b",
+        'a"b',
+        r"a\b",
+        "日本 #,=(&)%20{}@",
+        "\x1b[31m",
+        "a[b]c",
+        "a*b",
+        "a?b",
+        "a::b",
+        "a$HOME",
+    ],
+)
+def test_the_line_that_is_printed_loads_the_dataset_when_it_is_pasted(
+    small_dataset: Run,
+    make_run: Build,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+) -> None:
+    run = make_run(shutil.copytree(small_dataset.data_dir, tmp_path / name))
+    generation.run(run)
+    line = next(each for each in capsys.readouterr().out.splitlines() if each.startswith("load_"))
+    pasted = "from datasets import load_dataset\nfrom labyrinth_core import load_transitions\n"
+    exec(f"{pasted}loaded = {line}", found := {})
+    rows = sum(shard.rows for shard in Manifest.read(run.folder).of("train"))
+    loaded = found["loaded"]
+    assert (len(loaded.frames) if "transitions" in line else len(loaded["train"])) == rows
 
 
 def test_the_summary_shows_each_split(build: Build, tmp_path: Path, capsys: Any) -> None:

@@ -13,7 +13,6 @@ from pathlib import Path
 from subprocess import PIPE
 from typing import Any
 
-import dask
 import distributed
 import pytest
 import ray
@@ -309,11 +308,22 @@ def test_ray_is_started_when_there_is_work_with_no_more_processes_than_items() -
 
 
 @pytest.mark.parametrize(
-    ("executor", "address"), [("dask", "tcp://127.0.0.1:9"), ("ray", "127.0.0.1:9")]
+    ("executor", "address"),
+    [
+        ("dask", "nonsense"),
+        ("dask", "tcp://127.0.0.1:nonsense"),
+        ("dask", "tcp://127.0.0.1:99999"),
+        ("dask", "tcp://127.0.0.1:9"),
+        ("ray", "127.0.0.1:9"),
+        ("ray", "ray://127.0.0.1:nonsense"),
+    ],
 )
-def test_a_cluster_that_is_not_there_is_answered_with_one_line(executor: str, address: str) -> None:
+def test_a_cluster_that_is_not_there_is_answered_with_one_line_and_not_waited_for(
+    executor: str, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The client of Dask waits for a minute after it has said that an address is none.
+    monkeypatch.setattr(distributed, "Client", pytest.fail)
     with (
-        dask.config.set({"distributed.comm.timeouts.connect": "300ms"}),
         pytest.raises(
             ConfigError, match=f"executor={executor} executor_address={address}"
         ) as caught,

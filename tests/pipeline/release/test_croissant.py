@@ -34,7 +34,8 @@ RESPONSIBLE = (
 def read(folder):
     import mlcroissant
 
-    return mlcroissant.Dataset(jsonld=str(folder / "croissant.json"), mapping={"repo": str(folder)})
+    mapping = {"repo": str(folder)} if "containedIn" in content(folder)["distribution"][-1] else {}
+    return mlcroissant.Dataset(jsonld=str(folder / "croissant.json"), mapping=mapping)
 
 
 def content(folder):
@@ -95,8 +96,17 @@ def test_the_responsible_ai_fields_are_filled(carded):
     assert read(carded).metadata.data_limitations == values["rai:dataLimitations"]
 
 
-def test_a_release_is_named_with_its_version(folder):
+def test_what_is_not_released_points_at_nothing_on_the_hub(carded):
+    values = content(carded)
+    assert values["url"] == "README.md"
+    assert "huggingface.co" not in json.dumps(values["distribution"])
+
+
+def test_a_release_is_named_with_its_version_and_is_read_from_a_copy(folder):
+    rows = len(list(read(folder).records(OTHER)))
     card.write_card(folder, "somebody/mazes", "1.2.0")
+    assert content(folder)["distribution"][0]["contentUrl"].endswith("/datasets/somebody/mazes")
+    assert len(list(read(folder).records(OTHER))) == rows
     metadata = read(folder).metadata
     assert metadata.version == "1.2.0"
     assert metadata.url == "https://huggingface.co/datasets/somebody/mazes"

@@ -78,6 +78,19 @@ print(load_dataset(sys.argv[2], revision=sys.argv[3])["test"].num_rows)
 print(names["picture"].size, len(names["actions"]))
 """
 
+REFUSED = """
+import os, sys
+from labyrinth_core import DatasetError, load_transitions, stream_transitions
+
+for load in (load_transitions, stream_transitions):
+    try:
+        load(sys.argv[1], "9x9")
+    except DatasetError as error:
+        print(error, flush=True)
+os._exit(0)
+"""
+"""What is said of a config that is not there."""
+
 EXISTS = """
 import sys
 from huggingface_hub import HfApi
@@ -138,6 +151,10 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
 
     results = loaded(local_hub, "1.0.0", tmp_path / "copy")
     configs = ["3x3", "4x4", "5x5"]
+    told = fresh(local_hub, REFUSED, REPO).splitlines()
+    assert told[0] == f"config=9x9: {REPO} holds 3x3, 4x4, 5x5"
+    assert told[1] == (f"{REPO}: BuilderConfig '9x9' not found. Available: ['3x3', '4x4', '5x5']")
+    assert len(told) == 2
     assert list(results) == [
         name for config in configs for name in [*(f"{config} {s}" for s in BASE_SPLITS), config]
     ]
@@ -333,6 +350,18 @@ def test_a_pull_request_is_tagged_once_it_is_merged(local_hub: LocalHub, releasa
     assert local_hub.refs(theirs).keys() == {"refs/heads/main", "refs/pr/1"}
 
 
+def test_main_does_not_go_back_to_an_earlier_version_but_another_branch_may(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    published(local_hub, releasable, "1.10.0")
+    before = len(local_hub.log)
+    for options in ([], ["publish.dry_run=true"], ["publish.create_pr=true"]):
+        error = error_of(publish(local_hub, releasable, "1.9.0", *options))
+        assert f"publish.version=1.9.0: {REPO} has 1.10.0, and main does not go back" in error
+    assert not changes(local_hub, since=before)
+    published(local_hub, releasable, "1.9.0", "publish.branch=maintained")
+
+
 def test_a_release_on_a_branch_leaves_main_alone(local_hub: LocalHub, releasable: Path) -> None:
     published(local_hub, releasable, "1.0.0", "publish.branch=next")
     refs = local_hub.refs(REPO)
@@ -349,7 +378,21 @@ def test_a_release_on_a_branch_leaves_main_alone(local_hub: LocalHub, releasable
         ({"repo_id": "user/a/b", "version": "1.0.0"}, "publish.repo_id=user/a/b: give the id"),
         ({"repo_id": REPO}, "publish.version=: give three numbers, such as 1.0.0"),
         ({"repo_id": REPO, "version": "v1"}, "publish.version=v1: give three numbers"),
-        ({"repo_id": REPO, "version": "1.0.0", "branch": ""}, "publish.branch=: give the name"),
+        *(
+            ({"repo_id": REPO, "version": "1.0.0", "branch": branch}, f"publish.branch={branch}: ")
+            for branch in (
+                "",
+                "-x",
+                "../x",
+                "a..b",
+                "a/../b",
+                ".x",
+                "a/.x",
+                "x.",
+                "x.lock/a",
+                "a//b",
+            )
+        ),
     ],
 )
 def test_where_and_what_is_published_has_to_be_given(values: dict[str, str], message: str) -> None:

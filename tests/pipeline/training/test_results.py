@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +17,13 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
+from pipeline.machinery.evaluation_file import check_evaluation
+from pipeline.machinery.schema import read_json
 from pipeline.training.evaluate import as_text, describe
 from pipeline.training.results import stage as results
 from pipeline.training.results.evaluations import read, read_all, summarise
 from pipeline.training.results.paper import METHODS, paper_figures
-from pipeline.training.results.result_tables import MARK
+from pipeline.training.results.result_tables import MARK, write_tables
 
 PAPER = paper_figures()
 
@@ -219,6 +223,72 @@ def test_without_evaluations_or_with_bad_ones_there_is_one_clear_line(evaluated,
     path.write_text(text.replace("0" * 64, "1" * 64), encoding="utf-8")
     with pytest.raises(DatasetError, match="are of different datasets"):
         results.run(run_of(runs))
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("run", "method"), r"\input{/etc/passwd}"),
+        (("run", "encoder"), "<script>alert(1)</script>"),
+        (("run", "protocol"), "a|b"),
+        (("run", "config"), "3x3\n# Mine"),
+        (("run", "settings"), []),
+        (("training", "seconds"), float("inf")),
+        (("training", "computed", "device"), {}),
+        (("splits", "train", "moves", 0), 10**400),
+        (("splits", "train", "moves", 0), -1),
+        (("splits", "train", "sr_interval"), [0.5]),
+        (("splits", "train", "path_efficiency"), 1.5),
+        (("splits", "train", "failed"), [{}]),
+        (("splits", "train", "by_distance"), {}),
+        (("splits",), {}),
+        (("baselines",), {}),
+        (("baselines", "test", "oracle", "aer"), float("nan")),
+    ],
+)
+def test_an_evaluation_that_is_none_is_refused_in_one_line(evaluated, tmp_path, place, value):
+    content = json.loads((evaluated / "3x3" / "mine-cnn-seed0" / "evaluation.json").read_bytes())
+    *path, last = place
+    inner = content
+    for name in path:
+        inner = inner[name]
+    inner[last] = value
+    file = tmp_path / "evaluation.json"
+    file.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"\A.*evaluation\.json cannot be read: .+\Z"):
+        read(file)
+
+
+def test_evaluations_of_other_labyrinths_are_not_averaged(evaluated, run_of, tmp_path):
+    runs = shutil.copytree(evaluated, tmp_path / "runs")
+    path = runs / "3x3" / "bc-cnn-seed1" / "evaluation.json"
+    content = json.loads(path.read_bytes())
+    content["splits"]["test"]["by_distance"] = {"99": [0, content["splits"]["test"]["labyrinths"]]}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(DatasetError, match="are of different datasets"):
+        results.run(run_of(runs))
+
+
+def test_no_name_is_a_command_a_tag_or_a_formula_in_the_tables(evaluated, tmp_path):
+    name = r"=\input{x}|<script>&_$%#~^*[a](b)`"
+    run = read(evaluated / "3x3" / "mine-cnn-seed0" / "evaluation.json")
+    runs = [replace(run, method=name, setup=name)]
+    write_tables(tmp_path, runs, summarise(runs))
+    text, tex = ((tmp_path / file).read_text() for file in ("README.md", "results.tex"))
+    assert not re.search(r"(?<!\\)[<|]script|(?<!\\)\|<|(?<!\\)[<`*]", text.split("## 3x3")[1])
+    row = next(line for line in tex.splitlines() if line.startswith("Split"))
+    assert r"=\textbackslash{}input\{x\}|<script>\&\_\$\%\#\textasciitilde{}" in row
+    assert row.count(" & ") == 9
+    with (tmp_path / "results.csv").open(encoding="utf-8", newline="") as file:
+        here = [row for row in csv.DictReader(file) if row["source"] == "here"]
+    assert {row["method"] for row in here} == {row["setup"] for row in here} == {f"'{name}"}
+
+
+def test_the_results_that_are_published_are_evaluations():
+    paths = [*(Path(__file__).parents[3] / "results" / "runs").glob("*/*.json")]
+    assert len(paths) > 50
+    for path in paths:
+        check_evaluation(read_json(path))
 
 
 def test_an_evaluation_that_cannot_be_read_does_not_replace_the_one_that_is_kept(

@@ -1,0 +1,121 @@
+"""What a command line of the program asks for: one run, or a sweep of several."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+import threading
+from importlib import import_module
+from types import FrameType
+from typing import NoReturn
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
+from labyrinth_core.language.source_text import printable
+from labyrinth_core.version import __version__
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import STAGES, options_of, refusal, register, resolve, with_brackets
+from pipeline.config.training import CONF
+from pipeline.machinery.executor import cluster
+
+
+class RunError(RuntimeError):
+    """A run that ended with a mistake, which one line has explained."""
+
+
+def run_command() -> int:
+    """Run what the command line asks for, and return the exit status: 1 for a mistake."""
+    if "--version" in sys.argv[1:]:  # Hydra would print its own.
+        print(f"labyrinth-datasets {__version__}")
+        return 0
+    threading.excepthook = _end_with_thread
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # Else somebody wants it ignored.
+        signal.signal(signal.SIGTERM, _end)
+    sys.argv[1:] = map(with_brackets, sys.argv[1:])
+    register()
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
+    try:
+        perform()
+    except RunError:
+        return 1
+    except (HydraException, OmegaConfBaseException) as error:
+        _explain(refusal(error))
+        return 1
+    except ValueError as error:
+        if "Config group override" not in str(error):  # What Hydra says of `task=null`.
+            raise
+        _explain(str(error))
+        return 1
+    return 0
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
+def perform(config: DictConfig) -> None:
+    """Perform the stages of one run.
+
+    Raises:
+        RunError: The run is one of a sweep, which goes on with the others after an exception.
+        SystemExit: The run is the only one.
+    """
+    reason = _mistake(config)
+    if reason is None:
+        return
+    _explain(reason)
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        raise RunError(reason)
+    raise SystemExit(1)  # Of an exception, Hydra would print a line of its own.
+
+
+def _mistake(config: DictConfig) -> str | None:
+    """Perform the stages of one run, and return what is wrong with it, None if nothing is."""
+    try:
+        options = options_of(config)
+        run = resolve(options)
+        with cluster(options.executor, options.workers, options.executor_address):
+            for stage in options.stages:
+                import_module(STAGES[stage]).run(run)
+    except OmegaConfBaseException as error:
+        return refusal(error)
+    except (ConfigError, DatasetError) as error:
+        return str(error)
+    except (MemoryError, ImportError, RuntimeError, OSError) as error:
+        if lacks_memory(error):
+            _end_out_of_memory(error)
+        if not isinstance(error, OSError):
+            raise
+        return f"{error.filename or options.data_dir}: {error.strerror or error}"
+    return None
+
+
+def _end_out_of_memory(error: BaseException) -> NoReturn:
+    """End at once: libraries that got no memory may crash when the interpreter ends."""
+    line = f"out of memory ({one_line(error):.200}); the same command goes on from what is finished"
+    print(f"error: {line}", file=sys.stderr, flush=True)
+    if threading.current_thread() is threading.main_thread():
+        atexit._run_exitfuncs()  # Else joblib's tracker says what it clears up.
+    os._exit(1)
+
+
+def _end_with_thread(ended: threading.ExceptHookArgs) -> None:
+    """End for want of memory in a thread, for which another thread would wait for ever."""
+    if ended.exc_value is not None and lacks_memory(ended.exc_value):
+        _end_out_of_memory(ended.exc_value)
+    threading.__excepthook__(ended)
+
+
+def _end(number: int, _frame: FrameType | None) -> None:
+    """End as after an interruption, so that workers are stopped and leftovers are removed."""
+    print("\nterminated: the same command goes on from what is finished", file=sys.stderr)
+    sys.exit(128 + number)
+
+
+def _explain(reason: str) -> None:
+    print(f"error: {printable(reason)}", file=sys.stderr)

@@ -1,0 +1,82 @@
+"""The file that the stage `evaluate` leaves in the folder of a run, and what it has to hold.
+
+The stages `results` and `report` read it. It may come from somebody else, so nothing in it is used
+before it was checked.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from labyrinth_core.evaluation.baselines import BASELINES
+from labyrinth_core.evaluation.following import OUTCOMES
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.machinery.schema import COUNT, SHARE, Each, Maybe, Named, Number, Text, check
+
+EVALUATION = "evaluation.json"
+"""The name of the file."""
+FORMAT = 1
+
+_WORD = Text(r"\w[\w.-]{0,99}")
+_RETURN = Number(-1e6, 1)
+_DEVIATION = Number(0, 1e6)
+
+_SCORES = {
+    "labyrinths": Number(1, whole=True),
+    "sr": SHARE,
+    "sr_interval": (SHARE, SHARE),
+    "aer": _RETURN,
+    "aer_std": _DEVIATION,
+    "path_efficiency": Maybe(SHARE),
+    "accuracy_on_demonstrations": Maybe(SHARE),
+    "accuracy_elsewhere": Maybe(SHARE),
+    "failures": Named(Text("|".join(OUTCOMES)), COUNT),
+    "by_distance": Named(Text(r"\d{1,9}"), (COUNT, COUNT)),
+    "outcomes": Text(f"[{''.join(name[0] for name in OUTCOMES)}]*"),
+    "moves": Each(COUNT),
+    "failed": Each(Text(r"[0-9a-f]{16}")),
+}
+_FIGURES = {"sr": SHARE, "aer": _RETURN, "aer_std": _DEVIATION}
+
+_SHAPE = {
+    "format": FORMAT,
+    "run": {
+        "method": _WORD,
+        "encoder": _WORD,
+        "pool_stride": Number(1, 9, whole=True),
+        "protocol": _WORD,
+        "seed": COUNT,
+        "config": Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?"),
+        "fingerprint": Text(r"[0-9a-f]{64}"),
+        "settings": Named(_WORD, None),
+    },
+    "training": {
+        "epochs": COUNT,
+        "seconds": Number(0),
+        "selected": {"epoch": COUNT},
+        "computed": {"device": _WORD},
+    },
+    "splits": dict.fromkeys(EVALUATED_SPLITS, _SCORES),
+    "baselines": dict.fromkeys(EVALUATED_SPLITS, dict.fromkeys(BASELINES, _FIGURES)),
+}
+
+
+def check_evaluation(content: Any) -> None:
+    """Check that the content of the file is an evaluation.
+
+    Raises:
+        ValueError: It is none; the message says why.
+    """
+    check(content, _SHAPE)
+    for split in EVALUATED_SPLITS:
+        scores = content["splits"][split]
+        counted = {
+            "outcomes": len(scores["outcomes"]),
+            "moves": len(scores["moves"]),
+            "distances": sum(count for _, count in scores["by_distance"].values()),
+        }
+        for name, count in counted.items():
+            if count != scores["labyrinths"]:
+                raise ValueError(
+                    f"{split} has {scores['labyrinths']} labyrinths, but {count} {name}"
+                )

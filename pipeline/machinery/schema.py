@@ -1,0 +1,124 @@
+"""What JSON from a file has to look like, declared as values, and checked in one place.
+
+A shape is one of those below; or a dict, for an object with at least these names; a tuple, for a
+list with one shape for each item; None, for anything; or else the very value that has to be there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+from labyrinth_core.data.storage import AnyPath
+
+_MOST = 1e15
+"""No number of ours is larger, and the page of the report holds this one exactly."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A finite number, not a boolean."""
+
+    low: float = -_MOST
+    high: float = _MOST
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text that a regular expression matches as a whole."""
+
+    like: str
+
+
+@dataclass(frozen=True)
+class Maybe:
+    """Null, or what has a shape."""
+
+    of: Any
+
+
+@dataclass(frozen=True)
+class Each:
+    """A list of any length, each item of which has a shape."""
+
+    of: Any
+
+
+@dataclass(frozen=True)
+class Named:
+    """An object with any number of names, which have a shape, as what they name has."""
+
+    name: Any
+    of: Any
+
+
+COUNT = Number(0, whole=True)
+SHARE = Number(0, 1 + 1e-9)
+"""A sum of many probabilities may be a little more than 1."""
+
+
+def read_json(path: AnyPath) -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN or an infinity.
+    """
+    return json.loads(path.read_bytes(), parse_constant=_no_number)
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no number of JSON")
+
+
+def check(value: Any, shape: Any, place: str = "it") -> None:
+    """Check that a value from JSON has a shape.
+
+    Raises:
+        ValueError: It has not; the message says what is where, and what has to be there.
+    """
+    wanted = _unmet(value, shape)
+    if wanted is not None:
+        raise ValueError(f"{place} is {value!r:.60}, not {wanted}")
+    if isinstance(shape, dict):
+        for name, of in shape.items():
+            check(value[name], of, f"{place}.{name}")
+    elif isinstance(shape, tuple):
+        for number, (item, of) in enumerate(zip(value, shape, strict=True)):
+            check(item, of, f"{place}[{number}]")
+    elif isinstance(shape, Each):
+        for number, item in enumerate(value):
+            check(item, shape.of, f"{place}[{number}]")
+    elif isinstance(shape, Named):
+        for name, item in value.items():
+            check(name, shape.name, f"a name in {place}")
+            check(item, shape.of, f"{place}.{name}")
+    elif isinstance(shape, Maybe) and value is not None:
+        check(value, shape.of, place)
+
+
+def _unmet(value: Any, shape: Any) -> str | None:
+    """Return what a value has to be and is not, whatever it holds; None if it is."""
+    if shape is None or isinstance(shape, Maybe):
+        return None
+    if isinstance(shape, Number):
+        number = type(value) is int or (type(value) is float and not shape.whole)
+        kind = "a whole number" if shape.whole else "a number"
+        limits = f" from {shape.low:g} to {shape.high:g}"
+        return None if number and shape.low <= value <= shape.high else kind + limits
+    if isinstance(shape, Text):
+        matches = isinstance(value, str) and re.fullmatch(shape.like, value, re.ASCII)
+        return None if matches else f"a text like {shape.like}"
+    if isinstance(shape, dict):
+        holds = isinstance(value, dict) and shape.keys() <= value.keys()
+        return None if holds else f"an object with {', '.join(shape)}"
+    if isinstance(shape, Named):
+        return None if isinstance(value, dict) else "an object"
+    if isinstance(shape, tuple):
+        fits = isinstance(value, list) and len(value) == len(shape)
+        return None if fits else f"a list of {len(shape)}"
+    if isinstance(shape, Each):
+        return None if isinstance(value, list) else "a list"
+    return None if type(value) is type(shape) and value == shape else repr(shape)
