@@ -46,7 +46,8 @@ def write(folder: Path, split: str, table: pa.Table) -> None:
     pq.write_table(table, path)
     content = json.loads((folder / MANIFEST).read_bytes())
     entry = next(entry for entry in content["shards"] if entry["path"] == path.name)
-    entry.update(sha256=file_sha256(path), bytes=path.stat().st_size)
+    size = path.stat().st_size
+    entry.update(sha256=file_sha256(path), bytes=size, rows=len(table))
     (folder / MANIFEST).write_text(json.dumps(content))
 
 

@@ -31,6 +31,7 @@ from labyrinth_core.data.loader import (
     stream_transitions,
 )
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import stream_infos
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import labyrinth_id, parse
@@ -477,19 +478,20 @@ def test_the_folder_of_a_config_is_told_that_its_parent_is_meant(data_dir, load)
         load(data_dir / "3x3", "3x3")
 
 
-@pytest.mark.parametrize("stream", [stream_episodes, stream_transitions])
-def test_a_card_that_is_no_yaml_is_answered_by_streams_with_one_line(data_dir, tmp_path, stream):
+def test_a_card_that_is_no_yaml_is_answered_with_one_line(data_dir, tmp_path):
     folder = shutil.copytree(data_dir, tmp_path / "labyrinth")
     (folder / "README.md").write_text("---\nconfigs: [a: b: c\n---\n", encoding="utf-8")
     with pytest.raises(DatasetError, match=r"labyrinth: the front matter of its README\.md cannot"):
-        next(stream(folder, "3x3"))
+        stream_infos(str(folder), "3x3")
+    assert next(stream_episodes(folder, "3x3"))  # Which follows the manifest, not the card.
 
 
 @pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_not_taken_for_a_folder_that_is_not_there(data_dir):
     program = (
-        "from labyrinth_core import DatasetError, stream_transitions\n"
-        f"try: next(stream_transitions({str(data_dir)!r}, '3x3'))\n"
+        "from labyrinth_core.data.errors import DatasetError\n"
+        "from labyrinth_core.data.source import stream_infos\n"
+        f"try: next(iter(stream_infos({str(data_dir)!r}, '3x3')['train']))\n"
         "except DatasetError as error: print(error)\n"
     )
     said = python(

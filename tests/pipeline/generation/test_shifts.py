@@ -177,9 +177,9 @@ def test_what_a_shift_leaves_free_follows_test(plain: Run, split: str) -> None:
         return [each.labyrinth for each in shown(plain.folder, split)]
 
     pairs = list(zip(of(split), of("test"), strict=True))
-    assert mean(mine.moves() == its.moves() for mine, its in pairs) >= 0.9
+    assert mean(mine.moves() == its.moves() for mine, its in pairs) >= 0.7
     if split != "trees":
-        assert mean(mine.loops == its.loops for mine, its in pairs) >= 0.8
+        assert mean(mine.loops == its.loops for mine, its in pairs) >= 0.7
 
 
 # Bytes, workers, several shards.
