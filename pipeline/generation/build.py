@@ -18,14 +18,23 @@ from typing import TypeVar
 from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS, Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
-from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, new_file, write_text
-from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile, current_versions
+from labyrinth_core.data.storage import (
+    AnyPath,
+    RemotePath,
+    file_sha256,
+    new_file,
+    write_bytes,
+    write_text,
+)
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.render import render
-from pipeline.generation.sample import check_capacity, labyrinth_of, stream
+from pipeline.generation.sample import check_capacity, labyrinth_of, parent_of, stream
 from pipeline.generation.solve import solve
+from pipeline.generation.tabulate import FactsOfShard, facts_path, read_facts, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
 from pipeline.machinery import front_matter
@@ -54,6 +63,8 @@ class ShardJob:
     path: AnyPath
     sidecar: AnyPath
     """The file that marks the shard as finished, and describes it."""
+    facts: AnyPath
+    """The file of its part of the table of labyrinths."""
 
 
 def run(run: Run) -> None:
@@ -119,7 +130,8 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         )
         places = list(SPLITS)
         in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
-        manifest = Manifest(run.dataset, current_versions(), tuple(in_order))
+        labyrinths = _tabulate(run.dataset, workplace, in_order)
+        manifest = Manifest(run.dataset, current_versions(), tuple(in_order), labyrinths)
         workplace.commit(manifest)
     except ConfigError:  # The sampler found too few, so the shards are of no use.
         workplace.clear()
@@ -134,6 +146,16 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         workplace.abandon()
         raise
     return manifest
+
+
+def _tabulate(config: DatasetConfig, workplace: Workplace, shards: list[Shard]) -> TableFile:
+    """Write the table of labyrinths, from what lies beside the shards' sidecars."""
+    parts = (
+        (shard, read_facts(facts_path(workplace.building, shard.path), shard.labyrinths))
+        for shard in shards
+    )
+    with new_file(workplace.shards / TABLE, workplace.building) as path:
+        return write_table(path, config, parts)
 
 
 def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
@@ -153,7 +175,8 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
             name = f"{split}-{first[sampled] // size:05d}-of-{count:05d}"
             path = workplace.shards / f"{name}.parquet"
             sidecar = workplace.building / f"{name}.json"
-            yield ShardJob(config, split, first[sampled], part, path, sidecar)
+            facts = facts_path(workplace.building, path.name)
+            yield ShardJob(config, split, first[sampled], part, path, sidecar, facts)
         first[sampled] += len(part)
         structures[sampled] = []
 
@@ -162,22 +185,34 @@ def make_shard(job: ShardJob) -> Shard:
     """Make the shard of a job, or return the one that an earlier run has finished."""
     with suppress(FileNotFoundError, ValueError, AttributeError):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
+        read_facts(job.facts, finished.labyrinths)
         if file_sha256(job.path) == finished.sha256:
             return finished
     config, split, cut = job.config, job.split, 0
+    facts = FactsOfShard(split)
+
+    def labyrinths() -> Iterator[Labyrinth]:
+        for structure in job.structures:
+            facts.add_parent(parent_of(config, split, structure))
+            yield labyrinth_of(config, split, structure)
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
-        labyrinths = (labyrinth_of(config, split, structure) for structure in job.structures)
         count = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        solutions = batched(solve(config, split, batched(labyrinths, count)), count)
+        solutions = batched(solve(config, split, batched(labyrinths(), count)), count)
         for number, solution in enumerate(solutions, start=job.first):
             cut += solution.cut
-            yield from render(split, number, solution.episodes)
+            info = ""
+            for rows in render(split, number, solution.episodes):
+                info = rows[0].info
+                yield rows
+            of, actions = solution.episodes[0].labyrinth, [e.actions for e in solution.episodes]
+            facts.add(of, info, solution.shortest, actions)
 
     with new_file(job.path, job.sidecar.parent) as path:
         shard = write(path, split, len(job.structures), episodes())
     shard = replace(shard, cut=cut)
+    write_bytes(job.facts, facts.array().tobytes())
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
 

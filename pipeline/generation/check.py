@@ -28,8 +28,11 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import moves_and_routes
+from pipeline.generation.check_table import TablePart, table_problems
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
+from pipeline.generation.tabulate import FactsOfShard
 
 
 @dataclass
@@ -57,6 +60,8 @@ class CheckJob:
     """The index of its first labyrinth in the split."""
     same_bytes: bool
     """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
+    table: TablePart | None = None
+    """Its place in the table of labyrinths, if that is to be compared."""
 
 
 def check_shard(job: CheckJob) -> ShardReport:
@@ -71,8 +76,9 @@ def check_shard(job: CheckJob) -> ShardReport:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
+            check = _ShardCheck(job, report)
             with open_shard(local) as file:
-                found |= _ShardCheck(job, report).check(_rows(file, report))
+                found |= check.check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")
         return report
@@ -85,6 +91,10 @@ def check_shard(job: CheckJob) -> ShardReport:
             report.problems.append(
                 f"{job.shard.path}: {name} {value}, but the manifest says {expected}"
             )
+    # What the table should say of a shard with problems is not known.
+    if job.table is not None and not report.problems:
+        facts = check.facts.array()
+        report.problems += table_problems(job.folder, job.config, job.shard.split, job.table, facts)
     return report
 
 
@@ -115,6 +125,7 @@ class _ShardCheck:
         self.job = job
         self.report, self.problem = report, report.problem
         self.fingerprint = Fingerprint()
+        self.facts = FactsOfShard(job.shard.split)
         self.row = 0
         self.labyrinths = self.episodes = self.longest = self.cut = 0
         self.routes: list[list[int]] = []
@@ -276,6 +287,9 @@ class _ShardCheck:
         config, split = self.job.config, self.job.shard.split
         if config.solutions != "shortest" and split != "random":
             self.cut += len(routes) == config.solutions_limit
+        if self.info is not None:
+            shortest = moves_and_routes(self.labyrinth)
+            self.facts.add(self.labyrinth, self.info, shortest, routes)
         message = route_problem(config, split, self.labyrinth, routes)
         if message:
             self.problem(self.first_row, "actions", message)

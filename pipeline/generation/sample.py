@@ -15,6 +15,7 @@ and the splits on its structures, begin with the structures of a shorter dataset
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from itertools import chain, combinations
 
 import numpy as np
@@ -165,6 +166,25 @@ def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Lab
     return labyrinth if split == "random" else _variant(config, split, labyrinth)
 
 
+def parent_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth | None:
+    """Return the labyrinth that `labyrinth_of` derives its own from, None if it derives none.
+
+    For the arguments and errors see `labyrinth_of`.
+    """
+    if parent_split(split) is None:
+        return None
+    return _first_labyrinth(config, "train", structure)
+
+
+def parent_split(split: str) -> str | None:
+    """Return the split of the labyrinths that those of a split are derived from, if they are.
+
+    They are so in order: the first one from the first one, and so on.
+    """
+    return None if split in SAMPLED_SPLITS else "train"
+
+
+@lru_cache(maxsize=1)  # A labyrinth and its parent are made one after the other.
 def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
     start, goal = default_start_and_goal(config.height, config.width)
     if config.task in _TASKS_WITHOUT_TILES:  # Nothing is random about it.

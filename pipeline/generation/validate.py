@@ -1,6 +1,7 @@
 """The validation of a finished dataset: each row is replayed, and the splits are compared.
 
-`check` goes through the rows of one shard. Here shards are compared: no structure is in two splits,
+`check` goes through the rows of one shard, and compares what they say with the table of labyrinths.
+Here shards are compared: no structure is in two splits,
 those of random, s0 and s0_and_g are in train, and there are as many labyrinths as asked for.
 """
 
@@ -12,10 +13,12 @@ import numpy as np
 
 from labyrinth_core.data.columns import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
+from pipeline.generation.check_table import table_file_problems, table_parts
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.executor import ordered_map
 
@@ -59,8 +62,10 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
     jobs = []
     found = dict.fromkeys(SPLITS, 0)
     same_bytes = dict(manifest.versions) == current_versions()
-    for shard in manifest.shards:
-        jobs.append(CheckJob(folder, shard, manifest.config, found[shard.split], same_bytes))
+    problems, comparable = table_file_problems(folder, manifest)
+    for shard, part in zip(manifest.shards, table_parts(manifest), strict=True):
+        first, table = found[shard.split], part if comparable else None
+        jobs.append(CheckJob(folder, shard, manifest.config, first, same_bytes, table))
         found[shard.split] += shard.labyrinths
     reports = tracked(
         ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
@@ -68,8 +73,10 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         total=sum(shard.rows for shard in manifest.shards),
     )
     listed = {shard.path for shard in manifest.shards}
+    if manifest.labyrinths is not None:
+        listed.add(TABLE)
     unlisted = {path.name for path in folder.glob("*.parquet")} - listed
-    problems = [f"{name} is not in the manifest" for name in sorted(unlisted)]
+    problems += [f"{name} is not in the manifest" for name in sorted(unlisted)]
     owners = Owners()
     for report in reports:
         problems += report.problems

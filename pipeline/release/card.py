@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE, table_file
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_text
 from pipeline.config.run import Run
@@ -96,6 +97,9 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         if problems := "; ".join(dataset.counts.certificate.problems()):
             reason = f"{problems}: no card for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
+        if dataset.manifest.labyrinths is not None:
+            with table_file(data_dir / dataset.name, dataset.manifest):
+                pass  # It is not damaged.
     manifests = [dataset.manifest for dataset in datasets]
     default = front_matter.default_config(manifests)
     text = front_matter.with_generated(text, readme.text(datasets, default, release))
@@ -174,6 +178,7 @@ def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[st
     names += [f"{readme.PICTURES}/{path.name}" for path in pictures]
     for manifest in manifests:
         files = [MANIFEST, COUNTS, ANALYSIS, *(shard.path for shard in manifest.shards)]
+        files += [TABLE] * (manifest.labyrinths is not None)
         names += [f"{manifest.config.name}/{name}" for name in files]
     return [name for name in names if (data_dir / name).is_file()]
 

@@ -13,6 +13,7 @@ from importlib.resources import files
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS, SPLITS
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
@@ -67,7 +68,10 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],
         **_responsible_ai(datasets),
         "distribution": _distribution(datasets, release),
-        "recordSet": [_record_set(dataset.name) for dataset in datasets],
+        "recordSet": [
+            *(_record_set(dataset.name) for dataset in datasets),
+            *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
+        ],
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
@@ -132,18 +136,22 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 "includes": [f"{dataset.name}/{split}-*-of-*.parquet" for split in SPLITS],
             }
         )
+        files = {shard.path: (shard.bytes, shard.sha256) for shard in dataset.manifest.shards}
+        if dataset.manifest.labyrinths is not None:
+            table = dataset.manifest.labyrinths
+            files[TABLE] = (table.bytes, table.sha256)
         parts += [
             {
                 "@type": "cr:FileObject",
-                "@id": f"{dataset.name}/{shard.path}",
-                "name": f"{dataset.name}/{shard.path}",
+                "@id": f"{dataset.name}/{name}",
+                "name": f"{dataset.name}/{name}",
                 "containedIn": {"@id": REPOSITORY},
-                "contentUrl": f"{dataset.name}/{shard.path}",
-                "contentSize": f"{shard.bytes} B",
+                "contentUrl": f"{dataset.name}/{name}",
+                "contentSize": f"{size} B",
                 "encodingFormat": "application/x-parquet",
-                "sha256": shard.sha256,
+                "sha256": digest,
             }
-            for shard in dataset.manifest.shards
+            for name, (size, digest) in files.items()
         ]
     return parts
 
@@ -155,17 +163,34 @@ def _record_set(config: str) -> dict[str, Any]:
         "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
     }
     meaning = f"the split that the row is in: {splits}"
-    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], of_split)]
+    files = {"fileSet": {"@id": f"files-of-{config}"}}
+    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], files | of_split)]
     for column in COLUMNS:
-        source: dict[str, Any] = {"extract": {"column": column.name}}
+        source: dict[str, Any] = files | {"extract": {"column": column.name}}
         if column.name == "obs":
             source["transform"] = {"jsonPath": "bytes"}
         fields.append(_field(config, column.name, column.meaning, _DATA_TYPES[column.name], source))
+    return _records(
+        config, f"The rows of the config {config}, one for each state of an episode.", fields
+    )
+
+
+def _table_records(config: str) -> dict[str, Any]:
+    name, file = table_config(config), {"fileObject": {"@id": f"{config}/{TABLE}"}}
+    fields = []
+    for column in TABLE_COLUMNS:
+        kind = "sc:Text" if column.feature["dtype"] == "string" else "sc:Integer"
+        source = file | {"extract": {"column": column.name}}
+        fields.append(_field(name, column.name, column.meaning, kind, source))
+    return _records(name, f"The labyrinths of all splits of {config}, one in each row.", fields)
+
+
+def _records(name: str, description: str, fields: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "@type": "cr:RecordSet",
-        "@id": config,
-        "name": config,
-        "description": f"The rows of the config {config}, one for each state of an episode.",
+        "@id": name,
+        "name": name,
+        "description": description,
         "field": fields,
     }
 
@@ -179,5 +204,5 @@ def _field(
         "name": name,
         "description": f"{description[0].upper()}{description[1:]}.",
         "dataType": kind,
-        "source": {"fileSet": {"@id": f"files-of-{config}"}} | source,
+        "source": source,
     }
