@@ -15,18 +15,22 @@ import hashlib
 import json
 import warnings
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
+from labyrinth_core.data.selection import Part, find_numbers, find_part, rows_of
+from labyrinth_core.data.source import local_folder, stream_rows
 from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
+
+if TYPE_CHECKING:
+    from pyarrow.compute import Expression
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
@@ -43,6 +47,8 @@ def load_transitions(
     draw: bool = False,
     resize: str = "area",
     cache_dir: str | Path | bool | None = True,
+    labyrinths: int | None = None,
+    where: Expression | None = None,
 ) -> Transitions:
     """Return all transitions of a split.
 
@@ -52,8 +58,8 @@ def load_transitions(
     exists.
 
     Args:
-        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and the
-            next seven.
+        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this, the
+            next seven and the last two.
         config: Name of the dataset's config, such as `5x5`.
         split: Name of the split, such as `train`.
         observation: "image" or "vector".
@@ -64,24 +70,24 @@ def load_transitions(
         cache_dir: Folder of the cache file. True stands for `labyrinth-datasets` in
             `$XDG_CACHE_HOME` or `~/.cache`. False or None holds all in memory; so does, with a
             warning, a folder that cannot be written, or a full disk.
+        labyrinths: How many labyrinths, the first ones.
+        where: A filter of the table of labyrinths.
 
     Raises:
         ValueError: An argument is none of the allowed values.
         DatasetError: As for `load_episodes`, or there is no episode in the split.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
-    folder = locate(source, config, split, revision)
-    manifest = Manifest.read(folder)
-    shards = manifest.of(split)
+    part = find_part(source, config, split, revision, labyrinths, where)
 
     def episodes() -> Generator[LoadedEpisode]:
-        return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
+        return episodes_of(part.rows(pictures=spec.decodes), spec)
 
     if observation == "image" and cache_dir is not None and cache_dir is not False:
         try:
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
-            key = _key(shards, spec)
-            name = f"{manifest.config.name}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
+            key = _key(part, spec)
+            name = f"{part.config}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
             return frame_cache.load(cache / name, key, episodes)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
@@ -89,15 +95,18 @@ def load_transitions(
     return collect(episodes())
 
 
-def _key(shards: Sequence[Shard], spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
+def _key(part: Part, spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
     """Return a hash of all that the content of a cache file depends on."""
-    content = {
-        "shards": [shard.sha256 for shard in shards],
+    content: dict[str, Any] = {
+        "shards": [shard.sha256 for shard in part.shards],
         "image_size": spec.image_size,
         "drawn": spec.draw,
         "resize": spec.resize,
         "pixels": version,
     }
+    numbers = [None if each is None else each.tolist() for each in part.numbers]
+    if numbers != [None] * len(numbers):
+        content["labyrinths"] = numbers
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -111,6 +120,8 @@ def load_episodes(
     revision: str | None = None,
     draw: bool = False,
     resize: str = "area",
+    labyrinths: int | None = None,
+    where: Expression | None = None,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split, in order.
 
@@ -126,15 +137,18 @@ def load_episodes(
             they are equal, as `validate` checks.
         resize: How pictures are made smaller: "area" averages, so that no wall vanishes; "original"
             loses walls, as the authors do (see `labyrinth_core.data.observations.RESIZES`).
+        labyrinths: How many labyrinths, the first ones of the split, or of those that `where`
+            leaves; None for all.
+        where: A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`
+            (see `labyrinth_core.data.labyrinth_table.TABLE_COLUMNS`).
 
     Raises:
         ValueError: An argument is none of the allowed values.
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
-    folder = locate(source, config, split, revision)
-    shards = Manifest.read(folder).of(split)
-    return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
+    part = find_part(source, config, split, revision, labyrinths, where)
+    return episodes_of(part.rows(pictures=spec.decodes), spec)
 
 
 def stream_episodes(
@@ -147,6 +161,8 @@ def stream_episodes(
     revision: str | None = None,
     draw: bool = False,
     resize: str = "area",
+    labyrinths: int | None = None,
+    where: Expression | None = None,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
@@ -158,9 +174,10 @@ def stream_episodes(
     folder = local_folder(source, config, revision)
     if folder is not None:
         Manifest.read(folder).of(split)  # Raises if there is no such split.
+    numbers = find_numbers(source, config, split, revision, labyrinths, where)
     source = str(source if folder is None else folder.parent)
     rows = stream_rows(source, config, split, revision, pictures=spec.decodes)
-    return prefetched(episodes_of(rows, spec), ahead=2)
+    return prefetched(episodes_of(rows_of(rows, numbers), spec), ahead=2)
 
 
 def stream_transitions(
@@ -173,6 +190,8 @@ def stream_transitions(
     revision: str | None = None,
     draw: bool = False,
     resize: str = "area",
+    labyrinths: int | None = None,
+    where: Expression | None = None,
 ) -> Generator[Transition]:
     """Yield the transitions of a split as they are downloaded; see `stream_episodes`."""
     episodes = stream_episodes(
@@ -184,6 +203,8 @@ def stream_transitions(
         revision=revision,
         draw=draw,
         resize=resize,
+        labyrinths=labyrinths,
+        where=where,
     )
     return _steps(episodes)
 

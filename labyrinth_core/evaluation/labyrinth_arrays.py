@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
+
+if TYPE_CHECKING:
+    from pyarrow.compute import Expression
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +91,8 @@ def load_arrays(
     image_size: int = DEFAULT_IMAGE_SIZE,
     resize: str = "area",
     revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Expression | None = None,
 ) -> LabyrinthArrays:
     """Return the labyrinths of a split as arrays.
 
@@ -99,6 +104,8 @@ def load_arrays(
         image_size: Pixels on each side of the pictures.
         resize: How pictures become small; one of `labyrinth_core.data.observations.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.
+        labyrinths: How many labyrinths, the first ones; see `load_episodes`, also for `where`.
+        where: A filter of the table of labyrinths.
 
     Raises:
         ValueError: An argument is none of the allowed values.
@@ -109,7 +116,13 @@ def load_arrays(
     episodes: list[tuple[int, NDArray[np.int64]]] = []
     # Vectors cost least here; each state is observed once, below.
     for episode in load_episodes(
-        source, config, split=split, observation="vector", revision=revision
+        source,
+        config,
+        split=split,
+        observation="vector",
+        revision=revision,
+        labyrinths=labyrinths,
+        where=where,
     ):
         if episode.labyrinth_id not in tables:
             tables[episode.labyrinth_id] = tabulate(parse_info(episode.info)[0])

@@ -102,7 +102,7 @@ def fingerprint_of(run: Run) -> str:
         command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
         raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
     try:
-        folder = locate(run.source, run.dataset.name, "train", options.revision)
+        folder = locate(run.source, run.dataset.name, [], options.revision)
     except ValueError as error:
         raise ConfigError(str(error)) from error
     return Manifest.read(folder).fingerprint
