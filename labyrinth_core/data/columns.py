@@ -25,6 +25,20 @@ SPLITS = {
 }
 """Split -> its content."""
 
+
+def parent_split(split: str) -> str | None:
+    """Return the split of the labyrinths that those of a split are derived from, None if of none.
+
+    They are in the same order: the first is derived from the first, and so on.
+    """
+    return None if split in SAMPLED_SPLITS else "train"
+
+
+def is_of_train(split: str) -> bool:
+    """Return whether a split holds the labyrinths of train, or those derived from them."""
+    return "train" in (split, parent_split(split))
+
+
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""
 

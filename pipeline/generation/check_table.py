@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labyrinth_core.data.columns import parent_split
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.labyrinth_table import TABLE, table_schema
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
-from pipeline.generation.sample import parent_split
 from pipeline.generation.tabulate import Facts, table_of
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from labyrinth_core.data.columns import SAMPLED_SPLITS
+from labyrinth_core.data.columns import SAMPLED_SPLITS, parent_split
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
@@ -174,14 +174,6 @@ def parent_of(config: DatasetConfig, split: str, structure: Structure) -> Labyri
     if parent_split(split) is None:
         return None
     return _first_labyrinth(config, "train", structure)
-
-
-def parent_split(split: str) -> str | None:
-    """Return the split of the labyrinths that those of a split are derived from, if they are.
-
-    They are so in order: the first one from the first one, and so on.
-    """
-    return None if split in SAMPLED_SPLITS else "train"
 
 
 @lru_cache(maxsize=1)  # A labyrinth and its parent are made one after the other.
