@@ -15,22 +15,19 @@ import hashlib
 import json
 import warnings
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.selection import Part, find_numbers, find_part, rows_of
+from labyrinth_core.data.selection import Filter, Numbers, find_numbers, find_part, rows_of
 from labyrinth_core.data.source import local_folder, stream_rows
 from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
-
-if TYPE_CHECKING:
-    from pyarrow.compute import Expression
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
@@ -48,7 +45,7 @@ def load_transitions(
     resize: str = "area",
     cache_dir: str | Path | bool | None = True,
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> Transitions:
     """Return all transitions of a split.
 
@@ -86,7 +83,7 @@ def load_transitions(
     if observation == "image" and cache_dir is not None and cache_dir is not False:
         try:
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
-            key = _key(part, spec)
+            key = _key(part.shards, spec, numbers=part.numbers)
             name = f"{part.config}-{split}-{image_size}-{key[:16]}{frame_cache.SUFFIX}"
             return frame_cache.load(cache / name, key, episodes)
         except OSError as error:
@@ -95,18 +92,22 @@ def load_transitions(
     return collect(episodes())
 
 
-def _key(part: Part, spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
+def _key(
+    shards: Sequence[Shard],
+    spec: ObservationSpec,
+    version: int = PICTURES_VERSION,
+    numbers: Sequence[Numbers | None] = (),
+) -> str:
     """Return a hash of all that the content of a cache file depends on."""
     content: dict[str, Any] = {
-        "shards": [shard.sha256 for shard in part.shards],
+        "shards": [shard.sha256 for shard in shards],
         "image_size": spec.image_size,
         "drawn": spec.draw,
         "resize": spec.resize,
         "pixels": version,
     }
-    numbers = [None if each is None else each.tolist() for each in part.numbers]
-    if numbers != [None] * len(numbers):
-        content["labyrinths"] = numbers
+    if some := [each.tolist() for each in numbers if each is not None]:
+        content["labyrinths"] = some
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -121,7 +122,7 @@ def load_episodes(
     draw: bool = False,
     resize: str = "area",
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split, in order.
 
@@ -162,7 +163,7 @@ def stream_episodes(
     draw: bool = False,
     resize: str = "area",
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
@@ -191,7 +192,7 @@ def stream_transitions(
     draw: bool = False,
     resize: str = "area",
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> Generator[Transition]:
     """Yield the transitions of a split as they are downloaded; see `stream_episodes`."""
     episodes = stream_episodes(

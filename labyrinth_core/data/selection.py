@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from labyrinth_core.data.storage import AnyPath
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
+
+Filter: TypeAlias = "Expression"
+"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 Numbers = NDArray[np.int64]
 """The numbers of some labyrinths, ascending; the first of a split or of a shard has 0."""
@@ -51,7 +54,7 @@ def find_part(
     split: str,
     revision: str | None = None,
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> Part:
     """Return a split or a part of it; from the Hub come only the shards that hold some of it.
 
@@ -81,7 +84,7 @@ def find_numbers(
     split: str,
     revision: str | None = None,
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> Numbers | None:
     """Return the numbers of the labyrinths of a split that are asked for, None if all are.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,10 @@ from labyrinth_core.data.episodes import parse_info
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
 from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.selection import Filter
 from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
-
-if TYPE_CHECKING:
-    from pyarrow.compute import Expression
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +90,7 @@ def load_arrays(
     resize: str = "area",
     revision: str | None = None,
     labyrinths: int | None = None,
-    where: Expression | None = None,
+    where: Filter | None = None,
 ) -> LabyrinthArrays:
     """Return the labyrinths of a split as arrays.
 

@@ -45,6 +45,11 @@ from labyrinth_core import load_transitions
 repo, revision, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
 results = {}
 for config in get_dataset_config_names(repo, revision=revision):
+    if config.endswith("-labyrinths"):
+        table = load_dataset(repo, config, split="labyrinths", revision=revision)
+        path = folder / config.removesuffix("-labyrinths") / "labyrinths.parquet"
+        results[config] = [len(table), list(table) == pq.read_table(path).to_pylist()]
+        continue
     for split in get_dataset_split_names(repo, config, revision=revision):
         paths = sorted((folder / config).glob(f"{split}-*.parquet"))
         rows = [row for path in paths for row in pq.read_table(path).to_pylist()]
