@@ -174,16 +174,14 @@ their rows. It is a config of its own: {", ".join(f"`{table_config(name)}`" for 
 
 {columns}
 
-```python
-import duckdb
+DuckDB, polars and pandas read it without downloading the rest, as does any reader of Parquet:
 
-duckdb.sql(
-    "select split, count(*) from "
-    "'hf://datasets/{release.name}{revision}/{shown}/{TABLE}' where moves >= 12 group by split"
-)
-```
-
-polars and pandas read the same address: `polars.read_parquet("hf://datasets/...")`."""
+```sql
+select split, count(*), avg(turns)
+from 'hf://datasets/{release.name}{revision}/{shown}/{TABLE}'
+where moves >= 12
+group by split
+```"""
 
 
 def _making(datasets: Sequence[DatasetStatistics]) -> str:
