@@ -85,7 +85,7 @@ def _load(repo_id: str, commit: str, manifest: Manifest) -> int:
     return rows
 
 
-def _check_table(repo_id: str, commit: str, manifest: Manifest, folder: Path) -> None:
+def _check_table(repo_id: str, commit: str | None, manifest: Manifest, folder: Path) -> None:
     """Compare the table of labyrinths of a config, loaded in every way, with that of the folder."""
     from datasets import load_dataset
 
