@@ -93,16 +93,15 @@ def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
 def moves_and_routes(labyrinth: Labyrinth) -> tuple[int, int]:
     """Return the number of moves of a shortest route, and the number of such routes."""
     table, distance = _table_and_distances(labyrinth)
-    start = state_index(labyrinth, initial(labyrinth))
-    ways = {start: 1}
-    for nearer in range(distance[start] - 1, -1, -1):
-        onward: dict[int, int] = {}
-        for state, count in ways.items():
-            for after in table[state]:
-                if distance[after] == nearer:
-                    onward[after] = onward.get(after, 0) + count
-        ways = onward
-    return distance[start], sum(ways.values())
+    state = state_index(labyrinth, initial(labyrinth))
+    moves = distance[state]
+    for nearer in range(moves - 1, -1, -1):
+        up, right, down, left = table[state]
+        after = (distance[up], distance[right], distance[down], distance[left])
+        if after.count(nearer) > 1:  # Up to here all routes are the same.
+            return moves, _count_shortest_routes(table, distance, state)[state]
+        state = table[state][after.index(nearer)]
+    return moves, 1
 
 
 def _table_and_distances(labyrinth: Labyrinth) -> tuple[Table, Sequence[int]]:

@@ -32,7 +32,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.render import render
-from pipeline.generation.sample import check_capacity, labyrinth_of, parent_of, stream
+from pipeline.generation.sample import check_capacity, labyrinth_and_parent, stream
 from pipeline.generation.solve import solve
 from pipeline.generation.tabulate import FactsOfShard, facts_path, read_facts, write_table
 from pipeline.generation.workplace import Workplace
@@ -193,8 +193,9 @@ def make_shard(job: ShardJob) -> Shard:
 
     def labyrinths() -> Iterator[Labyrinth]:
         for structure in job.structures:
-            facts.add_parent(parent_of(config, split, structure))
-            yield labyrinth_of(config, split, structure)
+            labyrinth, parent = labyrinth_and_parent(config, split, structure)
+            facts.add_parent(parent, of=labyrinth)
+            yield labyrinth
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut

@@ -15,7 +15,6 @@ and the splits on its structures, begin with the structures of a shorter dataset
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
 from itertools import chain, combinations
 
 import numpy as np
@@ -160,23 +159,30 @@ def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Lab
     Raises:
         LabyrinthError: The structure cannot hold the task.
     """
-    if split in SAMPLED_SPLITS:
-        return _first_labyrinth(config, split, structure)
-    labyrinth = _first_labyrinth(config, "train", structure)
-    return labyrinth if split == "random" else _variant(config, split, labyrinth)
+    return labyrinth_and_parent(config, split, structure)[0]
+
+
+def labyrinth_and_parent(
+    config: DatasetConfig, split: str, structure: Structure
+) -> tuple[Labyrinth, Labyrinth | None]:
+    """Return what `labyrinth_of` returns, and the labyrinth that it is derived from, if it is."""
+    parent = parent_of(config, split, structure)
+    if parent is None:
+        return _first_labyrinth(config, split, structure), None
+    return parent if split == "random" else _variant(config, split, parent), parent
 
 
 def parent_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth | None:
-    """Return the labyrinth that `labyrinth_of` derives its own from, None if it derives none.
+    """Return the labyrinth that the one of a structure is derived from, None if from none.
 
     For the arguments and errors see `labyrinth_of`.
     """
-    if parent_split(split) is None:
+    split_of_parent = parent_split(split)
+    if split_of_parent is None:
         return None
-    return _first_labyrinth(config, "train", structure)
+    return _first_labyrinth(config, split_of_parent, structure)
 
 
-@lru_cache(maxsize=1)  # A labyrinth and its parent are made one after the other.
 def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
     start, goal = default_start_and_goal(config.height, config.width)
     if config.task in _TASKS_WITHOUT_TILES:  # Nothing is random about it.

@@ -39,6 +39,9 @@ FACTS = np.dtype(
 NOTHING = -1
 """The value of `parent_id` or `turns` where the table has null."""
 
+_ITSELF = -2
+"""What stands for the id of a labyrinth that is its own parent, until it is known."""
+
 GROUP_ROWS = 100_000
 """The least number of rows in a row group of the table, but for the last; some ten megabytes."""
 
@@ -54,9 +57,12 @@ class FactsOfShard:
         self._parents: list[int] = []
         self._structures: list[Structure] = []
 
-    def add_parent(self, parent: Labyrinth | None) -> None:
+    def add_parent(self, parent: Labyrinth | None, *, of: Labyrinth) -> None:
         """Add the labyrinth that the next one is derived from, None if it is from none."""
-        self._parents.append(NOTHING if parent is None else int(labyrinth_id(parent), 16))
+        if parent is None:
+            self._parents.append(NOTHING)
+        else:
+            self._parents.append(_ITSELF if parent is of else int(labyrinth_id(parent), 16))
 
     def add(
         self,
@@ -95,7 +101,8 @@ class FactsOfShard:
         """Return the facts, one item for each labyrinth; no parents if none were added."""
         facts = np.array(self._rows, FACTS)
         if self._parents:
-            facts["parent_id"] = self._parents
+            parents = np.array(self._parents)
+            facts["parent_id"] = np.where(parents == _ITSELF, facts["labyrinth_id"], parents)
         if self._rows:
             structure, passages = self._structures[0], passage_table(self._structures)
             ways = _ways(passages, structure.height, structure.width)

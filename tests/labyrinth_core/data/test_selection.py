@@ -130,7 +130,7 @@ def test_other_labyrinths_have_another_cache_file_and_all_have_the_one_without(d
             lambda row: row["optimal_routes"] > 1 or row["turns"] < 3,
         ),
     ],
-    ids=str,
+    ids=["a number", "a number of nothing", "either of two"],
 )
 def test_a_filter_leaves_the_labyrinths_of_the_table_that_it_says(data_dir, split, where, keep):
     expected = filtered_by_hand(data_dir, split, keep)
@@ -210,13 +210,15 @@ def test_a_column_that_is_not_there_is_refused_with_those_that_are(data_dir):
 
 
 @pytest.mark.parametrize(
-    "where", [pc.field("moves") == "a", pc.field("moves") + 1, pc.field("turns") > pc.field("task")]
+    "where",
+    [pc.field("moves") == "a", pc.field("moves") + 1, pc.field("turns") > pc.field("task")],
+    ids=str,
 )
 def test_an_expression_that_has_no_sense_is_refused(data_dir, where):
     assert refusal(data_dir, where=where).startswith(f"where={where}: ")
 
 
-@pytest.mark.parametrize("where", ["moves >= 12", [("moves", ">=", 12)], True])
+@pytest.mark.parametrize("where", ["moves >= 12", [("moves", ">=", 12)], True], ids=str)
 def test_a_filter_that_is_no_expression_is_refused_and_not_evaluated(data_dir, where):
     assert "give an expression, such as pyarrow.compute.field(" in refusal(data_dir, where=where)
 
