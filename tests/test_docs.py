@@ -13,6 +13,7 @@ import yaml
 import labyrinth_core
 from labyrinth_core import __version__
 from labyrinth_core.data.columns import COLUMNS
+from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS
 from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Task
@@ -42,9 +43,9 @@ FOR_READERS = [document for document in DOCUMENTS if document.name != "new-metho
 RUNNABLE = [document for document in FOR_READERS if any(map(runs, blocks(document)))]
 
 
-def table(heading: str) -> dict[str, str]:
-    """Return the rows of the README's table whose first heading is given, by first column."""
-    lines = README.split(f"| {heading} | ", 1)[1].splitlines()[2:]
+def table(heading: str, text: str = README) -> dict[str, str]:
+    """Return the rows of a text's table whose first heading is given, by first column."""
+    lines = text.split(f"| {heading} | ", 1)[1].splitlines()[2:]
     rows = {}
     for line in lines:
         if not line.startswith("| "):
@@ -60,6 +61,11 @@ def test_the_readme_explains_every_option_as_the_help_text_does():
 
 def test_the_readme_explains_every_column():
     assert table("column") == {column.name: column.meaning for column in COLUMNS}
+
+
+def test_the_page_on_loading_explains_every_column_of_the_table_of_labyrinths():
+    text = (ROOT / "docs" / "loading.md").read_text(encoding="utf-8")
+    assert table("column", text) == {column.name: column.meaning for column in TABLE_COLUMNS}
 
 
 def test_the_readme_explains_every_split():
@@ -137,7 +143,7 @@ def test_a_name_without_a_folder_lies_in_that_of_the_name_before_it():
 def folder_with_data(build, tmp_path_factory) -> Path:
     """A folder as the README's first command leaves it, but for the number of labyrinths."""
     folder = tmp_path_factory.mktemp("reader")
-    build(folder / "data" / "labyrinth", size="5", labyrinths=5, random_steps=5)
+    build(folder / "data" / "labyrinth", size="5", labyrinths=25, random_steps=5)
     return folder
 
 

@@ -24,9 +24,10 @@ from typing import Any
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.source import local_folder, locate, read_rows, stream_rows
+from labyrinth_core.data.selection import Filter, Numbers, find_numbers, find_part, rows_of
+from labyrinth_core.data.source import local_folder, stream_rows
 from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
 
 DEFAULT_IMAGE_SIZE = 64
@@ -44,6 +45,8 @@ def load_transitions(
     draw: bool = False,
     resize: str = "area",
     cache_dir: str | Path | bool | None = True,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
 ) -> Transitions:
     """Return all transitions of a split.
 
@@ -53,8 +56,8 @@ def load_transitions(
     exists.
 
     Args:
-        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and the
-            next seven.
+        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this, the
+            next seven and the last two.
         config: Name of the dataset's config, such as `5x5`.
         split: Name of the split, such as `train`.
         observation: "image" or "vector".
@@ -67,6 +70,8 @@ def load_transitions(
             warning, a folder that cannot be written, or a full disk. Its cache files have 20 GB
             at most, or as many as the environment variable LABYRINTH_CACHE_GB says; those used
             least recently make room.
+        labyrinths: How many labyrinths, the first ones.
+        where: A filter of the table of labyrinths.
 
     Raises:
         ValueError: An argument is none of the allowed values.
@@ -77,19 +82,17 @@ def load_transitions(
     named = isinstance(cache_dir, str) and cache_dir.strip()
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
-    folder = locate(source, config, split, revision)
-    manifest = Manifest.read(folder)
-    shards = manifest.of(split)
+    part = find_part(source, config, split, revision, labyrinths, where)
 
     def episodes() -> Generator[LoadedEpisode]:
-        return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
+        return episodes_of(part.rows(pictures=spec.decodes), spec)
 
     if observation == "image" and cache_dir is not None and cache_dir is not False:
         try:
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
-            key = _key(shards, spec)
-            path = cache / frame_cache.name_of(manifest.config.name, split, image_size, key)
-            size = sum(shard.rows for shard in shards) * 3 * image_size**2
+            key = _key(part.shards, spec, numbers=part.numbers)
+            path = cache / frame_cache.name_of(part.config, split, image_size, key)
+            size = sum(shard.rows for shard in part.shards) * 3 * image_size**2
             return frame_cache.load(path, key, size, episodes)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
@@ -97,15 +100,22 @@ def load_transitions(
     return collect(episodes())
 
 
-def _key(shards: Sequence[Shard], spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
+def _key(
+    shards: Sequence[Shard],
+    spec: ObservationSpec,
+    version: int = PICTURES_VERSION,
+    numbers: Sequence[Numbers | None] = (),
+) -> str:
     """Return a hash of all that the content of a cache file depends on."""
-    content = {
+    content: dict[str, Any] = {
         "shards": [shard.sha256 for shard in shards],
         "image_size": int(spec.image_size),
         "drawn": spec.draw,
         "resize": spec.resize,
         "pixels": version,
     }
+    if some := [each.tolist() for each in numbers if each is not None]:
+        content["labyrinths"] = some
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -119,6 +129,8 @@ def load_episodes(
     revision: str | None = None,
     draw: bool = False,
     resize: str = "area",
+    labyrinths: int | None = None,
+    where: Filter | None = None,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split, in order.
 
@@ -134,15 +146,18 @@ def load_episodes(
             they are equal, as `validate` checks.
         resize: How pictures are made smaller: "area" averages, so that no wall vanishes; "original"
             loses walls, as the authors do (see `labyrinth_core.data.observations.RESIZES`).
+        labyrinths: How many labyrinths, the first ones of the split, or of those that `where`
+            leaves; None for all.
+        where: A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`
+            (see `labyrinth_core.data.labyrinth_table.TABLE_COLUMNS`).
 
     Raises:
         ValueError: An argument is none of the allowed values.
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
-    folder = locate(source, config, split, revision)
-    shards = Manifest.read(folder).of(split)
-    return episodes_of(read_rows(folder, shards, pictures=spec.decodes), spec)
+    part = find_part(source, config, split, revision, labyrinths, where)
+    return episodes_of(part.rows(pictures=spec.decodes), spec)
 
 
 def stream_episodes(
@@ -155,6 +170,8 @@ def stream_episodes(
     revision: str | None = None,
     draw: bool = False,
     resize: str = "area",
+    labyrinths: int | None = None,
+    where: Filter | None = None,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
@@ -169,9 +186,12 @@ def stream_episodes(
     spec = ObservationSpec(observation, image_size, draw, resize)
     folder = local_folder(source, config, revision)
     if folder is None:
+        numbers = find_numbers(source, config, split, revision, labyrinths, where)
         rows = stream_rows(str(source), config, split, revision, pictures=spec.decodes)
+        rows = rows_of(rows, numbers)
     else:
-        rows = read_rows(folder, Manifest.read(folder).of(split), pictures=spec.decodes)
+        part = find_part(source, config, split, revision, labyrinths, where)
+        rows = part.rows(pictures=spec.decodes)
     return prefetched(episodes_of(rows, spec, *_part_of_worker()), ahead=2)
 
 
@@ -195,6 +215,8 @@ def stream_transitions(
     revision: str | None = None,
     draw: bool = False,
     resize: str = "area",
+    labyrinths: int | None = None,
+    where: Filter | None = None,
 ) -> Generator[Transition]:
     """Yield the transitions of a split as they are downloaded; see `stream_episodes`."""
     episodes = stream_episodes(
@@ -206,6 +228,8 @@ def stream_transitions(
         revision=revision,
         draw=draw,
         resize=resize,
+        labyrinths=labyrinths,
+        where=where,
     )
     return _steps(episodes)
 

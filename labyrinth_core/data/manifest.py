@@ -66,6 +66,22 @@ class Shard:
 
 
 @dataclass(frozen=True)
+class TableFile:
+    """The table of labyrinths, see `labyrinth_table`."""
+
+    bytes: int
+    sha256: str
+    """The SHA-256 of the file."""
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> TableFile:
+        """Return the table that `asdict` described; raise ValueError for anything else."""
+        if {name: type(value) for name, value in values.items()} != {"bytes": int, "sha256": str}:
+            raise ValueError(f"a table has the fields bytes and sha256, not {dict(values)}")
+        return cls(**values)
+
+
+@dataclass(frozen=True)
 class Manifest:
     """The description of a finished dataset."""
 
@@ -74,6 +90,8 @@ class Manifest:
     """Library -> version; other versions may compress the same rows differently."""
     shards: tuple[Shard, ...]
     """The shards, in the order of splits and of rows."""
+    labyrinths: TableFile | None = None
+    """The table of labyrinths; datasets of earlier versions have none."""
 
     @property
     def fingerprint(self) -> str:
@@ -103,6 +121,8 @@ class Manifest:
             "fingerprint": self.fingerprint,
             "shards": [asdict(shard) for shard in self.shards],
         }
+        if self.labyrinths is not None:
+            content["labyrinths"] = asdict(self.labyrinths)
         write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
 
     @classmethod
@@ -121,6 +141,9 @@ class Manifest:
                 config=DatasetConfig.from_json(content["config"]),
                 versions={str(key): str(value) for key, value in content["versions"].items()},
                 shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
+                labyrinths=(
+                    TableFile.from_json(content["labyrinths"]) if "labyrinths" in content else None
+                ),
             )
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error

@@ -32,15 +32,17 @@ class RawRow(NamedTuple):
     """The picture; None if the row has none, or none was asked for."""
 
 
-def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> AnyPath:
-    """Return the folder with a dataset's manifest and the shards of a split.
+def locate(
+    source: str | Path, config: str, files: Iterable[str], revision: str | None = None
+) -> AnyPath:
+    """Return the folder with a dataset's manifest and other files, given by names or patterns.
 
     For an id on the Hub they are downloaded to its cache first.
 
     Raises:
         DatasetError: There is no such folder, or the Hub does not give it.
     """
-    return local_folder(source, config, revision) or _download(str(source), config, split, revision)
+    return local_folder(source, config, revision) or _download(str(source), config, files, revision)
 
 
 def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
@@ -70,13 +72,13 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     return None
 
 
-def _download(source: str, config: str, split: str, revision: str | None) -> Path:
+def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
     from huggingface_hub import HfApi, snapshot_download
 
-    files = [f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"]
+    patterns = [f"{config}/{name}" for name in (MANIFEST, *files)]
     with _had(source):
         snapshot = snapshot_download(
-            source, repo_type="dataset", revision=revision, allow_patterns=files
+            source, repo_type="dataset", revision=revision, allow_patterns=patterns
         )
         if not Path(snapshot, config, MANIFEST).is_file():
             there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)

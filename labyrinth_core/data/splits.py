@@ -85,6 +85,17 @@ SHIFTS = tuple(name for name in SPLITS if name not in BASE_SPLITS)
 """The splits that a dataset may have besides, in their order."""
 
 
+def parent_split(split: str) -> str | None:
+    """Return the split of the labyrinths that those of a split are made from, None if of none."""
+    return SPLITS[split].parent
+
+
+def is_of_train(split: str) -> bool:
+    """Return whether a split holds the labyrinths of train, or one made from each, in order."""
+    kind = SPLITS[split]
+    return split == "train" or (kind.parent == "train" and not kind.new_structure)
+
+
 def is_selected(split: str) -> bool:
     """Return whether a shift has structures of its own, which are selected for it."""
     return split in SHIFTS and SPLITS[split].parent is None

@@ -18,6 +18,7 @@ from labyrinth_core.data.episodes import parse_info
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
 from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.selection import Filter
 from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
@@ -88,6 +89,8 @@ def load_arrays(
     image_size: int = DEFAULT_IMAGE_SIZE,
     resize: str = "area",
     revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
 ) -> LabyrinthArrays:
     """Return the labyrinths of a split as arrays.
 
@@ -99,6 +102,8 @@ def load_arrays(
         image_size: Pixels on each side of the pictures.
         resize: How pictures become small; one of `labyrinth_core.data.observations.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.
+        labyrinths: How many labyrinths, the first ones; see `load_episodes`, also for `where`.
+        where: A filter of the table of labyrinths.
 
     Raises:
         ValueError: An argument is none of the allowed values.
@@ -109,7 +114,13 @@ def load_arrays(
     episodes: list[tuple[int, NDArray[np.int64]]] = []
     # Vectors cost least here; each state is observed once, below.
     for episode in load_episodes(
-        source, config, split=split, observation="vector", revision=revision
+        source,
+        config,
+        split=split,
+        observation="vector",
+        revision=revision,
+        labyrinths=labyrinths,
+        where=where,
     ):
         if episode.labyrinth_id not in tables:
             tables[episode.labyrinth_id] = tabulate(parse_info(episode.info)[0])

@@ -7,6 +7,7 @@ in key and door the search runs over agent, key and door; ice is a terminal stat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -77,8 +78,7 @@ def _choices(table: Table, distance: Sequence[int], state: int) -> list[int]:
 
 def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
     """Return the actions of one shortest route, each such route being equally likely."""
-    table = transition_table(labyrinth)
-    distance = distances(labyrinth, table)
+    table, distance = _table_and_distances(labyrinth)
     state = state_index(labyrinth, initial(labyrinth))
     routes: dict[int, int] = {}
     actions = []
@@ -119,6 +119,33 @@ def erring_route(labyrinth: Labyrinth, noise: float, rng: np.random.Generator) -
         actions.append(int(choices[rng.integers(len(choices))]))
         state = table[state][actions[-1]]
     return actions
+
+
+def moves_and_routes(labyrinth: Labyrinth) -> tuple[int, int]:
+    """Return the number of moves of a shortest route, and the number of such routes."""
+    table, distance = _table_and_distances(labyrinth)
+    state = state_index(labyrinth, initial(labyrinth))
+    moves = distance[state]
+    for nearer in range(moves - 1, -1, -1):
+        up, right, down, left = table[state]
+        after = (distance[up], distance[right], distance[down], distance[left])
+        if after.count(nearer) > 1:  # Up to here all routes are the same.
+            return moves, _count_shortest_routes(table, distance, state)[state]
+        state = table[state][after.index(nearer)]
+    return moves, 1
+
+
+def _table_and_distances(labyrinth: Labyrinth) -> tuple[Table, Sequence[int]]:
+    if labyrinth.door is None:  # The labyrinth itself keeps them.
+        return transition_table(labyrinth), distances(labyrinth)
+    return _with_door(labyrinth)
+
+
+@lru_cache(maxsize=1)
+def _with_door(labyrinth: Labyrinth) -> tuple[Table, Sequence[int]]:
+    """Return the same for a labyrinth with a door, of which more than one thing may be asked."""
+    table = transition_table(labyrinth)
+    return table, distances(labyrinth, table)
 
 
 def _count_shortest_routes(table: Table, distance: Sequence[int], start: int) -> dict[int, int]:

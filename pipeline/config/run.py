@@ -153,6 +153,8 @@ class Run:
         parts[1:1] = [options.network] * (options.network != options.method_name)
         parts += [f"stride{options.pool_stride}"] * (options.pool_stride != 1)
         parts += [options.protocol] * (options.protocol != "default")
+        if options.train_labyrinths is not None:
+            parts.append(f"labyrinths{options.train_labyrinths}")
         return "-".join(parts)
 
     @property

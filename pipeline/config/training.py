@@ -80,6 +80,9 @@ class TrainingOptions:
     protocol: str = option(
         "default", "default, or paper for the original's resize and stopping rule", one_of=PROTOCOLS
     )
+    train_labyrinths: int | None = option(
+        None, "labyrinths of train to learn from, the first ones (all)", at_least=1
+    )
     dataset: str | None = option(
         None, "id on the Hub, such as user/labyrinth, or another folder than data_dir"
     )

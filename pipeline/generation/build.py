@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -19,16 +19,25 @@ from typing import TypeVar
 from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile, current_versions
 from labyrinth_core.data.splits import SHIFTS, SPLITS
-from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, new_file, write_text
+from labyrinth_core.data.storage import (
+    AnyPath,
+    RemotePath,
+    file_sha256,
+    new_file,
+    write_bytes,
+    write_text,
+)
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.render import render
 from pipeline.generation.sample import check_capacity, own_splits, stream
 from pipeline.generation.solve import solve
-from pipeline.generation.variants import labyrinth_of
+from pipeline.generation.tabulate import FactsOfShard, facts_path, read_facts, write_table
+from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
 from pipeline.machinery import front_matter
@@ -58,6 +67,8 @@ class ShardJob:
     path: AnyPath
     sidecar: AnyPath
     """The file that marks the shard as finished, and describes it."""
+    facts: AnyPath
+    """The file of its part of the table of labyrinths."""
     wanted: str | None = None
     """The SHA-256 that the file must have, if it is known already."""
 
@@ -120,10 +131,13 @@ def _finished(run: Run) -> Manifest | None:
 
 def _mend(run: Run, workplace: Workplace, manifest: Manifest) -> None:
     """Make the damaged and the missing shards of a finished dataset anew, and say which."""
-    wanted = {shard.path: shard.sha256 for shard in workplace.damaged(manifest)}
-    if not wanted:
+    damaged, has_table = workplace.damaged(manifest), workplace.has_table(manifest)
+    if not damaged and has_table:
         say(f"{run.folder} is complete already.")
         return
+    # The table follows from what all shards were made of.
+    again = damaged if has_table else manifest.shards
+    wanted = {shard.path: shard.sha256 for shard in again}
     workplace.building.mkdir(parents=True, exist_ok=True)
     jobs = (
         replace(job, path=workplace.folder / name, wanted=wanted[name])
@@ -135,7 +149,11 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest) -> None:
     made = {s.path for s in tracked(((s.labyrinths, s) for s in shards), "build", total=total)}
     if missing := [name for name in wanted if name not in made]:
         raise DatasetError(_not_as_it_was(run.folder / missing[0]))
-    say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(wanted)}.")
+    names = [shard.path for shard in damaged]
+    if not has_table:
+        names.append(TABLE)
+        _tabulate(manifest.config, workplace, run.folder, manifest.shards, manifest.labyrinths)
+    say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(names)}.")
 
 
 def _not_as_it_was(path: AnyPath) -> str:
@@ -158,7 +176,8 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         )
         places = run.dataset.splits
         in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
-        manifest = Manifest(run.dataset, current_versions(), tuple(in_order))
+        labyrinths = _tabulate(run.dataset, workplace, workplace.shards, in_order)
+        manifest = Manifest(run.dataset, current_versions(), tuple(in_order), labyrinths)
         workplace.commit(manifest)
     except ConfigError:  # The sampler found too few, so the shards are of no use.
         workplace.clear()
@@ -173,6 +192,36 @@ def _build(run: Run, workplace: Workplace) -> Manifest:
         workplace.abandon()
         raise
     return manifest
+
+
+def _tabulate(
+    config: DatasetConfig,
+    workplace: Workplace,
+    folder: AnyPath,
+    shards: Sequence[Shard],
+    wanted: TableFile | None = None,
+) -> TableFile:
+    """Write the table of labyrinths, from what lies beside the shards' sidecars.
+
+    Args:
+        config: The configuration of the dataset.
+        workplace: Where it is built.
+        folder: Where the table is to be.
+        shards: The shards, in their order.
+        wanted: What the table must be, if it is known already.
+
+    Raises:
+        DatasetError: It comes out otherwise, and is not written.
+    """
+    parts = (
+        (shard, read_facts(facts_path(workplace.building, shard.path), shard.labyrinths))
+        for shard in shards
+    )
+    with new_file(folder / TABLE, workplace.building) as path:
+        written = write_table(path, config, parts)
+        if wanted not in (None, written):
+            raise DatasetError(_not_as_it_was(folder / TABLE))
+        return written
 
 
 def shard_size(config: DatasetConfig) -> int:
@@ -203,7 +252,8 @@ def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
             name = f"{split}-{first[sampled] // size:05d}-of-{shards:05d}"
             path = workplace.shards / f"{name}.parquet"
             sidecar = workplace.building / f"{name}.json"
-            yield ShardJob(config, split, first[sampled], part, path, sidecar)
+            facts = facts_path(workplace.building, path.name)
+            yield ShardJob(config, split, first[sampled], part, path, sidecar, facts)
         first[sampled] += len(part)
         structures[sampled] = []
 
@@ -212,21 +262,24 @@ def make_shard(job: ShardJob) -> Shard:
     """Make the shard of a job, or return the one that an earlier run has finished."""
     with suppress(FileNotFoundError, ValueError, AttributeError):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
+        read_facts(job.facts, finished.labyrinths)
         if file_sha256(job.path) == finished.sha256:
             count(finished.labyrinths)
             return finished
     config, split, cut = job.config, job.split, 0
     numbers: list[int] = []
+    facts = FactsOfShard(split)
 
     def labyrinths() -> Iterator[Labyrinth]:
         for number, structure in enumerate(job.structures, start=job.first):
             try:
-                labyrinth = labyrinth_of(config, split, structure)
+                labyrinth, parent = labyrinth_and_parent(config, split, structure)
             except LabyrinthError:
                 if split not in SHIFTS:
                     raise
                 continue  # Its parent has no such variant.
             numbers.append(number)
+            facts.add_parent(parent, of=labyrinth)
             yield labyrinth
 
     def episodes() -> Iterator[list[Row]]:
@@ -236,7 +289,12 @@ def make_shard(job: ShardJob) -> Shard:
         for place, solution in enumerate(solutions):
             cut += solution.cut
             count(1)
-            yield from render(split, numbers[place], solution.episodes)
+            info = ""
+            for rows in render(split, numbers[place], solution.episodes):
+                info = rows[0].info
+                yield rows
+            of, actions = solution.episodes[0].labyrinth, [e.actions for e in solution.episodes]
+            facts.add(of, info, solution.shortest, actions)
 
     with new_file(job.path, job.sidecar.parent) as path:
         shard = write(path, split, len(job.structures), episodes())
@@ -249,6 +307,7 @@ def make_shard(job: ShardJob) -> Shard:
             f"{split} out"
         )
     shard = replace(shard, cut=cut, labyrinths=len(numbers))
+    write_bytes(job.facts, facts.array().tobytes())
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
 

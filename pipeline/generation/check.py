@@ -39,6 +39,8 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import moves_and_routes
+from pipeline.generation.check_table import TablePart, table_problems
 from pipeline.generation.extremes import NO_EXTREMES, Extremes, shift_problem
 from pipeline.generation.relations import (
     Parent,
@@ -49,6 +51,7 @@ from pipeline.generation.relations import (
 )
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
+from pipeline.generation.tabulate import FactsOfShard
 from pipeline.machinery.worker import count
 
 
@@ -77,6 +80,8 @@ class CheckJob:
     """The index of its first labyrinth in the split."""
     same_bytes: bool
     """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
+    table: TablePart | None = None
+    """Its place in the table of labyrinths, if that is to be compared."""
     parent: str | None = None
     """The path of the shard with the labyrinths that those of a shift are made from."""
     extremes: Extremes = NO_EXTREMES
@@ -95,12 +100,13 @@ def check_shard(job: CheckJob) -> ShardReport:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 report.problems.append(f"{job.shard.path}: its columns are not the five")
                 return report
+            check = _ShardCheck(job, report)
             with open_shard(local) as file:
                 problem = footer_problem(file, job.shard.rows)
                 if problem is not None:
                     report.problems.append(f"{job.shard.path}: {problem}")
                     return report
-                found |= _ShardCheck(job, report).check(_rows(file, report))
+                found |= check.check(_rows(file, report))
     except FileNotFoundError:
         report.problems.append(f"{job.shard.path} is missing")
         return report
@@ -115,6 +121,12 @@ def check_shard(job: CheckJob) -> ShardReport:
             report.problems.append(
                 f"{job.shard.path}: {name} {value}, but the manifest says {expected}"
             )
+    # What the table should say of a shard with problems is not known.
+    if job.table is not None and not report.problems:
+        facts = check.facts.array()
+        report.problems += table_problems(
+            job.folder, job.config, job.shard.split, job.table, facts, check.numbers
+        )
     return report
 
 
@@ -158,6 +170,7 @@ class _ShardCheck:
         self.job = job
         self.report, self.problem = report, report.problem
         self.fingerprint = Fingerprint()
+        self.facts = FactsOfShard(job.shard.split)
         self.row = 0
         self.labyrinths = self.episodes = self.longest = self.cut = 0
         self.routes: list[list[int]] = []
@@ -169,6 +182,8 @@ class _ShardCheck:
         self.first_row = 0
         self.number = job.first - 1
         """The number of the labyrinth in its split, or of its parent in the parent's."""
+        self.numbers: list[int] = []
+        """Those of all labyrinths, ascending."""
         self.parents = _parents(job, report)
         self.left_out = set(range(len(self.parents)))
         """The places of the parents that no labyrinth is made from, as far as was seen."""
@@ -363,6 +378,10 @@ class _ShardCheck:
         config, split = self.job.config, self.job.shard.split
         if config.solutions != "shortest" and split != "random":
             self.cut += len(routes) == config.solutions_limit
+        if self.info is not None:
+            shortest = moves_and_routes(self.labyrinth)
+            self.facts.add(self.labyrinth, self.info, shortest, routes)
+            self.numbers.append(self.number)
         place = self.number - self.job.first
         of_parent = self.parents[place : place + 1]
         if is_redrawn(split) and of_parent and of_parent[0].routes != routes:

@@ -31,9 +31,9 @@ from pipeline.generation.variants import labyrinth_of
 class Effort(NamedTuple):
     """How many candidates a choice is made from."""
 
-    pool: int = 64
+    pool: int = 96
     """The number of candidates to choose from."""
-    renewed: int = 4
+    renewed: int = 6
     """How many of them are new for each choice."""
     patience: int = 30_000
     """The number looked at in vain after which there are taken to be no more."""
@@ -41,6 +41,9 @@ class Effort(NamedTuple):
 
 EFFORTS = {"longer": Effort(pool=8, renewed=1, patience=200)}
 """Shift -> the effort where it is another, as each candidate takes long to make."""
+
+MEASURES = ("moves", "loops", "junctions")
+"""What a structure is selected by: moves of a shortest route, loops, cells where ways part."""
 
 FREE = {
     "longer": ("loops", "junctions"),
@@ -59,7 +62,8 @@ class Selection:
 
     def __init__(self, config: DatasetConfig) -> None:
         self._config = config
-        self._tests: list[Structure] = []
+        self._targets: list[_Key] = []
+        """The measures of each labyrinth of test."""
         self._seen = KeySet()
         self._near: Neighbourhood | None = None
         if config.min_walls > 1:
@@ -76,7 +80,7 @@ class Selection:
             self._train = self._train.with_labyrinth(labyrinth)
         elif split == "test":
             self._seen.add(int(structure.structure_id, 16))
-            self._tests.append(structure)
+            self._targets.append(_measures(labyrinth_of(self._config, split, structure)))
 
     def of(self, split: str) -> Iterator[Structure]:
         """Yield the structures of a shift, one for each labyrinth of test.
@@ -87,8 +91,9 @@ class Selection:
         effort = EFFORTS.get(split, Effort())
         candidates = self._candidates(split)
         pool = list(islice(candidates, effort.pool))
-        for number, structure in enumerate(self._tests):
-            target = self._key(split, labyrinth_of(self._config, "test", structure))
+        free = [MEASURES.index(name) for name in FREE[split]]
+        for number, measures in enumerate(self._targets):
+            target = tuple(measures[place] for place in free)
             pool += islice(candidates, effort.renewed)
             del pool[: -effort.pool]
             chosen = self._taken(pool, target, islice(candidates, effort.patience))
@@ -119,15 +124,9 @@ class Selection:
             return False
         return self._seen.add(int(structure.structure_id, 16))
 
-    def _key(self, split: str, labyrinth: Labyrinth) -> _Key:
-        structure = labyrinth.structure
-        return tuple(
-            moves_of(labyrinth) if name == "moves" else getattr(structure, name)
-            for name in FREE[split]
-        )
-
     def _candidates(self, split: str) -> Iterator[_Candidate]:
         """Yield structures with the property of a shift, until there seem to be no more."""
+        free = [MEASURES.index(name) for name in FREE[split]]
         in_vain, patience = 0, EFFORTS.get(split, Effort()).patience
         for structure in self._drawn(split):
             in_vain += 1
@@ -139,7 +138,8 @@ class Selection:
                 continue
             if shift_problem(split, labyrinth, self._train) is None:
                 in_vain = 0
-                yield self._key(split, labyrinth), structure
+                measures = _measures(labyrinth)
+                yield tuple(measures[place] for place in free), structure
 
     def _drawn(self, split: str) -> Iterator[Structure]:
         """Yield random structures, most of them with the property of a shift."""
@@ -184,6 +184,11 @@ class Selection:
             f"found, and no other after a long search; ask for fewer labyrinths, or leave {split} "
             "out"
         )
+
+
+def _measures(labyrinth: Labyrinth) -> _Key:
+    structure = labyrinth.structure
+    return moves_of(labyrinth), structure.loops, structure.junctions
 
 
 def _apart(key: _Key, target: _Key) -> int:

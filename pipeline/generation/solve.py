@@ -12,7 +12,13 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.rollout import Episode, random_episode, replay
-from labyrinth_core.world.solver import erring_route, shortest_route, shortest_routes, simple_routes
+from labyrinth_core.world.solver import (
+    erring_route,
+    moves_and_routes,
+    shortest_route,
+    shortest_routes,
+    simple_routes,
+)
 from pipeline.generation.randomness import ACTING, item_rng
 
 
@@ -22,6 +28,8 @@ class Solution(NamedTuple):
     episodes: list[Episode]
     cut: bool
     """Whether `solutions_limit` may have left routes out."""
+    shortest: tuple[int, int]
+    """How many moves a shortest route has, and how many such routes there are."""
 
 
 def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) -> Iterator[Solution]:
@@ -36,16 +44,18 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
         make_rng = partial(acting_rng, config, split, labyrinth)
         if split == "random":
             episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-            yield Solution(episodes, cut=False)
+            cut = False
         elif config.noise:
             route = erring_route(labyrinth, config.noise, make_rng())
-            yield Solution([replay(labyrinth, route)], cut=False)
+            episodes, cut = [replay(labyrinth, route)], False
         elif config.solutions == "shortest":
-            yield Solution([replay(labyrinth, shortest_route(labyrinth, make_rng))], cut=False)
+            episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
+            cut = False
         else:
             routes = all_routes(config, labyrinth)
             episodes = [replay(labyrinth, route) for route in routes]
-            yield Solution(episodes, cut=len(routes) == config.solutions_limit)
+            cut = len(routes) == config.solutions_limit
+        yield Solution(episodes, cut, moves_and_routes(labyrinth))
 
 
 def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.random.Generator:

@@ -1,7 +1,8 @@
 """The validation of a finished dataset: each row is replayed, and the splits are compared.
 
-`check` goes through the rows of one shard. Here shards are compared: no structure is in two splits,
-those of random, s0 and s0_and_g are in train, and there are as many labyrinths as asked for.
+`check` goes through the rows of one shard, and compares what they say with the table of labyrinths
+and, in a shift, with the labyrinths of its parent. Here shards are compared: no structure is in two
+splits, those of random, s0 and s0_and_g are in train, and there are as many labyrinths as wanted.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from contextlib import suppress
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.source import read_rows
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SPLITS, is_selected
@@ -19,6 +21,7 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse
 from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
+from pipeline.generation.check_table import table_file_problems, table_parts
 from pipeline.generation.extremes import NO_EXTREMES, extremes_of
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.executor import ordered_map
@@ -60,15 +63,18 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         manifest: The manifest of the dataset.
         workers: The number of processes.
     """
-    jobs = list(_jobs(folder, manifest))
+    problems, comparable = table_file_problems(folder, manifest)
+    jobs = list(_jobs(folder, manifest, comparable))
     reports = tracked(
         ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
         "validate",
         total=sum(shard.rows for shard in manifest.shards),
     )
     listed = {shard.path for shard in manifest.shards}
+    if manifest.labyrinths is not None:
+        listed.add(TABLE)
     unlisted = {path.name for path in folder.glob("*.parquet")} - listed
-    problems = [f"{name} is not in the manifest" for name in sorted(unlisted)]
+    problems += [f"{name} is not in the manifest" for name in sorted(unlisted)]
     owners = Owners()
     for report in reports:
         problems += report.problems
@@ -99,8 +105,10 @@ def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
     return found
 
 
-def _jobs(folder: AnyPath, manifest: Manifest) -> Iterator[CheckJob]:
+def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[CheckJob]:
     """Yield the job of each shard; the labyrinths of a shift are numbered like their parents."""
+    paths = (shard.path for shard in manifest.shards)
+    tables = dict(zip(paths, table_parts(manifest), strict=True)) if with_table else {}
     config = manifest.config
     same_bytes = dict(manifest.versions) == current_versions()
     extremes = NO_EXTREMES
@@ -121,6 +129,7 @@ def _jobs(folder: AnyPath, manifest: Manifest) -> Iterator[CheckJob]:
                 config,
                 first,
                 same_bytes,
+                tables.get(shard.path),
                 of_parent.path if aligned else None,
                 extremes,
             )

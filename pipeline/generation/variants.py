@@ -32,10 +32,22 @@ def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Lab
         LabyrinthError: The structure has no such labyrinth: it cannot hold the task, or no other
             goal can, or no wall can be changed.
     """
-    kind = SPLITS[split]
-    if kind.parent is None:
-        return _first_labyrinth(config, split, structure)
-    parent = _first_labyrinth(config, kind.parent, structure)
+    return labyrinth_and_parent(config, split, structure)[0]
+
+
+def labyrinth_and_parent(
+    config: DatasetConfig, split: str, structure: Structure
+) -> tuple[Labyrinth, Labyrinth | None]:
+    """Return what `labyrinth_of` returns, and the labyrinth that it is made from, if it is."""
+    of = SPLITS[split].parent
+    if of is None:
+        return _first_labyrinth(config, split, structure), None
+    parent = _first_labyrinth(config, of, structure)
+    return _variant(config, split, parent), parent
+
+
+def _variant(config: DatasetConfig, split: str, parent: Labyrinth) -> Labyrinth:
+    kind, structure = SPLITS[split], parent.structure
     if kind.new_structure:
         return twin(config, parent)
     if kind.new_start and kind.new_goal:

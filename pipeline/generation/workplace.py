@@ -12,6 +12,7 @@ from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest, Shard, current_versions
 from labyrinth_core.data.storage import (
     AnyPath,
@@ -81,16 +82,24 @@ class Workplace:
 
         A file is hashed if it was written after the manifest, which is the last to be written.
         """
-        written = size_and_time(self.folder / MANIFEST)[1]
-        return [shard for shard in manifest.shards if not self._is_whole(shard, written)]
+        return [
+            shard
+            for shard in manifest.shards
+            if not self._is_whole(shard.path, shard.bytes, shard.sha256)
+        ]
 
-    def _is_whole(self, shard: Shard, written: float) -> bool:
-        path = self.folder / shard.path
+    def has_table(self, manifest: Manifest) -> bool:
+        """Return whether the table of labyrinths is what it was, or the dataset never had one."""
+        table = manifest.labyrinths
+        return table is None or self._is_whole(TABLE, table.bytes, table.sha256)
+
+    def _is_whole(self, name: str, size: int, sha256: str) -> bool:
+        path, manifest = self.folder / name, self.folder / MANIFEST
         try:
-            size, changed = size_and_time(path)
-            if size != shard.bytes:
+            found, changed = size_and_time(path)
+            if found != size:
                 return False
-            return changed < written or file_sha256(path) == shard.sha256
+            return changed < size_and_time(manifest)[1] or file_sha256(path) == sha256
         except FileNotFoundError:
             return False
 
@@ -101,7 +110,7 @@ class Workplace:
         if not self.is_for(config):
             self.clear()
             for path in self.shards.glob("*.parquet"):
-                if _SHARD.fullmatch(path.name):
+                if _SHARD.fullmatch(path.name) or path.name == TABLE:
                     path.unlink()
             self.building.mkdir(parents=True, exist_ok=True)
             write_text(self.building / _CONFIG, _content(config))
@@ -186,7 +195,7 @@ def _wait_for_disk(path: Path) -> None:
 
 def _may_be_ours(name: str) -> bool:
     """Return whether a file in the folder of a dataset may be the dataset's, by its name."""
-    if name in (MANIFEST, COUNTS, ANALYSIS):
+    if name in (MANIFEST, TABLE, COUNTS, ANALYSIS):
         return True
     return any(form.fullmatch(name) for form in (_SHARD, _UNFINISHED))
 

@@ -110,18 +110,18 @@ def table_of(rows: list[Row]) -> pa.Table:
     schema = written_schema()
     pngs, names, actions, rewards, starts, infos, _ = zip(*rows, strict=True)
     pictures = pa.StructArray.from_arrays(
-        [_texts(pa.binary(), pngs), _texts(pa.string(), [name.encode() for name in names])],
+        [text_array(pa.binary(), pngs), text_array(pa.string(), [name.encode() for name in names])],
         fields=list(schema.field("obs").type),
     )
     numbers = [
-        _values(pa.int64(), len(rows), np.array(actions, np.int64)),
-        _values(pa.float32(), len(rows), np.array(rewards, np.float32)),
-        _values(pa.bool_(), len(rows), np.packbits(starts, bitorder="little")),
+        value_array(pa.int64(), len(rows), np.array(actions, np.int64)),
+        value_array(pa.float32(), len(rows), np.array(rewards, np.float32)),
+        value_array(pa.bool_(), len(rows), np.packbits(starts, bitorder="little")),
     ]
     places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
     texts = pa.DictionaryArray.from_arrays(
-        _values(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
-        _texts(pa.string(), [info.encode() for info in places]),
+        value_array(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
+        text_array(pa.string(), [info.encode() for info in places]),
     )
     return pa.Table.from_arrays([pictures, *numbers, texts], schema=schema)
 
@@ -130,13 +130,13 @@ def table_of(rows: list[Row]) -> pa.Table:
 # process) would write 0.8 times as many rows a second, one of 400 labyrinths 0.85 times as many.
 
 
-def _texts(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:
+def text_array(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:
     """Return texts or bytes as an array."""
     ends = np.cumsum([0, *map(len, values)], dtype=np.int32)
-    return _values(type_, len(values), ends, b"".join(values))
+    return value_array(type_, len(values), ends, b"".join(values))
 
 
-def _values(type_: pa.DataType, count: int, *content: NDArray[Any] | bytes) -> pa.Array:
+def value_array(type_: pa.DataType, count: int, *content: NDArray[Any] | bytes) -> pa.Array:
     """Return an array of some values, none of them null, from its content as Arrow has it."""
     import pyarrow as pa
 

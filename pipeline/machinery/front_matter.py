@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import yaml
 
-from labyrinth_core.data.columns import COLUMNS
+from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.labyrinth_table import SPLIT, TABLE, TABLE_COLUMNS, table_config
+from labyrinth_core.data.manifest import MANIFEST, Manifest, TableFile
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 
@@ -72,9 +74,13 @@ def with_values(values: dict[str, Any], text: str) -> str:
 def described(manifests: list[Manifest]) -> dict[str, Any]:
     """Return the values by which `load_dataset` knows configs, splits, features and counts."""
     default = default_config(manifests)
+    tables = [(m, m.labyrinths) for m in manifests if m.labyrinths is not None]
     return {
-        "configs": [_config(m, m.config.name == default) for m in manifests],
-        "dataset_info": [_info(m) for m in manifests],
+        "configs": [
+            *(_config(m, m.config.name == default) for m in manifests),
+            *(_table_config(m.config.name) for m, _ in tables),
+        ],
+        "dataset_info": [*map(_info, manifests), *(_table_info(m, file) for m, file in tables)],
     }
 
 
@@ -133,17 +139,35 @@ def shard_pattern(manifest: Manifest, split: str) -> str:
 
 
 def _info(manifest: Manifest) -> dict[str, Any]:
-    size = sum(shard.bytes for shard in manifest.shards)
+    counts = {
+        split: (sum(shard.bytes for shard in shards), sum(shard.rows for shard in shards))
+        for split, shards in ((split, manifest.of(split)) for split in manifest.config.splits)
+    }
+    return _info_of(manifest.config.name, COLUMNS, counts)
+
+
+def _table_config(name: str) -> dict[str, Any]:
+    files = [{"split": SPLIT, "path": f"{name}/{TABLE}"}]
+    return {"config_name": table_config(name), "data_files": files}
+
+
+def _table_info(manifest: Manifest, file: TableFile) -> dict[str, Any]:
+    rows = sum(shard.labyrinths for shard in manifest.shards)
+    name = table_config(manifest.config.name)
+    return _info_of(name, TABLE_COLUMNS, {SPLIT: (file.bytes, rows)})
+
+
+def _info_of(
+    name: str, columns: Sequence[Column], splits: Mapping[str, tuple[int, int]]
+) -> dict[str, Any]:
+    """Return the information on a config, given the bytes and the rows of each split."""
+    size = sum(count for count, _ in splits.values())
     return {
-        "config_name": manifest.config.name,
-        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in COLUMNS],
+        "config_name": name,
+        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in columns],
         "splits": [
-            {
-                "name": split,
-                "num_bytes": sum(shard.bytes for shard in manifest.of(split)),
-                "num_examples": sum(shard.rows for shard in manifest.of(split)),
-            }
-            for split in manifest.config.splits
+            {"name": split, "num_bytes": count, "num_examples": rows}
+            for split, (count, rows) in splits.items()
         ],
         "download_size": size,
         "dataset_size": size,

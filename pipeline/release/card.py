@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import table_file
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
@@ -135,6 +136,9 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
         if problems := "; ".join(dataset.counts.certificate.problems()):
             reason = f"{problems}: no card for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
+        if dataset.manifest.labyrinths is not None:
+            with table_file(data_dir / dataset.name, dataset.manifest):
+                pass  # It is not damaged.
     return datasets
 
 

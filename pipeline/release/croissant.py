@@ -14,6 +14,7 @@ from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.splits import SPLITS
 from pipeline.machinery import front_matter
 from pipeline.machinery.statistics import DatasetStatistics
@@ -72,7 +73,10 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],
         **_responsible_ai(datasets),
         "distribution": _distribution(datasets, release),
-        "recordSet": [_record_set(dataset.manifest.config) for dataset in datasets],
+        "recordSet": [
+            *(_record_set(dataset.manifest.config) for dataset in datasets),
+            *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
+        ],
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
@@ -141,18 +145,22 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
                 ],
             }
         )
+        files = {shard.path: (shard.bytes, shard.sha256) for shard in dataset.manifest.shards}
+        if dataset.manifest.labyrinths is not None:
+            table = dataset.manifest.labyrinths
+            files[TABLE] = (table.bytes, table.sha256)
         parts += [
             {
                 "@type": "cr:FileObject",
-                "@id": f"{dataset.name}/{shard.path}",
-                "name": f"{dataset.name}/{shard.path}",
+                "@id": f"{dataset.name}/{name}",
+                "name": f"{dataset.name}/{name}",
                 **within,
-                "contentUrl": f"{dataset.name}/{shard.path}",
-                "contentSize": f"{shard.bytes} B",
+                "contentUrl": f"{dataset.name}/{name}",
+                "contentSize": f"{size} B",
                 "encodingFormat": "application/x-parquet",
-                "sha256": shard.sha256,
+                "sha256": digest,
             }
-            for shard in dataset.manifest.shards
+            for name, (size, digest) in files.items()
         ]
     return parts
 
@@ -165,17 +173,34 @@ def _record_set(dataset: DatasetConfig) -> dict[str, Any]:
         "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
     }
     meaning = f"the split that the row is in: {splits}"
-    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], of_split)]
+    files = {"fileSet": {"@id": f"files-of-{config}"}}
+    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], files | of_split)]
     for column in COLUMNS:
-        source: dict[str, Any] = {"extract": {"column": column.name}}
+        source: dict[str, Any] = files | {"extract": {"column": column.name}}
         if column.name == "obs":
             source["transform"] = {"jsonPath": "bytes"}
         fields.append(_field(config, column.name, column.meaning, _DATA_TYPES[column.name], source))
+    return _records(
+        config, f"The rows of the config {config}, one for each state of an episode.", fields
+    )
+
+
+def _table_records(config: str) -> dict[str, Any]:
+    name, file = table_config(config), {"fileObject": {"@id": f"{config}/{TABLE}"}}
+    fields = []
+    for column in TABLE_COLUMNS:
+        kind = "sc:Text" if column.feature["dtype"] == "string" else "sc:Integer"
+        source = file | {"extract": {"column": column.name}}
+        fields.append(_field(name, column.name, column.meaning, kind, source))
+    return _records(name, f"The labyrinths of all splits of {config}, one in each row.", fields)
+
+
+def _records(name: str, description: str, fields: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "@type": "cr:RecordSet",
-        "@id": config,
-        "name": config,
-        "description": f"The rows of the config {config}, one for each state of an episode.",
+        "@id": name,
+        "name": name,
+        "description": description,
         "field": fields,
     }
 
@@ -189,5 +214,5 @@ def _field(
         "name": name,
         "description": f"{description[0].upper()}{description[1:]}.",
         "dataType": kind,
-        "source": {"fileSet": {"@id": f"files-of-{config}"}} | source,
+        "source": source,
     }

@@ -11,7 +11,7 @@ from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data.storage import file_sha256
 
-_DATA = r"\d+x\d+(-\w+)?/(manifest\.json|\w+-\d{5,}-of-\d{5,}\.parquet)"
+_DATA = r"\d+x\d+(-\w+)?/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)"
 _CARD = (
     r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
     r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from pipeline.machinery.counts import COUNTS
@@ -67,6 +68,7 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
         files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards)]
+        files += [TABLE] * (manifest.labyrinths is not None)
         if read_analysis(data_dir / manifest.config.name, manifest):
             files.append(ANALYSIS)
         names += [f"{manifest.config.name}/{name}" for name in files]

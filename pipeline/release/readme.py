@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from labyrinth_core.data.columns import COLUMNS
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.manifest import ANALYSIS
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
@@ -48,6 +49,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         _introduction(datasets, default),
         _loading(datasets, default, release),
         _contents(datasets),
+        _labyrinths(datasets, default, release),
         _making(datasets),
         _uniqueness(datasets),
         _statistics(datasets, default),
@@ -55,7 +57,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         "\n".join(["## Limits and biases\n", *(f"- {point}" for point in limits(datasets))]),
         _ending(release),
     ]
-    return "\n\n".join(sections)
+    return "\n\n".join(filter(None, sections))
 
 
 def _introduction(datasets: Sequence[DatasetStatistics], default: str) -> str:
@@ -159,6 +161,33 @@ the step onto the goal pays 1.
 Rows in each split:
 
 {counts}"""
+
+
+def _labyrinths(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
+    """Return the section on the tables of labyrinths, empty if a dataset has none."""
+    names = [d.name for d in datasets if d.manifest.labyrinths is not None]
+    if not names:
+        return ""
+    shown = default if default in names else names[0]
+    revision = f"@{release.version}" if release.version else ""
+    columns = table(
+        ("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in TABLE_COLUMNS), "ll"
+    )
+    return f"""## The table of labyrinths
+
+`{TABLE}` in each config's folder has one row for each labyrinth of every split, in the order of
+their rows. It is a config of its own: {", ".join(f"`{table_config(name)}`" for name in names)}.
+
+{columns}
+
+DuckDB, polars and pandas read it without downloading the rest, as does any reader of Parquet:
+
+```sql
+select split, count(*), avg(turns)
+from 'hf://datasets/{release.name}{revision}/{shown}/{TABLE}'
+where moves >= 12
+group by split
+```"""
 
 
 def _making(datasets: Sequence[DatasetStatistics]) -> str:

@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Iterable
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core.data.columns import Row
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
+from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from pipeline.machinery import front_matter
 from pipeline.machinery.worker import end_with_parent
@@ -50,7 +52,7 @@ def verify(repo_id: str, commit: str, folder: Path) -> str:
         raise DatasetError(f"{path} on the Hub is not what was published")
     rows = 0
     for manifest in manifests:
-        rows += _verified_rows(repo_id, commit, manifest, rows)
+        rows += _verified_rows(repo_id, commit, manifest, rows, folder)
     return f"verified {commit[:12]}: {rows:,} rows, plain and streaming, are those published."
 
 
@@ -59,13 +61,19 @@ def _tell(rows: int, what: str) -> None:
     print(f"{rows}\t{what}", flush=True)  # noqa: T201
 
 
-def _verified_rows(repo_id: str, commit: str, manifest: Manifest, before: int) -> int:
+def _verified_rows(repo_id: str, commit: str, manifest: Manifest, before: int, folder: Path) -> int:
     """Return the number of rows of a config, loaded again after any fault."""
     from datasets.exceptions import DatasetsError
 
     faults = (OSError, ValueError, HTTPError, DatasetsError)
+
+    def load() -> int:
+        if manifest.labyrinths is not None:
+            _check_table(repo_id, commit, manifest, folder)
+        return _load(repo_id, commit, manifest, before)
+
     try:
-        return repeated(lambda: _load(repo_id, commit, manifest, before), faults, lambda _: True)
+        return repeated(load, faults, lambda _: True)
     except faults as error:
         reason = one_line(error.__cause__ or error)
         raise DatasetError(f"{manifest.config.name} cannot be loaded: {reason}") from error
@@ -95,6 +103,19 @@ def _load(repo_id: str, commit: str, manifest: Manifest, before: int) -> int:
             dataset = dataset.cast_column("obs", Image(decode=False))
             rows += _check_rows(dataset, manifest.of(split), what, before + rows)
     return rows
+
+
+def _check_table(repo_id: str, commit: str | None, manifest: Manifest, folder: Path) -> None:
+    """Compare the table of labyrinths of a config, loaded in every way, with that of the folder."""
+    from datasets import load_dataset
+
+    name = table_config(manifest.config.name)
+    for streaming in (False, True):
+        table = load_dataset(repo_id, name, split=SPLIT, revision=commit, streaming=streaming)
+        published = table_rows(folder / manifest.config.name, manifest)
+        for number, (row, right) in enumerate(zip_longest(table, published)):
+            if row != right:
+                raise DatasetError(f"{name}: row {number} is not the one that was published")
 
 
 def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str, before: int) -> int:

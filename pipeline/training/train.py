@@ -20,9 +20,10 @@ from rich.progress import Progress as Bars
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
+from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.following import Policy, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from pipeline.config.errors import ConfigError
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
@@ -93,7 +94,7 @@ def fingerprint_of(run: Run) -> str:
     """Return the fingerprint of the dataset that a run learns from.
 
     Raises:
-        ConfigError: A folder is given with a revision.
+        ConfigError: A folder is given with a revision, or train has too few labyrinths.
         DatasetError: There is no dataset.
     """
     options = run.options
@@ -102,10 +103,16 @@ def fingerprint_of(run: Run) -> str:
         command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
         raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
     try:
-        folder = locate(run.source, run.dataset.name, "train", options.revision)
+        folder = locate(run.source, run.dataset.name, [], options.revision)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    return Manifest.read(folder).fingerprint
+    manifest = Manifest.read(folder)
+    asked, most = options.train_labyrinths, sum(s.labyrinths for s in manifest.of("train"))
+    check(
+        asked is None or asked <= most,
+        f"train_labyrinths={asked}: give {most} or fewer, as many as train of {run.source} has",
+    )
+    return manifest.fingerprint
 
 
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
@@ -117,6 +124,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "pool_stride": options.pool_stride,
         "observation": options.observation,
         "protocol": options.protocol,
+        "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
         "settings": asdict(settings),
         "config": run.dataset.name,
@@ -127,17 +135,26 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
 
 
 def loader_of(run: Run) -> Callable[[str], LabyrinthArrays]:
-    """Return a function that loads a split, observed as the policy of a run observes it."""
+    """Return a function that loads a split, observed as the policy of a run observes it.
+
+    Where the run learns from the first labyrinths of train alone, so do splits that are derived
+    from train hold the first alone: the others have structures that are new to the policy.
+    """
     options = run.options
-    return partial(
-        load_arrays,
-        run.source,
-        run.dataset.name,
-        observation=options.observation,
-        image_size=IMAGE_SIZE,
-        resize=PROTOCOLS[options.protocol].resize,
-        revision=options.revision,
-    )
+
+    def load(split: str) -> LabyrinthArrays:
+        return load_arrays(
+            run.source,
+            run.dataset.name,
+            split,
+            observation=options.observation,
+            image_size=IMAGE_SIZE,
+            resize=PROTOCOLS[options.protocol].resize,
+            revision=options.revision,
+            labyrinths=options.train_labyrinths if is_of_train(split) else None,
+        )
+
+    return load
 
 
 def spec_of(run: Run) -> NetworkSpec:
@@ -154,7 +171,14 @@ def prepare(
     load = loader_of(run)
     splits = {split: load(split) for split in ("train", "validation")}
     train, source, config = splits["train"], run.source, run.dataset.name
-    steps = partial(load_steps, source, config, arrays=train, revision=options.revision)
+    steps = partial(
+        load_steps,
+        source,
+        config,
+        arrays=train,
+        revision=options.revision,
+        labyrinths=options.train_labyrinths,
+    )
 
     def exploration() -> Steps:
         try:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -90,6 +91,8 @@ def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _
         solved[split] = np.array([letter == _SOLVED for letter in scores["outcomes"]], np.float64)
         failed[split] = scores["failed"]
         held = sum(shard.labyrinths for shard in manifest.of(split))
+        if is_of_train(split) and run.get("train_labyrinths") is not None:
+            held = int(run["train_labyrinths"])
         if len(solved[split]) != held:
             raise ValueError(f"{split} has {held} labyrinths, not {len(solved[split])}")
         told[split] = {figure: scores[figure] for figure in SCORES} | _named(failed[split])

@@ -51,6 +51,7 @@ def load_steps(
     arrays: LabyrinthArrays,
     *,
     revision: str | None = None,
+    labyrinths: int | None = None,
 ) -> Steps:
     """Return the transitions of all episodes of a split, in order.
 
@@ -60,6 +61,7 @@ def load_steps(
         split: A split whose labyrinths are in `arrays`: `train`, or `random` for those of `train`.
         arrays: The labyrinths, with their states numbered.
         revision: Branch, tag or commit on the Hub.
+        labyrinths: How many labyrinths, the first ones; None for all.
 
     Raises:
         DatasetError: There is no such split, or one of its labyrinths is not in `arrays`.
@@ -67,7 +69,12 @@ def load_steps(
     first = dict(zip(arrays.labyrinth_ids.tolist(), arrays.initial.tolist(), strict=True))
     found = []
     for episode in load_episodes(
-        source, config, split=split, observation="vector", revision=revision
+        source,
+        config,
+        split=split,
+        observation="vector",
+        revision=revision,
+        labyrinths=labyrinths,
     ):
         if episode.labyrinth_id not in first:
             raise DatasetError(

@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from labyrinth_core.data import frame_cache, loader
+from labyrinth_core.data import frame_cache, loader, selection
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.frame_cache import LIMIT_VARIABLE
 from labyrinth_core.data.loader import (
@@ -68,7 +68,7 @@ def nothing_to_read(monkeypatch):
     def refuse(*shards, **how):
         raise AssertionError(f"reads {shards} {how}")
 
-    return lambda: monkeypatch.setattr(loader, "read_rows", refuse)
+    return lambda: monkeypatch.setattr(selection, "read_rows", refuse)
 
 
 # What is kept.
@@ -137,7 +137,7 @@ def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, monkeypatch):
     def rows(*_, **__):
         yield from ()
 
-    monkeypatch.setattr(loader, "read_rows", rows)
+    monkeypatch.setattr(selection, "read_rows", rows)
     with pytest.raises(DatasetError, match="there is no episode"):
         load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert list(cache.iterdir()) == []

@@ -165,6 +165,19 @@ def test_a_field_of_a_shard_of_another_kind_is_refused(
         read_back(scratch, edited)
 
 
+@pytest.mark.parametrize(
+    "value",
+    [None, [], {}, {"bytes": 1}, {"bytes": "1", "sha256": ""}, {"bytes": 1, "sha256": "", "x": 1}],
+    ids=str,
+)
+def test_a_table_of_labyrinths_described_otherwise_is_refused(
+    content: Any, scratch: Path, value: Any
+) -> None:
+    with pytest.raises(DatasetError, match="cannot be read"):
+        read_back(scratch, content | {"labyrinths": value})
+    assert read_back(scratch, content).labyrinths is not None
+
+
 def test_shards_are_those_of_a_split(small_dataset: Run) -> None:
     manifest = Manifest.read(small_dataset.folder)
     assert [shard.split for shard in manifest.of("s0")] == ["s0"]

@@ -39,6 +39,7 @@ from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.sampling import sample_structure, sample_structures
 from labyrinth_core.world.solver import (
     distances,
+    moves_and_routes,
     optimal_actions,
     shortest_route,
     shortest_routes,
@@ -168,6 +169,12 @@ def test_every_shortest_route_is_found_once_wherever_the_tiles_lie(labyrinth):
         ]
 
     assert list(map(tuple, shortest_routes(labyrinth))) == onward(first)
+
+
+@given(labyrinths())
+def test_shortest_routes_are_as_many_and_as_long_as_brute_force_finds(labyrinth):
+    expected = shortest_of(brute_simple_routes(world_of(labyrinth)))
+    assert moves_and_routes(labyrinth) == (len(expected[0]), len(expected))
 
 
 @given(labyrinths())

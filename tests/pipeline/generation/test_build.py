@@ -22,6 +22,7 @@ from tampering import Rows, episode_starts, fingerprint, read_rows
 
 from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, current_versions
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
@@ -167,11 +168,11 @@ def test_fingerprints_are_those_of_the_decoded_rows(small_dataset: Run) -> None:
 # The files.
 
 
-def test_a_finished_folder_holds_shards_and_a_manifest_and_nothing_else(
+def test_a_finished_folder_holds_shards_a_table_and_a_manifest_and_nothing_else(
     small_dataset: Run,
 ) -> None:
     shards = {f"{split}-00000-of-00001.parquet" for split in BASE_SPLITS}
-    assert {path.name for path in small_dataset.folder.iterdir()} == shards | {MANIFEST}
+    assert {path.name for path in small_dataset.folder.iterdir()} == shards | {TABLE, MANIFEST}
     assert {path.name for path in small_dataset.data_dir.iterdir()} == {"3x3", "README.md"}
 
 
@@ -521,7 +522,10 @@ def test_a_build_goes_on_from_the_finished_shards(
     assert not building.exists()
 
 
-@pytest.mark.parametrize("damage", ["shard", "sidecar", "no sidecar", "no shard", "a stray file"])
+@pytest.mark.parametrize(
+    "damage",
+    ["shard", "sidecar", "no sidecar", "no shard", "a stray file", "no facts", "cut facts"],
+)
 def test_a_damaged_shard_is_made_again(
     build: Build,
     stop_after: Callable[..., Path],
@@ -536,6 +540,11 @@ def test_a_damaged_shard_is_made_again(
         shard.write_bytes(shard.read_bytes()[:-1] + b"?")
     elif damage == "sidecar":
         sidecar.write_text('{"path": [')
+    elif damage == "cut facts":
+        facts = building / f"{shard.stem}.facts"
+        facts.write_bytes(facts.read_bytes()[:-1])
+    elif damage == "no facts":  # As an earlier version left it.
+        (building / f"{shard.stem}.facts").unlink()
     elif damage == "a stray file":
         (building / ".labyrinth-0").mkdir()
         (building / ".labyrinth-0" / "test-00000-of-00001.parquet").write_bytes(b"half of it")
@@ -658,13 +667,20 @@ def test_the_card_lists_every_finished_config_with_true_counts(
         build(tmp_path, **options | other)
     front = front_of(tmp_path)
     names = ["3x3-key_and_door", "3x3", "4x3"]
-    assert sorted(config["config_name"] for config in front["configs"]) == sorted(names)
+    tables = [f"{name}-labyrinths" for name in names]
+    assert sorted(config["config_name"] for config in front["configs"]) == sorted(names + tables)
     assert [c["config_name"] for c in front["configs"]] == [
         i["config_name"] for i in front["dataset_info"]
     ]
     assert front["configs"][0]["default"] is True
     assert not any("default" in config for config in front["configs"][1:])
-    for config, info in zip(front["configs"], front["dataset_info"], strict=True):
+    for config, info in zip(front["configs"][3:], front["dataset_info"][3:], strict=True):
+        path = f"{config['config_name'].removesuffix('-labyrinths')}/{TABLE}"
+        assert config["data_files"] == [{"split": "labyrinths", "path": path}]
+        size = (tmp_path / path).stat().st_size
+        counted = {"name": "labyrinths", "num_bytes": size, "num_examples": len(BASE_SPLITS)}
+        assert (info["splits"], info["download_size"]) == ([counted], size)
+    for config, info in zip(front["configs"][:3], front["dataset_info"][:3], strict=True):
         name = config["config_name"]
         assert config["data_files"] == [
             {"split": split, "path": f"{name}/{split}-*-of-00001.parquet"} for split in BASE_SPLITS
@@ -701,7 +717,7 @@ def test_other_keys_and_the_text_below_stay(build: Build, tmp_path: Path) -> Non
     assert text.endswith(f"---\n{mine}")
     after = front_of(tmp_path)
     assert (after["tags"], after["license"]) == (["maze"], "apache-2.0")
-    assert [config["config_name"] for config in after["configs"]] == ["2x3", "3x3"]
+    assert [config["config_name"] for config in after["configs"][:2]] == ["2x3", "3x3"]
 
 
 def test_a_text_of_ones_own_that_is_no_card_stops_the_build(build: Build, tmp_path: Path) -> None:
@@ -720,7 +736,10 @@ def test_leftovers_and_copies_of_datasets_are_no_configs(build: Build, tmp_path:
     (tmp_path / "web").mkdir()
     (tmp_path / "web" / MANIFEST).write_text('{"short_name": "an app"}')
     front_matter.update(tmp_path)
-    assert [config["config_name"] for config in front_of(tmp_path)["configs"]] == ["3x3"]
+    assert [config["config_name"] for config in front_of(tmp_path)["configs"]] == [
+        "3x3",
+        "3x3-labyrinths",
+    ]
 
 
 def test_a_name_of_a_folder_is_shown_as_it_is(

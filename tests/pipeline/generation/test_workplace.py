@@ -205,7 +205,7 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
 
     def check(shards: Path, folder: Path) -> None:
         files = [shards, *shards.iterdir()]
-        assert len(files) == 1 + 6 + 1
+        assert len(files) == 1 + 6 + 1 + 1
         assert {path.stat().st_ino for path in files} <= synced
         move(shards, folder)
 

@@ -25,6 +25,7 @@ from planting import DEFAULT, OTHER, labyrinths, plant
 
 from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
@@ -140,7 +141,8 @@ def test_the_front_matter_is_what_the_hubs_client_reads_and_writes(carded):
     assert str(content) == text(carded)
     values = content.data.to_dict()
     assert DatasetCardData(**values).to_dict() == values == front(carded)
-    assert [config["config_name"] for config in values["configs"]] == [DEFAULT, OTHER]
+    names = [DEFAULT, OTHER]
+    assert [config["config_name"] for config in values["configs"]] == names + tables_of(names)
     assert [c["config_name"] for c in values["configs"] if c.get("default")] == [DEFAULT]
     assert values["license"] == "mit"
     assert values["pretty_name"] == "Labyrinth"
@@ -148,6 +150,22 @@ def test_the_front_matter_is_what_the_hubs_client_reads_and_writes(carded):
     assert values["task_categories"] == ["reinforcement-learning"]
     features = datasets.Features._from_yaml_list(values["dataset_info"][0]["features"])
     assert features.to_dict() == {column.name: column.feature for column in COLUMNS}
+    features = datasets.Features._from_yaml_list(values["dataset_info"][2]["features"])
+    assert features.to_dict() == {column.name: column.feature for column in TABLE_COLUMNS}
+
+
+def tables_of(names: list[str]) -> list[str]:
+    return [f"{name}-labyrinths" for name in names]
+
+
+def test_the_table_of_labyrinths_is_described_and_found_damaged(folder):
+    described = [rows for rows in tables(text(folder)) if "meaning" in rows[0]][1]
+    meanings = [(row["column"], row["meaning"]) for row in described]
+    assert meanings == [(column.name, column.meaning) for column in TABLE_COLUMNS]
+    assert f"'hf://datasets/user/labyrinth/{DEFAULT}/labyrinths.parquet'" in text(folder)
+    (folder / DEFAULT / "labyrinths.parquet").write_bytes(b"damaged")
+    with pytest.raises(DatasetError, match=r"labyrinths\.parquet is damaged: its sha256"):
+        card.write_card(folder)
 
 
 def test_the_size_categories_are_the_hubs():
@@ -273,10 +291,12 @@ def test_a_build_writes_a_card_in_brief_that_the_stage_replaces(build_dataset, t
 def test_a_dataset_that_is_built_later_joins_the_card(folder, build_dataset):
     build_dataset(folder, "2x3", labyrinths=1, random_steps=5)
     assert "## Statistics" in text(folder)
-    assert [config["config_name"] for config in front(folder)["configs"]] == ["2x3", DEFAULT, OTHER]
+    names = ["2x3", DEFAULT, OTHER]
+    configs = [config["config_name"] for config in front(folder)["configs"]]
+    assert configs == names + tables_of(names)
     card.write_card(folder)
     rows = table(text(folder), "config", "train", "rows")
-    assert [row["config"] for row in rows] == ["2x3", DEFAULT, OTHER]
+    assert [row["config"] for row in rows] == names
     assert (folder / "pictures" / "2x3-visits.png").is_file()
 
 

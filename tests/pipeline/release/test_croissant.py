@@ -13,6 +13,7 @@ from PIL import Image
 from planting import DEFAULT, OTHER
 
 from labyrinth_core.data.columns import COLUMNS
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
@@ -52,7 +53,7 @@ def test_it_validates_without_a_warning(carded, caplog):
 def test_every_record_that_is_streamed_is_the_row(carded, name):
     records = list(read(carded).records(name))
     expected = []
-    for path in sorted((carded / name).glob("*.parquet")):
+    for path in sorted((carded / name).glob("*-of-*.parquet")):
         split = path.name.split("-")[0]
         expected += [row | {"split": split} for row in pq.read_table(path).to_pylist()]
     assert len(records) == len(expected) > 0
@@ -67,10 +68,27 @@ def test_every_record_that_is_streamed_is_the_row(carded, name):
         assert np.array_equal(np.asarray(record[f"{name}/obs"]), np.asarray(picture))
 
 
+@pytest.mark.parametrize("name", [DEFAULT, OTHER])
+def test_every_record_of_the_table_of_labyrinths_is_its_row(carded, name):
+    rows = pq.read_table(carded / name / TABLE).to_pylist()
+    records = list(read(carded).records(f"{name}-labyrinths"))
+    assert len(records) == len(rows) > 0
+    for record, row in zip(records, rows, strict=True):
+        for field, value in row.items():
+            found = record[f"{name}-labyrinths/{field}"]
+            if value is None:
+                assert found is None or found != found
+            else:
+                assert (found.decode() if isinstance(found, bytes) else found) == value
+
+
 def test_every_config_is_a_record_set_with_the_columns_and_the_split(carded):
     sets = {each.id: each for each in read(carded).metadata.record_sets}
-    assert set(sets) == {DEFAULT, OTHER}
-    for name, records in sets.items():
+    assert set(sets) == {DEFAULT, OTHER, f"{DEFAULT}-labyrinths", f"{OTHER}-labyrinths"}
+    for name in (DEFAULT, OTHER):
+        table = [field.id for field in sets[f"{name}-labyrinths"].fields]
+        assert table == [f"{name}-labyrinths/{column.name}" for column in TABLE_COLUMNS]
+        records = sets[name]
         names = ["split", *(column.name for column in COLUMNS)]
         assert [field.id for field in records.fields] == [f"{name}/{field}" for field in names]
 
@@ -81,7 +99,7 @@ def test_every_parquet_file_is_there_with_its_hash_and_size(carded):
     }
     there = {path.relative_to(carded).as_posix() for path in carded.glob("*/*.parquet")}
     assert set(files) == there
-    assert len(there) == 2 * len(BASE_SPLITS)
+    assert len(there) == 2 * len(BASE_SPLITS) + 2
     for path, part in files.items():
         assert part["sha256"] == file_sha256(carded / path)
         assert part["contentSize"] == f"{(carded / path).stat().st_size} B"

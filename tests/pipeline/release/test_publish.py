@@ -45,6 +45,12 @@ from labyrinth_core import load_transitions
 repo, revision, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
 results = {}
 for config in get_dataset_config_names(repo, revision=revision):
+    if config.endswith("-labyrinths"):
+        table = load_dataset(repo, config, split="labyrinths", revision=revision)
+        path = folder / config.removesuffix("-labyrinths") / "labyrinths.parquet"
+        rows = pq.read_table(path).to_pylist()
+        results[f"{config} labyrinths"] = [len(rows), list(table) == rows and len(rows) > 0]
+        continue
     for split in get_dataset_split_names(repo, config, revision=revision):
         paths = sorted((folder / config).glob(f"{split}-*.parquet"))
         rows = [row for path in paths for row in pq.read_table(path).to_pylist()]
@@ -156,7 +162,8 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
     assert told[1] == (f"{REPO}: BuilderConfig '9x9' not found. Available: ['3x3', '4x4', '5x5']")
     assert len(told) == 2
     assert list(results) == [
-        name for config in configs for name in [*(f"{config} {s}" for s in BASE_SPLITS), config]
+        *(name for config in configs for name in [*(f"{config} {s}" for s in BASE_SPLITS), config]),
+        *(f"{config}-labyrinths labyrinths" for config in configs),
     ]
     assert all(all(values[1:]) for values in results.values()), results
 
@@ -169,7 +176,8 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
         for split in info["splits"]
     }
     assert counts == {name: values[0] for name, values in results.items() if " " in name}
-    assert f"**{sum(counts.values()):,} rows** in 3 configs" in card
+    rows = sum(count for name, count in counts.items() if not name.endswith(" labyrinths"))
+    assert f"**{rows:,} rows** in 3 configs" in card
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
     assert len(blocks) == 3
     printed = fresh(local_hub, BLOCKS, json.dumps(blocks), REPO, "1.0.0")
@@ -273,9 +281,9 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
 
     lines = dry()
     assert not is_there(local_hub)
-    assert lines[-1].startswith(f"{REPO} (to be created), branch main: 18 files to add (0.3")
+    assert lines[-1].startswith(f"{REPO} (to be created), branch main: 19 files to add (0.3")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
-    assert len(plan(lines, "add")) == 18
+    assert len(plan(lines, "add")) == 19
 
     shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
     published(local_hub, releasable)

@@ -7,12 +7,15 @@ import json
 import pytest
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.analysis.report.findings import read_results
 from pipeline.training import evaluate as stage
 from pipeline.training import train
 from pipeline.training.policy import load_policy
+from pipeline.training.results import stage as results
 
 pytestmark = pytest.mark.slow
 
@@ -58,3 +61,27 @@ def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     other = build(tmp_path, labyrinths=2)
     with pytest.raises(DatasetError, match="was trained on another dataset than"):
         stage.run(make_run(other.data_dir, **options))
+
+
+def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
+    small_dataset, make_run, tmp_path
+):
+    run = make_run(
+        small_dataset.data_dir,
+        stages=["train", "evaluate", "results"],
+        run_dir=str(tmp_path / "runs"),
+        results_dir=str(tmp_path / "results"),
+        device="cpu",
+        method={"name": "bc", "epochs": 1},
+        train_labyrinths=3,
+    )
+    train.run(run)
+    stage.run(run)
+    content = json.loads((run.training_folder / "evaluation.json").read_text(encoding="utf-8"))
+    assert content["run"]["train_labyrinths"] == 3
+    counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
+    assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
+    results.run(run)
+    assert "## 3x3, cnn-labyrinths3" in (tmp_path / "results" / "README.md").read_text("utf-8")
+    (shown,) = read_results(tmp_path / "runs", [Manifest.read(small_dataset.folder)])
+    assert shown["name"] == "bc-cnn-labyrinths3"

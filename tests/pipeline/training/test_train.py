@@ -250,3 +250,46 @@ def test_a_device_that_is_not_there_is_refused(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(ConfigError, match="device=cuda: there is none here"):
         train.run(run_of(device="cuda"))
+
+
+# Some of the labyrinths of train.
+
+
+@pytest.mark.parametrize("method", ["bc", "bco"])
+def test_a_run_on_the_first_labyrinths_is_one_on_a_dataset_that_has_no_others(
+    run_of: Callable[..., Run], build: Callable[..., Run], tmp_path: Path, method: str
+) -> None:
+    settings = {"method": {"name": method}, "observation": "vector", "encoder": "mlp"}
+    few = build(tmp_path / "few", labyrinths=5)
+    # Validation is that of the few, too, and the policy selected on it.
+    small = {"data_dir": str(few.data_dir), "labyrinths": 5}
+    first, whole = run_of("a", train_labyrinths=3, **small, **settings), run_of("b", **settings)
+    fewer = build(tmp_path / "fewer", labyrinths=3)
+    own = run_of("c", data_dir=str(fewer.data_dir), labyrinths=3, **settings)
+    for run in (first, whole, own):
+        train.run(run)
+    histories = [
+        [row["loss"] for row in json.loads((folder_of(run) / RECORD).read_text())["history"]]
+        for run in (first, own, whole)
+    ]
+    assert histories[0] == histories[1] != histories[2]
+    assert folder_of(first).name == f"{method}-mlp-seed0-labyrinths3"
+    assert json.loads((folder_of(first) / RECORD).read_text())["run"]["train_labyrinths"] == 3
+
+
+@pytest.mark.parametrize("number", [9, 1_000])
+def test_more_labyrinths_than_there_are_are_refused(
+    run_of: Callable[..., Run], small_dataset: Run, number: int
+) -> None:
+    with pytest.raises(ConfigError) as error:
+        train.run(run_of(train_labyrinths=number))
+    assert str(error.value) == (
+        f"train_labyrinths={number}: give 8 or fewer, as many as train of "
+        f"{small_dataset.data_dir} has"
+    )
+
+
+@pytest.mark.parametrize("number", [0, -1])
+def test_no_labyrinths_are_refused(run_of: Callable[..., Run], number: int) -> None:
+    with pytest.raises(ConfigError, match=f"train_labyrinths={number}: give a whole number, 1 or"):
+        run_of(train_labyrinths=number)

@@ -1,0 +1,106 @@
+"""The table of labyrinths, `labyrinths.parquet` in a dataset's folder: one row for each labyrinth.
+
+Its rows are in the order of the splits and of their rows. On the Hub it is a config of its own,
+such as `5x5-labyrinths`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labyrinth_core.data.columns import Column
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
+
+if TYPE_CHECKING:
+    import pyarrow
+
+TABLE = "labyrinths.parquet"
+"""The name of the file."""
+
+SPLIT = "labyrinths"
+"""What the Hub's tools have to call a split: the table has none, as its rows are of all splits."""
+
+MOST_ROUTES = 2**63 - 1
+"""The largest number of routes in the table; it stands for all that are larger, too."""
+
+
+def _column(name: str, dtype: str, meaning: str) -> Column:
+    return Column(name, {"dtype": dtype, "_type": "Value"}, meaning)
+
+
+TABLE_COLUMNS = (
+    # As text, since sixteen digits are more than the numbers of JSON and JavaScript can hold.
+    _column("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
+    _column("structure_id", "string", "hash of its structure, likewise"),
+    _column("split", "string", "split that it is in"),
+    _column("parent_id", "string", "labyrinth that it was derived from; null if from none"),
+    _column("height", "int32", "rows of cells"),
+    _column("width", "int32", "columns of cells"),
+    _column("task", "string", "task, such as navigation"),
+    _column("start", "int32", "cell of the start: row * width + column, row 0 at the bottom"),
+    _column("goal", "int32", "cell of the goal, likewise"),
+    _column("moves", "int32", "moves on a shortest route"),
+    _column("optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"),
+    _column("turns", "int32", "changes of direction in its first episode; null in random"),
+    _column("loops", "int32", "passages beyond those of a tree"),
+    _column("branching", "int32", "cells with three or four passages"),
+    _column("dead_ends", "int32", "cells with one passage"),
+    _column("episodes", "int32", "episodes in the split"),
+    _column("first_row", "int64", "its first row in the split, counted from 0"),
+    _column("rows", "int32", "rows in the split, which follow one another"),
+)
+
+
+def table_config(config: str) -> str:
+    """Return the name that the table of a config has on the Hub."""
+    return f"{config}-{SPLIT}"
+
+
+def table_schema() -> pyarrow.Schema:
+    """Return the Arrow schema of the table, with metadata that `datasets` reads features from."""
+    import pyarrow as pa
+
+    types = {"string": pa.string(), "int32": pa.int32(), "int64": pa.int64()}
+    features = {"info": {"features": {column.name: column.feature for column in TABLE_COLUMNS}}}
+    return pa.schema(
+        [(column.name, types[column.feature["dtype"]]) for column in TABLE_COLUMNS],
+        metadata={"huggingface": json.dumps(features)},
+    )
+
+
+@contextmanager
+def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[Path]:
+    """Lend the table of a dataset as a local file, after comparing it with the manifest.
+
+    Raises:
+        DatasetError: There is none, or it is damaged, or what is done with it cannot read it.
+    """
+    import pyarrow as pa
+
+    path = folder / TABLE
+    if manifest.labyrinths is None:
+        raise DatasetError(
+            f"{folder} has no {TABLE}, being of an earlier version: overwrite=true builds it anew"
+        )
+    try:
+        with local_copy(path) as local:
+            if file_sha256(local) != manifest.labyrinths.sha256:
+                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+            yield local
+    except (OSError, pa.ArrowException) as error:
+        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+
+
+def table_rows(folder: AnyPath, manifest: Manifest) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table of a dataset; raise as `table_file` does."""
+    import pyarrow.parquet as pq
+
+    with table_file(folder, manifest) as path, pq.ParquetFile(path) as file:
+        for batch in file.iter_batches():
+            yield from batch.to_pylist()

@@ -1,0 +1,221 @@
+"""The table of labyrinths: the facts of each shard, and the file that they are joined to.
+
+The facts of a shard are an array that lies beside its sidecar until all shards are there, so that
+a build that was stopped need not solve a labyrinth again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE_COLUMNS, table_schema
+from labyrinth_core.data.manifest import Shard, TableFile
+from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.near_twins import passage_table
+from pipeline.generation.write import text_array, value_array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+FACTS = np.dtype(
+    [
+        *((name, "<i8") for name in ("labyrinth_id", "structure_id", "parent_id")),
+        ("optimal_routes", "<i8"),
+        *((name, "<i4") for name in ("start", "goal", "moves", "turns", "episodes", "rows")),
+        *((name, "<i4") for name in ("loops", "branching", "dead_ends")),
+    ]
+)
+"""What is known of a labyrinth from its shard alone; 63-bit ids as numbers."""
+
+NOTHING = -1
+"""The value of `parent_id` or `turns` where the table has null."""
+
+_ITSELF = -2
+"""What stands for the id of a labyrinth that is its own parent, until it is known."""
+
+GROUP_ROWS = 100_000
+"""The least number of rows in a row group of the table, but for the last; some ten megabytes."""
+
+Facts = NDArray[np.void]
+
+
+class FactsOfShard:
+    """The facts of the labyrinths of a shard, collected in their order."""
+
+    def __init__(self, split: str) -> None:
+        self._demonstrated = split != "random"
+        self._rows: list[tuple[int, ...]] = []
+        self._parents: list[int] = []
+        self._structures: list[Structure] = []
+
+    def add_parent(self, parent: Labyrinth | None, *, of: Labyrinth) -> None:
+        """Add the labyrinth that the next one is derived from, None if it is from none."""
+        if parent is None:
+            self._parents.append(NOTHING)
+        else:
+            self._parents.append(_ITSELF if parent is of else int(labyrinth_id(parent), 16))
+
+    def add(
+        self,
+        labyrinth: Labyrinth,
+        info: str,
+        shortest: tuple[int, int],
+        routes: Sequence[Sequence[int] | NDArray[np.int8]],
+    ) -> None:
+        """Add a labyrinth.
+
+        Args:
+            labyrinth: The labyrinth.
+            info: Its text.
+            shortest: How many moves a shortest route has, and how many such routes there are.
+            routes: The actions of each episode in it.
+        """
+        moves, optimal_routes = shortest
+        self._structures.append(labyrinth.structure)
+        self._rows.append(
+            (
+                int(labyrinth_id(info), 16),
+                int(labyrinth.structure.structure_id, 16),
+                NOTHING,
+                min(optimal_routes, MOST_ROUTES),
+                labyrinth.start,
+                labyrinth.goal,
+                moves,
+                _turns(routes[0]) if self._demonstrated else NOTHING,
+                len(routes),
+                sum(map(len, routes)) + len(routes),  # A row for each state.
+                *(0, 0, 0),  # Counted for all at once.
+            )
+        )
+
+    def array(self) -> Facts:
+        """Return the facts, one item for each labyrinth; no parents if none were added."""
+        facts = np.array(self._rows, FACTS)
+        if self._parents:
+            parents = np.array(self._parents)
+            facts["parent_id"] = np.where(parents == _ITSELF, facts["labyrinth_id"], parents)
+        if self._rows:
+            structure, passages = self._structures[0], passage_table(self._structures)
+            ways = _ways(passages, structure.height, structure.width)
+            facts["loops"] = passages.sum(axis=1) - structure.cells + 1
+            facts["branching"] = (ways >= 3).sum(axis=1)
+            facts["dead_ends"] = (ways == 1).sum(axis=1)
+        return facts
+
+
+def _turns(actions: Sequence[int] | NDArray[np.int8]) -> int:
+    taken = bytes(actions)
+    return sum(one != other for one, other in pairwise(taken))
+
+
+def _ways(passages: NDArray[np.bool_], height: int, width: int) -> NDArray[np.int8]:
+    """Return the number of passages of each cell, shape (structures, cells)."""
+    ways = np.zeros((len(passages), height, width), np.int8)
+    up, right = np.split(passages, [(height - 1) * width], axis=1)
+    up, right = up.reshape(-1, height - 1, width), right.reshape(-1, height, width - 1)
+    ways[:, :-1] += up
+    ways[:, 1:] += up
+    ways[:, :, :-1] += right
+    ways[:, :, 1:] += right
+    return ways.reshape(len(passages), -1)
+
+
+def facts_path(building: AnyPath, shard: str) -> AnyPath:
+    """Return where the facts of a shard lie until the build is finished."""
+    return building / f"{shard.removesuffix('.parquet')}.facts"
+
+
+def read_facts(path: AnyPath, labyrinths: int) -> Facts:
+    """Return the facts of a shard.
+
+    Raises:
+        FileNotFoundError: There are none.
+        ValueError: They are not those of so many labyrinths.
+    """
+    facts: Facts = np.frombuffer(path.read_bytes(), FACTS)
+    if len(facts) != labyrinths:
+        raise ValueError(f"{path} holds the facts of {len(facts)} labyrinths, not of {labyrinths}")
+    return facts
+
+
+def table_of(config: DatasetConfig, split: str, facts: Facts, first_row: int) -> pa.Table:
+    """Return the rows of the table that facts give; the first of them has the row `first_row`."""
+    import pyarrow as pa
+
+    count, schema = len(facts), table_schema()
+    rows = facts["rows"].astype(np.int64)
+    given: dict[str, Any] = {
+        "split": split,
+        "task": str(config.task),
+        "height": np.full(count, config.height),
+        "width": np.full(count, config.width),
+        "first_row": first_row + np.cumsum(rows) - rows,
+    }
+
+    def column(name: str, kind: pa.DataType) -> pa.Array:
+        values = given[name] if name in given else facts[name]
+        if isinstance(values, str):
+            return text_array(kind, [values.encode()] * count)
+        if name in ("parent_id", "turns") and (values == NOTHING).all():
+            return pa.nulls(count, kind)
+        if pa.types.is_string(kind):  # All digits at once, sixteen of each.
+            ends = np.arange(count + 1, dtype=np.int32) * 16
+            digits = values.astype(">i8").tobytes().hex().encode()
+            return value_array(kind, count, ends, digits)
+        return value_array(kind, count, values.astype(kind.to_pandas_dtype()))
+
+    columns = [column(each.name, schema.field(each.name).type) for each in TABLE_COLUMNS]
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def write_table(
+    path: Path, config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]
+) -> TableFile:
+    """Write the table, a part at a time, and return what was written.
+
+    Args:
+        path: The file.
+        config: The configuration of the dataset.
+        parts: The shards in the order of splits and rows, each with its facts.
+
+    Raises:
+        OSError: The file cannot be written, say because the disk is full.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema = table_schema()
+    words = ["split", "task", *(field.name for field in schema if field.type == pa.int32())]
+    with pq.ParquetWriter(
+        path, schema, compression="zstd", use_dictionary=words, store_schema=False
+    ) as writer:
+        writer.add_key_value_metadata(schema.metadata)
+        for group in _groups(config, parts):
+            writer.write_table(group)
+    return TableFile(path.stat().st_size, file_sha256(path))
+
+
+def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iterator[pa.Table]:
+    """Yield the rows of the table, those of several small shards together."""
+    import pyarrow as pa
+
+    group: list[pa.Table] = []
+    first_row: dict[str, int] = {}
+    for shard, facts in parts:
+        row = first_row.setdefault(shard.split, 0)
+        group.append(table_of(config, shard.split, facts, row))
+        first_row[shard.split] = row + shard.rows
+        if sum(part.num_rows for part in group) >= GROUP_ROWS:
+            yield pa.concat_tables(group)
+            group = []
+    if group:
+        yield pa.concat_tables(group)

@@ -1,0 +1,250 @@
+"""The first labyrinths of a split, and those that a filter of the table leaves."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import huggingface_hub
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from labyrinth_core import load_arrays
+from labyrinth_core.data import frame_cache
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
+from labyrinth_core.data.loader import (
+    load_episodes,
+    load_transitions,
+    stream_episodes,
+    stream_transitions,
+)
+from labyrinth_core.data.manifest import MANIFEST
+from pipeline.generation import build as generation
+
+FIELDS = ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids")
+
+
+@pytest.fixture(scope="module")
+def data_dir(build, tmp_path_factory):
+    """A dataset of nine labyrinths a split, in three shards each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generation, "CELLS_PER_SHARD", 3 * 12)
+        run = build(
+            tmp_path_factory.mktemp("data"),
+            size="3x4",
+            labyrinths=9,
+            solutions="all",
+            random_steps=40,
+        )
+    return run.data_dir
+
+
+@pytest.fixture(autouse=True)
+def cache_of_its_own(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def load(data_dir, **options):
+    return load_transitions(data_dir, "3x4", **{"image_size": 8} | options)
+
+
+def ids_of(episodes):
+    return list(dict.fromkeys(episode.labyrinth_id for episode in episodes))
+
+
+def filtered_by_hand(data_dir, split, keep):
+    rows = pq.read_table(data_dir / "3x4" / TABLE).to_pylist()
+    return [int(row["labyrinth_id"], 16) for row in rows if row["split"] == split and keep(row)]
+
+
+# The first so many.
+
+
+@pytest.mark.parametrize("observation", ["image", "vector"])
+@pytest.mark.parametrize("split", ["train", "random"])
+@pytest.mark.parametrize("count", [1, 3, 4, 8, 9])
+def test_the_first_labyrinths_are_the_beginning_of_all(data_dir, observation, split, count):
+    whole = load(data_dir, split=split, observation=observation)
+    part = load(data_dir, split=split, observation=observation, labyrinths=count)
+    assert len(np.unique(part.labyrinth_ids)) == count
+    assert (len(part) == len(whole)) == (count == 9)
+    for name in FIELDS:
+        beginning = getattr(whole, name)[: len(getattr(part, name))]
+        assert getattr(part, name).tobytes() == beginning.tobytes()
+
+
+@pytest.mark.parametrize("load_some", [load_episodes, stream_episodes])
+def test_episodes_loaded_and_streamed_are_those_of_the_first_labyrinths(data_dir, load_some):
+    whole = list(load_episodes(data_dir, "3x4", observation="vector"))
+    for count in (1, 5):
+        some = list(load_some(data_dir, "3x4", observation="vector", labyrinths=count))
+        assert ids_of(some) == ids_of(whole)[:count]
+        for one, other in zip(some, whole, strict=False):
+            np.testing.assert_array_equal(one.actions, other.actions)
+        assert whole[len(some)].labyrinth_id not in ids_of(some)
+
+
+def test_transitions_and_arrays_are_those_of_the_first_labyrinths(data_dir):
+    steps = list(stream_transitions(data_dir, "3x4", image_size=8, labyrinths=2))
+    assert len(steps) == len(load(data_dir, labyrinths=2))
+    whole, arrays = (
+        load_arrays(data_dir, "3x4", "train", image_size=8, labyrinths=n) for n in (None, 2)
+    )
+    assert arrays.labyrinth_ids.tolist() == whole.labyrinth_ids[:2].tolist()
+
+
+def test_no_shard_is_read_that_holds_none_of_them(data_dir, tmp_path):
+    copy = Path(shutil.copytree(data_dir, tmp_path / "copy"))
+    (copy / "3x4" / "train-00001-of-00003.parquet").write_bytes(b"damaged")
+    assert len(ids_of(load_episodes(copy, "3x4", labyrinths=3))) == 3
+    third = pc.field("labyrinth_id") == f"{ids_of(load_episodes(data_dir, '3x4'))[7]:016x}"
+    assert len(ids_of(load_episodes(copy, "3x4", where=third))) == 1
+    with pytest.raises(DatasetError, match="damaged"):
+        list(load_episodes(copy, "3x4", labyrinths=4))
+
+
+def test_other_labyrinths_have_another_cache_file_and_all_have_the_one_without(data_dir, tmp_path):
+    for options in ({"labyrinths": 2}, {"labyrinths": 3}, {"where": pc.field("moves") >= 6}):
+        load(data_dir, cache_dir=tmp_path / "some", **options)
+    assert len(list((tmp_path / "some").glob(f"*{frame_cache.SUFFIX}"))) == 3
+    for options in ({}, {"labyrinths": 9}, {"where": pc.field("moves") >= 0}):
+        load(data_dir, cache_dir=tmp_path / "all", **options)
+    assert len(list((tmp_path / "all").glob(f"*{frame_cache.SUFFIX}"))) == 1
+
+
+# A filter.
+
+
+@pytest.mark.parametrize("split", ["train", "s0_and_g"])
+@pytest.mark.parametrize(
+    ("where", "keep"),
+    [
+        (pc.field("moves") >= 6, lambda row: row["moves"] >= 6),
+        (pc.field("loops") == 0, lambda row: row["loops"] == 0),
+        (
+            (pc.field("optimal_routes") > 1) | (pc.field("turns") < 3),
+            lambda row: row["optimal_routes"] > 1 or row["turns"] < 3,
+        ),
+    ],
+    ids=["a number", "a number of nothing", "either of two"],
+)
+def test_a_filter_leaves_the_labyrinths_of_the_table_that_it_says(data_dir, split, where, keep):
+    expected = filtered_by_hand(data_dir, split, keep)
+    assert 0 < len(expected) < 9
+    options = {"split": split, "observation": "vector", "where": where}
+    assert ids_of(load_episodes(data_dir, "3x4", **options)) == expected
+    assert ids_of(stream_episodes(data_dir, "3x4", **options)) == expected
+    transitions = load(data_dir, split=split, where=where)
+    assert list(dict.fromkeys(transitions.labyrinth_ids.tolist())) == expected
+    arrays = load_arrays(data_dir, "3x4", split, image_size=8, where=where)
+    assert arrays.labyrinth_ids.tolist() == expected
+    first = load_episodes(data_dir, "3x4", labyrinths=1, **options)
+    assert ids_of(first) == expected[:1]
+
+
+# From elsewhere.
+
+
+def test_from_a_url_they_are_the_same(data_dir):
+    url, where = f"local://{data_dir}", pc.field("moves") >= 6
+    for options in ({"labyrinths": 4}, {"where": where}):
+        there = ids_of(load_episodes(url, "3x4", observation="vector", **options))
+        assert there == ids_of(load_episodes(data_dir, "3x4", observation="vector", **options))
+
+
+def test_from_the_hub_come_only_the_shards_that_hold_some(data_dir, monkeypatch):
+    asked = []
+
+    def snapshot_download(*_, **options):
+        asked.append(options["allow_patterns"])
+        return str(data_dir)
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    list(load_episodes("user/labyrinth", "3x4", split="test", labyrinths=4))
+    manifest = [f"3x4/{MANIFEST}"]
+    shards = [f"3x4/test-0000{n}-of-00003.parquet" for n in (0, 1)]
+    assert asked == [manifest, manifest, manifest + shards]
+    del asked[:]
+    list(load_episodes("user/labyrinth", "3x4", split="test", where=pc.field("moves") >= 0))
+    assert asked[0] == [f"3x4/{MANIFEST}", f"3x4/{TABLE}"]
+
+
+# Mistakes.
+
+ALL = (load_transitions, load_episodes, stream_episodes, stream_transitions)
+
+
+def refusal(data_dir, **options):
+    """Return the one line with which every function refuses its arguments."""
+    lines = set()
+    for function in ALL:
+        with pytest.raises((ValueError, DatasetError)) as error:
+            function(data_dir, "3x4", **options)
+        lines.add(str(error.value))
+    (line,) = lines
+    assert "\n" not in line
+    return line
+
+
+@pytest.mark.parametrize("count", [0, -1, 10, True, 2.5, "3"])
+def test_a_number_of_labyrinths_that_cannot_be_is_refused(data_dir, count):
+    expected = f"labyrinths={count!r}: give a whole number from 1 to 9, as many as split=train has"
+    assert refusal(data_dir, labyrinths=count) == expected
+
+
+def test_more_than_a_filter_leaves_is_refused(data_dir):
+    where = pc.field("moves") >= 6
+    left = len(ids_of(load_episodes(data_dir, "3x4", where=where)))
+    line = refusal(data_dir, labyrinths=9, where=where)
+    assert line.endswith(f"from 1 to {left}, as many as split=train has where (moves >= 6)")
+
+
+def test_a_column_that_is_not_there_is_refused_with_those_that_are(data_dir):
+    line = refusal(data_dir, where=pc.field("lenght") >= 3)
+    assert line.startswith("where=(lenght >= 3): No match for FieldRef.Name(lenght); ")
+    assert line.endswith(", ".join(column.name for column in TABLE_COLUMNS))
+
+
+@pytest.mark.parametrize(
+    "where",
+    [pc.field("moves") == "a", pc.field("moves") + 1, pc.field("turns") > pc.field("task")],
+    ids=str,
+)
+def test_an_expression_that_has_no_sense_is_refused(data_dir, where):
+    assert refusal(data_dir, where=where).startswith(f"where={where}: ")
+
+
+@pytest.mark.parametrize("where", ["moves >= 12", [("moves", ">=", 12)], True], ids=str)
+def test_a_filter_that_is_no_expression_is_refused_and_not_evaluated(data_dir, where):
+    assert "give an expression, such as pyarrow.compute.field(" in refusal(data_dir, where=where)
+
+
+def test_a_filter_that_leaves_nothing_is_refused(data_dir):
+    where = pc.field("moves") > 99
+    assert refusal(data_dir, where=where) == f"where={where}: split=train has no such labyrinth"
+
+
+def test_where_there_is_no_table_the_first_labyrinths_are_found_and_a_filter_is_refused(
+    data_dir, tmp_path
+):
+    copy = Path(shutil.copytree(data_dir, tmp_path / "copy"))
+    (copy / "3x4" / TABLE).unlink()
+    path = copy / "3x4" / MANIFEST
+    content = json.loads(path.read_bytes())
+    del content["labyrinths"]
+    path.write_text(json.dumps(content))
+    for function in (load_episodes, stream_episodes):
+        some = function(copy, "3x4", observation="vector", labyrinths=4)
+        assert ids_of(some) == ids_of(load_episodes(data_dir, "3x4", labyrinths=4))
+    line = refusal(copy, where=pc.field("moves") >= 6)
+    assert line.endswith(
+        f"has no {TABLE}, being of an earlier version: overwrite=true builds it anew"
+    )
+
+
+def test_a_split_that_is_not_there_is_refused_first(data_dir):
+    assert refusal(data_dir, split="g", labyrinths=1).startswith("split=g: the dataset has train")

@@ -1,0 +1,127 @@
+"""Validation finds what is wrong with the table of labyrinths."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from tampering import TRAIN, manifest_of, read_rows, rows_of
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file, table_schema
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.storage import file_sha256
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation.validate import validate
+
+ROW = 7
+"""A row of the table in the middle: the second of `validation`, after six of train."""
+
+
+@pytest.fixture(scope="session")
+def made(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset with six labyrinths a split, in three shards each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generation, "CELLS_PER_SHARD", 2 * 9)
+        return build(tmp_path_factory.mktemp("made"), labyrinths=6, random_steps=20).folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be tampered with."""
+    return Path(shutil.copytree(made, tmp_path / made.name))
+
+
+def problems(folder: Path) -> list[str]:
+    return validate(folder, Manifest.read(folder))
+
+
+def write(folder: Path, table: pa.Table, *, agree: bool = True) -> None:
+    """Write the table, and a manifest that agrees."""
+    path = folder / TABLE
+    pq.write_table(table, path)
+    if agree:
+        with manifest_of(folder) as content:
+            content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+
+
+def doctored(folder: Path, row: int, name: str, value: Any) -> pa.Table:
+    rows = read_rows(folder / TABLE)
+    rows[row][name] = value
+    return pa.Table.from_pylist(rows, schema=table_schema())
+
+
+def test_a_table_that_is_right_has_no_problems_however_it_is_written(folder: Path) -> None:
+    assert problems(folder) == []
+    write(folder, pq.read_table(folder / TABLE))
+    assert problems(folder) == []
+
+
+@pytest.mark.parametrize("row", [0, ROW, 35])
+@pytest.mark.parametrize("column", [column.name for column in TABLE_COLUMNS])
+def test_a_value_that_was_changed_is_named_with_its_row(
+    folder: Path, column: str, row: int
+) -> None:
+    old = read_rows(folder / TABLE)[row][column]
+    new = "0123456789abcdef" if isinstance(old, str) or column == "parent_id" else (old or 0) + 1
+    write(folder, doctored(folder, row, column, new))
+    found = problems(folder)
+    assert f"{TABLE} row {row} {column}: {new!r}, but the shard gives {old!r}" in found
+    # The parents of other rows are compared with the ids of train.
+    assert len(found) == (4 if (row, column) == (0, "labyrinth_id") else 1)
+
+
+def test_what_only_the_hash_shows_is_found(folder: Path) -> None:
+    write(folder, pq.read_table(folder / TABLE), agree=False)
+    (problem,) = problems(folder)
+    assert problem.startswith(f"{TABLE}: sha256 ")
+    with pytest.raises(DatasetError, match="damaged: its sha256 is not the manifest's"):
+        table_file(folder, Manifest.read(folder)).__enter__()
+
+
+def test_a_table_of_other_columns_or_of_fewer_rows_is_found(folder: Path) -> None:
+    table = pq.read_table(folder / TABLE)
+    write(folder, table.drop_columns(["loops"]))
+    assert problems(folder) == [f"{TABLE}: its columns are not those of a table of labyrinths"]
+    write(folder, table.slice(1))
+    assert problems(folder) == [f"{TABLE}: 35 rows, but the manifest has 36 labyrinths"]
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1" * 9, None])
+def test_a_table_that_is_missing_or_no_parquet_file_is_found(
+    folder: Path, content: bytes | None
+) -> None:
+    (folder / TABLE).unlink()
+    if content is not None:
+        (folder / TABLE).write_bytes(content)
+    (problem,) = problems(folder)
+    assert problem.startswith(f"{TABLE} {'is missing' if content is None else 'cannot be read: '}")
+
+
+def test_rows_that_are_wrong_are_not_told_twice(folder: Path) -> None:
+    first = TRAIN.replace("00001.", "00003.")
+    with rows_of(folder, first) as rows:
+        rows[0]["actions"] = (rows[0]["actions"] + 1) % 4
+    assert [problem.partition(":")[0] for problem in problems(folder)] == [f"{first} row 0 actions"]
+
+
+def test_a_dataset_of_an_earlier_version_has_no_table_and_is_valid(folder: Path) -> None:
+    (folder / TABLE).unlink()
+    with manifest_of(folder) as content:
+        del content["labyrinths"]
+    assert problems(folder) == []
+    before = json.loads((folder / MANIFEST).read_bytes())
+    manifest = Manifest.read(folder)
+    manifest.write(folder)
+    assert json.loads((folder / MANIFEST).read_bytes()) == before
+    with pytest.raises(DatasetError, match=f"has no {TABLE}, being of an earlier version"):
+        table_file(folder, manifest).__enter__()
+    (folder / TABLE).touch()
+    assert problems(folder) == [f"{TABLE} is not in the manifest"]

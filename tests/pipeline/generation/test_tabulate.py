@@ -1,0 +1,175 @@
+"""The table of labyrinths says what the rows of the shards say, counted here in another way."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from itertools import groupby, pairwise
+from math import comb
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import numpy as np
+import pandas as pd
+import polars
+import pyarrow.parquet as pq
+import pytest
+from brute_force import moves_to_go, passages_of, shortest_of, simple_routes, world_of
+from datasets import load_dataset
+from tampering import Rows, read_rows
+
+from labyrinth_core.data.labyrinth_table import (
+    MOST_ROUTES,
+    TABLE,
+    TABLE_COLUMNS,
+    table_rows,
+    table_schema,
+)
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.solver import distances, moves_and_routes
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import tabulate
+
+Build = Callable[..., Run]
+CONFIGS = ["3x4", "3x4-partial_observability", "3x4-key_and_door", "3x4-icy_floor"]
+
+
+def table_of(folder: Path) -> Rows:
+    return list(pq.read_table(folder / TABLE).to_pylist())
+
+
+def expected_table(folder: Path) -> Rows:
+    """Return the rows of the table, from the rows of the shards alone."""
+    table: Rows = []
+    manifest = Manifest.read(folder)
+    train: dict[str, str] = {}
+    for split in BASE_SPLITS:
+        rows = [row for shard in manifest.of(split) for row in read_rows(folder / shard.path)]
+        first = 0
+        for info, grouped in groupby(rows, lambda row: str(row["info"])):
+            own = list(grouped)
+            told = expected_row(info, own) | {"split": split, "first_row": first}
+            if split == "train":
+                train[told["structure_id"]] = told["labyrinth_id"]
+            told["parent_id"] = None if split in SAMPLED_SPLITS else train[told["structure_id"]]
+            told["turns"] = None if split == "random" else told["turns"]
+            table.append(told)
+            first += len(own)
+    return table
+
+
+def expected_row(info: str, rows: Rows) -> dict[str, Any]:
+    labyrinth = parse(info)
+    world, structure = world_of(labyrinth), labyrinth.structure
+    degree = Counter(place for pair in passages_of(structure) for place in pair)
+    ends = [n for n, row in enumerate(rows) if row["actions"] == -1]
+    first = [row["actions"] for row in rows[: ends[0]]]
+    return {
+        "labyrinth_id": labyrinth_id(labyrinth),
+        "structure_id": structure.structure_id,
+        "height": 3,
+        "width": 4,
+        "task": str(labyrinth.task),
+        "start": world.start[0] * 4 + world.start[1],
+        "goal": world.goal[0] * 4 + world.goal[1],
+        "moves": moves_to_go(world)[world.start, False, False],
+        "optimal_routes": len(shortest_of(simple_routes(world))),
+        "turns": sum(one != other for one, other in pairwise(first)),
+        "loops": len(passages_of(structure)) - 12 + 1,
+        "branching": sum(ways >= 3 for ways in degree.values()),
+        "dead_ends": sum(ways == 1 for ways in degree.values()),
+        "episodes": len(ends),
+        "rows": len(rows),
+    }
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_every_row_is_what_the_shards_say(datasets: Path, config: str) -> None:
+    folder = datasets / config
+    found = table_of(folder)
+    assert found == expected_table(folder)
+    assert len(found) == 5 * len(BASE_SPLITS)
+    assert [*found[0]] == [column.name for column in TABLE_COLUMNS]
+
+
+def test_routes_more_than_fit_are_as_many_as_fit() -> None:
+    wide = Structure.from_passages(
+        40,
+        40,
+        [(c, c + 1) for c in range(1600) if c % 40 < 39] + [(c, c + 40) for c in range(1560)],
+    )
+    labyrinth = Labyrinth(wide, 0, 1599)
+    moves, routes = moves_and_routes(labyrinth)
+    assert (moves, routes) == (78, comb(78, 39))
+    facts = tabulate.FactsOfShard("train")
+    facts.add(labyrinth, dump(labyrinth), (moves, routes), [[0] * 39 + [1] * 39])
+    (fact,) = facts.array()
+    assert fact["optimal_routes"] == MOST_ROUTES
+    assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)
+
+
+def test_the_manifest_names_the_table_and_its_hash(small_dataset: Run) -> None:
+    named = Manifest.read(small_dataset.folder).labyrinths
+    path = small_dataset.folder / TABLE
+    assert named is not None
+    assert (named.bytes, named.sha256) == (path.stat().st_size, file_sha256(path))
+    with pq.ParquetFile(path) as file:
+        assert file.schema_arrow.equals(table_schema())
+        assert b"huggingface" in file.metadata.metadata
+
+
+def test_shards_and_row_groups_may_end_anywhere(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 3 * 9)
+    monkeypatch.setattr(tabulate, "GROUP_ROWS", 5)
+    folder = build(tmp_path).folder
+    assert table_of(folder) == table_of(small_dataset.folder)
+    with pq.ParquetFile(folder / TABLE) as file:
+        sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
+    assert sizes == [6, 5, 5] * 3
+
+
+# Read by others.
+
+
+def test_duckdb_counts_what_the_solver_finds(small_dataset: Run) -> None:
+    folder = small_dataset.folder
+    infos = [
+        info
+        for shard in Manifest.read(folder).shards
+        for info in dict.fromkeys(row["info"] for row in read_rows(folder / shard.path))
+    ]
+    solved = [distances(labyrinth)[labyrinth.start] for labyrinth in map(parse, infos)]
+    least = int(np.median(solved))
+    (count,) = duckdb.sql(
+        f"select count(*) from '{folder / TABLE}' where moves >= {least}"
+    ).fetchall()[0]
+    assert 0 < count == sum(moves >= least for moves in solved) < len(solved)
+
+
+def test_polars_and_pandas_read_the_same_rows(small_dataset: Run) -> None:
+    path, rows = small_dataset.folder / TABLE, table_of(small_dataset.folder)
+    assert polars.read_parquet(path).to_dicts() == rows
+    frame = pd.read_parquet(path, dtype_backend="pyarrow")
+    plain = frame.astype(object).where(frame.notna(), None)
+    assert plain.to_dict("records") == rows
+
+
+def test_datasets_reads_it_as_a_config_of_its_own(small_dataset: Run) -> None:
+    rows = table_of(small_dataset.folder)
+    for streaming in (False, True):
+        loaded = load_dataset(
+            str(small_dataset.data_dir), "3x3-labyrinths", split="labyrinths", streaming=streaming
+        )
+        assert list(loaded) == rows
+        assert list(loaded.features) == [column.name for column in TABLE_COLUMNS]
+    assert list(table_rows(small_dataset.folder, Manifest.read(small_dataset.folder))) == rows
+    whole = load_dataset(str(small_dataset.data_dir), "3x3")
+    assert list(whole) == list(BASE_SPLITS)
