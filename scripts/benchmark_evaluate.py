@@ -34,9 +34,10 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation.following import Episodes, Policy, follow, greedy_actions
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.pictures.resize import area_average
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import NetworkPolicy
@@ -54,9 +55,9 @@ class Solving:
             each.tobytes(): row for each, row in zip(arrays.observations, best, strict=True)
         }
 
-    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+    def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
         """Return the scores of the actions, shape (B, 4)."""
-        self._policy.logits(observations)
+        self._policy(observations)
         return np.stack([self._scores[each.tobytes()] for each in observations])
 
 
@@ -64,7 +65,7 @@ def evaluate_all(policy: Policy, data: Path) -> float:
     """Return the seconds to evaluate the five splits, from their files to their figures."""
     start = time.perf_counter()
     for split in EVALUATED_SPLITS:
-        evaluate(policy, load_arrays(data, CONFIG, split)).to_json()
+        score(policy, load_arrays(data, CONFIG, split)).to_json()
     return time.perf_counter() - start
 
 
@@ -78,7 +79,7 @@ def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float
         while not over:
             frame = env.render()
             assert isinstance(frame, np.ndarray)
-            action = int(policy.logits(area_average(frame, 64)[None]).argmax())
+            action = int(policy(area_average(frame, 64)[None]).argmax())
             _, reward, terminated, truncated, _ = env.step(action)
             moves, total, over = moves + 1, total + reward, terminated or truncated
         found.append((moves, total))

@@ -136,7 +136,9 @@ def test_a_name_without_a_folder_lies_in_that_of_the_name_before_it():
 def folder_with_data(build, tmp_path_factory) -> Path:
     """A folder as the README's first command leaves it, but for the number of labyrinths."""
     folder = tmp_path_factory.mktemp("reader")
-    build(folder / "data" / "labyrinth", size="5", labyrinths=5, random_steps=5)
+    few = {"size": "5", "labyrinths": 5, "random_steps": 5}
+    build(folder / "data" / "labyrinth", **few)
+    build(folder / "data" / "labyrinth", task="partial_observability", **few)
     return folder
 
 

@@ -32,8 +32,10 @@ class RawRow(NamedTuple):
     """The picture; None if the row has none, or none was asked for."""
 
 
-def locate(source: str | Path, config: str, split: str, revision: str | None = None) -> AnyPath:
-    """Return the folder with a dataset's manifest and the shards of a split.
+def locate(
+    source: str | Path, config: str, split: str | None, revision: str | None = None
+) -> AnyPath:
+    """Return the folder with a dataset's manifest and the shards of a split, None for no shards.
 
     For an id on the Hub they are downloaded to its cache first.
 
@@ -66,10 +68,11 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     return None
 
 
-def _download(source: str, config: str, split: str, revision: str | None) -> Path:
+def _download(source: str, config: str, split: str | None, revision: str | None) -> Path:
     from huggingface_hub import snapshot_download
 
-    files = [f"{config}/{MANIFEST}", f"{config}/{split}-*.parquet"]
+    files = [f"{config}/{MANIFEST}"]
+    files += [f"{config}/{split}-*.parquet"] * (split is not None)
     with _had(source):
         snapshot = snapshot_download(
             source, repo_type="dataset", revision=revision, allow_patterns=files

@@ -16,7 +16,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, compare
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, evaluate
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
 from pipeline.training.methods.method import find
@@ -55,7 +55,7 @@ def run(run: Run) -> None:
         arrays = load(split)
         if split == "train":
             train = arrays
-        scores[split] = evaluate(policy, arrays)
+        scores[split] = score(policy, arrays)
         baselines[split] = compare(train, arrays)
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)

@@ -20,7 +20,8 @@ from rich.progress import Progress as Bars
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
-from labyrinth_core.evaluation.following import Policy, success_rate
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
