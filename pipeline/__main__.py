@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 from importlib import import_module
 
 import hydra
@@ -15,11 +16,21 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import STAGES, options_of, refusal, register, resolve, with_brackets
+from pipeline.config.run import options_of, refusal, register, resolve, with_brackets
 from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
+
+
+def below(error: PolicyError) -> str:
+    """Return the traceback of the error of a policy itself, which is a stranger's code."""
+    cause = error.__cause__
+    if cause is None:
+        return ""
+    trace = cause.__traceback__ and cause.__traceback__.tb_next  # Without our own call.
+    return "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
@@ -30,11 +41,13 @@ def perform(config: DictConfig) -> None:
         run = resolve(options)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in options.stages:
-                import_module(STAGES[stage]).run(run)
+                import_module(run.module_of(stage)).run(run)
     except OmegaConfBaseException as error:
         raise SystemExit(f"error: {refusal(error)}") from error
     except (ConfigError, DatasetError) as error:
         raise SystemExit(f"error: {error}") from error
+    except PolicyError as error:
+        raise SystemExit(f"error: {error}{below(error)}") from error
     except OSError as error:
         where = error.filename or options.data_dir
         raise SystemExit(f"error: {where}: {error.strerror or error}") from error

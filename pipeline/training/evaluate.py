@@ -19,11 +19,12 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
+from pipeline.machinery.dataset import fingerprint_of
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.results.evaluations import EVALUATION, FORMAT
-from pipeline.training.train import choose_device, fingerprint_of, loader_of, spec_of
+from pipeline.training.train import choose_device, loader_of, spec_of
 
 
 def run(run: Run) -> None:

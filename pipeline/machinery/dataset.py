@@ -1,0 +1,28 @@
+"""The dataset that a run learns from or is judged on."""
+
+from __future__ import annotations
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.source import locate
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+
+
+def fingerprint_of(run: Run) -> str:
+    """Return the fingerprint of the dataset of a run.
+
+    Raises:
+        ConfigError: A folder is given with a revision.
+        DatasetError: There is no dataset.
+    """
+    options = run.options
+    if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
+        size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
+        command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
+        raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
+    try:
+        folder = locate(run.source, run.dataset.name, None, options.revision)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    return Manifest.read(folder).fingerprint
