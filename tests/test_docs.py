@@ -20,7 +20,17 @@ from pipeline.config.run import OPTIONS
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
-OURS = ("labyrinth_core", "pipeline", "conf", "scripts", "tests", "docs", "results", ".ci")
+OURS = (
+    "labyrinth_core",
+    "pipeline",
+    "conf",
+    "scripts",
+    "tests",
+    "docs",
+    "results",
+    "examples",
+    ".ci",
+)
 EXAMPLES = ("pipeline/training/methods/smoothed.py", "conf/method/smoothed.yaml")
 """Files that docs/new-method.md tells the reader to write."""
 
