@@ -29,7 +29,7 @@ class Network(nn.Module):
         return scores
 
 
-def main(folder: str = "data/labyrinth", config: str = "5x5", epochs: int = 30) -> Results:
+def main(folder: str = "data/labyrinth", config: str = "5x5", epochs: int = 100) -> Results:
     """Train on the demonstrations of train, and evaluate on all splits."""
     torch.manual_seed(0)
     transitions = load_transitions(folder, config, split="train")
