@@ -11,6 +11,7 @@ of a forward pass. The script prints the times of:
 - stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, with one call of the
   policy in each step, on the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
 - their ratio for a labyrinth of train; both ways have to agree on every move and return.
+- lock-step: a policy with memory that costs nothing itself, in all labyrinths of train at once.
 
 The policy fails nearly everywhere, and a failed episode is stepped until it is truncated, after
 1,000 steps. With `--solving` it is always right and episodes are as short as possible, which gives
@@ -38,6 +39,7 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
+from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.resize import area_average
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import NetworkPolicy
@@ -69,7 +71,7 @@ def evaluate_all(policy: Policy, data: Path) -> float:
     return time.perf_counter() - start
 
 
-def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]]:
+def step_singly(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]]:
     """Step through an episode in each labyrinth; return the moves and the return of each."""
     found = []
     for text in labyrinths:
@@ -84,6 +86,26 @@ def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float
             moves, total, over = moves + 1, total + reward, terminated or truncated
         found.append((moves, total))
     return found
+
+
+class Free:
+    """A policy with memory that costs nothing: it always goes up, until the episodes are cut."""
+
+    def reset(self, count: int) -> None:
+        """Begin so many episodes."""
+        self._actions = np.zeros(count, np.int64)
+
+    def act(self, observations: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the actions, shape (count,)."""
+        assert len(observations) == len(self._actions)
+        return self._actions
+
+
+def in_lock_step(arrays: LabyrinthArrays) -> float:
+    """Return the steps a second of a policy with memory that costs nothing."""
+    start = time.perf_counter()
+    episodes = step_through(Player.of(Free(), 0), arrays, 1)
+    return float(episodes.moves.sum()) / (time.perf_counter() - start)
 
 
 def main() -> None:
@@ -108,7 +130,7 @@ def main() -> None:
     network: Policy = NetworkPolicy(Network(NetworkSpec("cnn", 1, 5, 5, "navigation")))
     policy = Solving(network, train) if arguments.solving else network
     print(f"{machine('numpy', 'torch')}; {torch.get_num_threads()} threads, {rounds} rounds")
-    whole, ratios, steps = [], [], []
+    whole, ratios, steps, together = [], [], [], []
     for number in range(rounds):
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
@@ -117,13 +139,15 @@ def main() -> None:
         looked_up = follow(arrays, greedy_actions(policy, arrays))
         per_labyrinth = (time.perf_counter() - start) / len(infos)
         start = time.perf_counter()
-        stepped = step_through(policy, [infos[place] for place in chosen])
+        stepped = step_singly(policy, [infos[place] for place in chosen])
         seconds = time.perf_counter() - start
         ratios.append(seconds / count / per_labyrinth)
         steps.append(sum(moves for moves, _ in stepped) / seconds)
         check(looked_up, chosen, stepped)
+        together.append(in_lock_step(train))
     print(f"five splits, from files to figures: {median(whole):.2f} s (best {min(whole):.2f} s)")
     print(f"stepping: {median(steps):,.0f} steps a second")
+    print(f"lock-step, a policy with memory: {median(together):,.0f} steps a second")
     extent = f"{min(ratios):,.0f} - {max(ratios):,.0f}"
     print(f"a labyrinth by look-ups: {median(ratios):,.0f} times as fast (range {extent})")
 
