@@ -80,13 +80,17 @@ def test_a_policy_with_memory_does_what_it_does_in_the_environment(datasets, arr
         policy, env = Rounds(3), LabyrinthEnv(labyrinth=labyrinth, image_size=8)
         observation, _ = env.reset(seed=0)
         policy.reset(1)
-        rewards, over = [], False
+        rewards, states, over = [], [], False
         while not over:
             observation, reward, terminated, truncated, _ = env.step(
                 policy.act(observation[None])[0]
             )
             rewards.append(reward)
+            states.append(env.state)
             over = terminated or truncated
+        cut = "wall" if len({*states[len(states) // 2 :]}) == 1 else "loop"
+        outcome = {1: "solved", -100: "ice"}.get(rewards[-1], cut)
+        assert episodes.outcomes[0, place] == outcome
         assert episodes.moves[0, place] == len(rewards)
         assert episodes.returns[0, place] == pytest.approx(sum(rewards), abs=1e-9)
         assert episodes.solved[0, place] == (rewards[-1] == 1)
