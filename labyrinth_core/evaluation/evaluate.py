@@ -20,7 +20,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
-from labyrinth_core.evaluation.answers import Policy, PolicyError, decide
+from labyrinth_core.evaluation.answers import PolicyError, decide
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.results import Results
@@ -31,7 +31,7 @@ from labyrinth_core.world.labyrinth import Task
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""
 
-TRIED = 32
+TRIED = 16
 """The number of states in which a policy is asked twice, to see that it answers alike."""
 
 
@@ -83,19 +83,15 @@ def evaluate(
     if episodes is not None and (type(episodes) is not int or episodes < 1):
         raise ValueError(f"episodes={episodes}: give a whole number from 1 on, or None")
     player = Player.of(policy, seed)
-    looks_up = player.reset is None and not player.draws and episodes is None
+    looks_up = player.forgets and episodes is None
     manifest = Manifest.read(locate(source, config, None, revision))
     load = partial(load_arrays, source, config, revision=revision)
     scores: dict[str, Scores] = {}
     baselines: dict[str, dict[str, Scores]] = {}
     for split in _chosen(splits, manifest):
-        arrays = load(split, observation=observation, image_size=image_size)
-        if looks_up:
-            if not scores:
-                _check_constancy(player.act, arrays)
-            scores[split] = score(player.act, arrays)
-        else:
-            scores[split] = _stepped(player, arrays, episodes or 1)
+        # No name is given to the arrays, so that those of one split are gone before the next ones.
+        judge = _looked_up if looks_up else partial(_stepped, episodes=episodes or 1)
+        scores[split] = judge(player, load(split, observation=observation, image_size=image_size))
         if manifest.config.task is Task.PARTIAL_OBSERVABILITY:
             for name, found in _replanned(load(split, observation="vector")).items():
                 baselines.setdefault(name, {})[split] = found
@@ -126,15 +122,16 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
     return chosen
 
 
-def _check_constancy(policy: Policy, arrays: LabyrinthArrays) -> None:
-    """Raise a PolicyError if a policy, asked twice about some states, does not answer alike."""
+def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
+    """Return the scores by look-ups, if a policy that is asked twice answers alike."""
     some = np.flatnonzero(~arrays.terminal)[:TRIED]
-    first, second = (decide(policy, arrays.observations[some]) for _ in range(2))
+    first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
     if not np.array_equal(first, second):
         raise PolicyError(
             "the policy answers the same observations differently: give episodes=1 or more if it "
             "draws at random, or reset(count) and act(observations) if it remembers"
         )
+    return score(player.act, arrays)
 
 
 def _stepped(player: Player, arrays: LabyrinthArrays, episodes: int) -> Scores:

@@ -29,6 +29,11 @@ class Player:
     draws: bool
     """Whether it takes a generator of random numbers."""
 
+    @property
+    def forgets(self) -> bool:
+        """Whether its action follows from the observation, so that look-ups do for it."""
+        return self.reset is None and not self.draws
+
     @classmethod
     def of(cls, policy: Any, seed: int) -> Player:
         """Return a policy as it is asked: a function, a module, or an object with reset and act.

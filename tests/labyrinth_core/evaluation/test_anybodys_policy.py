@@ -288,23 +288,23 @@ def broken(seen):
     [
         (
             broken,
-            r"raised OSError: no such layer for 32 when given uint8 of shape \(32, 8, 8, 3\)\Z",
+            r"raised OSError: no such layer for 16 when given uint8 of shape \(16, 8, 8, 3\)\Z",
         ),
         (
             lambda seen: seen[:3, 0, 0, 0],
-            r"answered uint8 of shape \(3,\) to 32 observations: give",
+            r"answered uint8 of shape \(3,\) to 16 observations: give",
         ),
-        (lambda seen: np.zeros((len(seen), 5)), r"answered float64 of shape \(32, 5\) to 32 obs"),
-        (lambda seen: np.zeros((len(seen), 1), int), r"answered int64 of shape \(32, 1\) to 32"),
-        (lambda seen: np.zeros(len(seen)), r"answered float64 of shape \(32,\) .* whole numbers"),
+        (lambda seen: np.zeros((len(seen), 5)), r"answered float64 of shape \(16, 5\) to 16 obs"),
+        (lambda seen: np.zeros((len(seen), 1), int), r"answered int64 of shape \(16, 1\) to 16"),
+        (lambda seen: np.zeros(len(seen)), r"answered float64 of shape \(16,\) .* whole numbers"),
         (
             lambda seen: np.full(len(seen), 7),
             "answered action 7: give 0 up, 1 right, 2 down or 3 left",
         ),
         (lambda seen: np.full(len(seen), -1), "answered action -1: give 0 up"),
         (lambda seen: np.full((len(seen), 4), np.nan), "answered nan as the score of an action"),
-        (lambda seen: seen.sort(), "answered NoneType to 32 observations"),
-        (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(32,\) to 32 observations"),
+        (lambda seen: seen.sort(), "answered NoneType to 16 observations"),
+        (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(16,\) to 16 observations"),
         (lambda seen: (seen, [1, 2], None), "answered tuple, which is no array"),
     ],
 )
