@@ -20,8 +20,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.data.loader import stream_episodes as stream_episodes
     from labyrinth_core.data.loader import stream_transitions as stream_transitions
     from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
+    from labyrinth_core.evaluation.answers import PolicyError as PolicyError
+    from labyrinth_core.evaluation.evaluate import evaluate as evaluate
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
-    from labyrinth_core.evaluation.scores import evaluate as evaluate
     from labyrinth_core.language.text import dump as dump
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
@@ -41,10 +42,11 @@ _HOMES = {
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",
     "LabyrinthError": "world.labyrinth",
+    "PolicyError": "evaluation.answers",
     "Structure": "world.labyrinth",
     "Task": "world.labyrinth",
     "dump": "language.text",
-    "evaluate": "evaluation.scores",
+    "evaluate": "evaluation.evaluate",
     "load_arrays": "evaluation.labyrinth_arrays",
     "load_episodes": "data.loader",
     "load_transitions": "data.loader",

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from importlib import import_module
 from types import FrameType
 from typing import NoReturn
@@ -19,10 +20,11 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import STAGES, options_of, refusal, register, resolve, with_brackets
+from pipeline.config.run import options_of, refusal, register, resolve, with_brackets
 from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
 
@@ -81,11 +83,13 @@ def _mistake(config: DictConfig) -> str | None:
         run = resolve(options)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in options.stages:
-                import_module(STAGES[stage]).run(run)
+                import_module(run.module_of(stage)).run(run)
     except OmegaConfBaseException as error:
         return refusal(error)
     except (ConfigError, DatasetError) as error:
         return str(error)
+    except PolicyError as error:
+        return f"{error}{_below(error)}"
     except (MemoryError, ImportError, RuntimeError, OSError) as error:
         if lacks_memory(error):
             _end_out_of_memory(error)
@@ -93,6 +97,15 @@ def _mistake(config: DictConfig) -> str | None:
             raise
         return f"{error.filename or options.data_dir}: {error.strerror or error}"
     return None
+
+
+def _below(error: PolicyError) -> str:
+    """Return the traceback of the error of a policy itself, which is a stranger's code."""
+    cause = error.__cause__
+    if cause is None:
+        return ""
+    trace = cause.__traceback__ and cause.__traceback__.tb_next  # Without our own call.
+    return "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
 
 
 def _end_out_of_memory(error: BaseException) -> NoReturn:

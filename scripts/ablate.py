@@ -25,7 +25,8 @@ import torch
 from labyrinth_sets import labyrinth_sets, write_results
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.following import Policy, greedy_episodes, success_rate
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import RunConfig, resolve

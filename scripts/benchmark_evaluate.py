@@ -11,6 +11,7 @@ of a forward pass. The script prints the times of:
 - stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, with one call of the
   policy in each step, on the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
 - their ratio for a labyrinth of train; both ways have to agree on every move and return.
+- lock-step: a policy with memory that costs nothing itself, in all labyrinths of train at once.
 
 The policy fails nearly everywhere, and a failed episode is stepped until it is truncated, after
 1,000 steps. With `--solving` it is always right and episodes are as short as possible, which gives
@@ -34,9 +35,11 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation.following import Episodes, Policy, follow, greedy_actions
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
+from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.resize import area_average
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.policy import NetworkPolicy
@@ -54,9 +57,9 @@ class Solving:
             each.tobytes(): row for each, row in zip(arrays.observations, best, strict=True)
         }
 
-    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+    def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
         """Return the scores of the actions, shape (B, 4)."""
-        self._policy.logits(observations)
+        self._policy(observations)
         return np.stack([self._scores[each.tobytes()] for each in observations])
 
 
@@ -64,11 +67,11 @@ def evaluate_all(policy: Policy, data: Path) -> float:
     """Return the seconds to evaluate the five splits, from their files to their figures."""
     start = time.perf_counter()
     for split in EVALUATED_SPLITS:
-        evaluate(policy, load_arrays(data, CONFIG, split)).to_json()
+        score(policy, load_arrays(data, CONFIG, split)).to_json()
     return time.perf_counter() - start
 
 
-def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]]:
+def step_singly(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]]:
     """Step through an episode in each labyrinth; return the moves and the return of each."""
     found = []
     for text in labyrinths:
@@ -78,11 +81,31 @@ def step_through(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float
         while not over:
             frame = env.render()
             assert isinstance(frame, np.ndarray)
-            action = int(policy.logits(area_average(frame, 64)[None]).argmax())
+            action = int(policy(area_average(frame, 64)[None]).argmax())
             _, reward, terminated, truncated, _ = env.step(action)
             moves, total, over = moves + 1, total + reward, terminated or truncated
         found.append((moves, total))
     return found
+
+
+class Free:
+    """A policy with memory that costs nothing: it always goes up, until the episodes are cut."""
+
+    def reset(self, count: int) -> None:
+        """Begin so many episodes."""
+        self._actions = np.zeros(count, np.int64)
+
+    def act(self, observations: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the actions, shape (count,)."""
+        assert len(observations) == len(self._actions)
+        return self._actions
+
+
+def in_lock_step(arrays: LabyrinthArrays) -> float:
+    """Return the steps a second of a policy with memory that costs nothing."""
+    start = time.perf_counter()
+    episodes = step_through(Player.of(Free(), 0), arrays, 1)
+    return float(episodes.moves.sum()) / (time.perf_counter() - start)
 
 
 def main() -> None:
@@ -107,7 +130,7 @@ def main() -> None:
     network: Policy = NetworkPolicy(Network(NetworkSpec("cnn", 1, 5, 5, "navigation")))
     policy = Solving(network, train) if arguments.solving else network
     print(f"{machine('numpy', 'torch')}; {torch.get_num_threads()} threads, {rounds} rounds")
-    whole, ratios, steps = [], [], []
+    whole, ratios, steps, together = [], [], [], []
     for number in range(rounds):
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
@@ -116,13 +139,15 @@ def main() -> None:
         looked_up = follow(arrays, greedy_actions(policy, arrays))
         per_labyrinth = (time.perf_counter() - start) / len(infos)
         start = time.perf_counter()
-        stepped = step_through(policy, [infos[place] for place in chosen])
+        stepped = step_singly(policy, [infos[place] for place in chosen])
         seconds = time.perf_counter() - start
         ratios.append(seconds / count / per_labyrinth)
         steps.append(sum(moves for moves, _ in stepped) / seconds)
         check(looked_up, chosen, stepped)
+        together.append(in_lock_step(train))
     print(f"five splits, from files to figures: {median(whole):.2f} s (best {min(whole):.2f} s)")
     print(f"stepping: {median(steps):,.0f} steps a second")
+    print(f"lock-step, a policy with memory: {median(together):,.0f} steps a second")
     extent = f"{min(ratios):,.0f} - {max(ratios):,.0f}"
     print(f"a labyrinth by look-ups: {median(ratios):,.0f} times as fast (range {extent})")
 

@@ -52,6 +52,7 @@ ROOMS = {
     "pipeline.analysis": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline.release": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline.training": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.evaluation": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "run": ("pipeline.__main__",),
 }
@@ -69,7 +70,7 @@ HOMES = {
     "huggingface_hub": (
         "labyrinth_core.data",
         "pipeline.release",
-        "pipeline.analysis.environments.experts.stable_baselines",  # By id.
+        "pipeline.machinery.stable_baselines",  # By id.
     ),
     "PIL": (
         "labyrinth_core.env",
@@ -85,7 +86,7 @@ HOMES = {
     "ray": ("pipeline.machinery.executor",),
     "torch": (
         "pipeline.training",
-        "pipeline.analysis.environments.experts.stable_baselines",  # Weights, read without pickle.
+        "pipeline.machinery.stable_baselines",  # Weights, read without pickle.
     ),
     "safetensors": ("pipeline.training",),
     "gymnasium": ("labyrinth_core.env", "pipeline.analysis.environments"),

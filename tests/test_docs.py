@@ -22,7 +22,7 @@ from pipeline.config.run import OPTIONS
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
-OURS = ("labyrinth_core", "pipeline", "conf", "scripts", "tests", "docs", ".ci")
+OURS = ("labyrinth_core", "pipeline", "conf", "scripts", "tests", "docs", "examples", ".ci")
 EXAMPLES = ("pipeline/training/methods/smoothed.py", "conf/method/smoothed.yaml")
 """Files that docs/new-method.md tells the reader to write."""
 
@@ -143,7 +143,9 @@ def test_a_name_without_a_folder_lies_in_that_of_the_name_before_it():
 def folder_with_data(build, tmp_path_factory) -> Path:
     """A folder as the README's first command leaves it, but for the number of labyrinths."""
     folder = tmp_path_factory.mktemp("reader")
-    build(folder / "data" / "labyrinth", size="5", labyrinths=25, random_steps=5)
+    few = {"size": "5", "labyrinths": 25, "random_steps": 5}
+    build(folder / "data" / "labyrinth", **few)
+    build(folder / "data" / "labyrinth", task="partial_observability", **few)
     return folder
 
 

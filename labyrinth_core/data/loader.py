@@ -60,7 +60,7 @@ def load_transitions(
             next seven and the last two.
         config: Name of the dataset's config, such as `5x5`.
         split: Name of the split, such as `train`.
-        observation: "image" or "vector".
+        observation: "image", "vector" or "text".
         image_size: Pixels on each side of the pictures.
         revision: Branch, tag or commit on the Hub.
         draw: Whether pictures are drawn instead of decoded.
@@ -139,7 +139,8 @@ def load_episodes(
         config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
         split: One of train, validation, test, random, s0, s0_and_g.
         observation: "image" for the pictures in `obs`; "vector" for the authors' vectors, made from
-            `info` and `actions` alone (see `labyrinth_core.pictures.vector`).
+            `info` and `actions` alone (see `labyrinth_core.pictures.vector`); "text" for the
+            labyrinth in the text language, with the agent in it as `@`.
         image_size: Pixels on each side of the pictures.
         revision: Branch, tag or commit on the Hub; not for folders.
         draw: Whether pictures are drawn from `info` and `actions` instead of decoded from `obs`;

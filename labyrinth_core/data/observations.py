@@ -1,4 +1,4 @@
-"""Observations of states: pictures, decoded or drawn, or vectors."""
+"""Observations of states: pictures, decoded or drawn, vectors, or texts."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.renderer import Painter, style_of
 from labyrinth_core.pictures.resize import area_average, shrink
@@ -20,7 +21,7 @@ from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode
 
-OBSERVATIONS = ("image", "vector")
+OBSERVATIONS = ("image", "vector", "text")
 
 RESIZES = {
     "area": (None, "area"),
@@ -87,6 +88,8 @@ class ObservationSpec:
 
     def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
         """Return the observations of states of a labyrinth; pictures are drawn."""
+        if self.observation == "text":
+            return np.array([describe(labyrinth, state) for state in states])
         if self.observation == "vector":
             return np.stack([vector_observation(labyrinth, state) for state in states])
         wall_pixels, way = RESIZES[self.resize]

@@ -20,7 +20,8 @@ class LoadedEpisode:
     info: str
     """The labyrinth in the text language."""
     observations: NDArray[Any]
-    """Observations of the T + 1 states: uint8 (T + 1, size, size, 3) or int32 (T + 1, length)."""
+    """Observations of the T + 1 states: uint8 (T + 1, size, size, 3), int32 (T + 1, length) or
+    texts (T + 1,)."""
     actions: NDArray[np.int64]
     """Actions taken, shape (T,)."""
     rewards: NDArray[np.float32]

@@ -21,13 +21,9 @@ from labyrinth_core.pictures.vector import (
     initial_vector,
     tile_count,
 )
-from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.state_tables import LabyrinthTables
-
-_DIAGONALS = [
-    (side, updown) for side in (Action.RIGHT, Action.LEFT) for updown in (Action.UP, Action.DOWN)
-]
+from labyrinth_core.world.visibility import seen_together
 
 
 class Stack:
@@ -85,14 +81,8 @@ class Stack:
 
     def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Take an action in each, shape (count,); return rewards and which episodes terminate."""
-        self._now = self._after(self._now, actions)
+        self._now = self._transitions.ravel().take(4 * self._now + actions)
         return self._rewards.ravel().take(self._now), self._terminal.ravel().take(self._now)
-
-    def _after(
-        self, states: NDArray[np.int64], actions: NDArray[np.int64] | Action
-    ) -> NDArray[np.int64]:
-        after: NDArray[np.int64] = self._transitions.ravel().take(4 * states + actions)
-        return after
 
     def states(self) -> NDArray[np.int64]:
         """Return the number of each state within its labyrinth, shape (count,)."""
@@ -134,18 +124,6 @@ class Stack:
 
     def _visible(self) -> NDArray[np.bool_]:
         """Return `visibility.visible_from` for each agent, shape (count, height, width)."""
-        visible = np.zeros(self._first.size * self._cells, np.bool_)
-        visible[self._now] = True
-        for action in Action:
-            at = self._now
-            for _ in range(max(self._height, self._width) - 1):
-                at = self._after(at, action)  # A wall leads back to a cell that is seen anyway.
-                visible[at] = True
-        for side, updown in _DIAGONALS:
-            at = self._now
-            for _ in range(min(self._height, self._width) - 1):
-                beside = self._after(at, side)
-                onward = self._after(beside, updown)
-                at = np.where((beside != at) & (onward != beside), onward, at)
-                visible[at] = True
-        return visible.reshape(-1, self._height, self._width)
+        side = max(self._height, self._width)
+        seen = seen_together(self._transitions.reshape(-1, 4), self._now, side)
+        return seen.reshape(-1, self._height, self._width)

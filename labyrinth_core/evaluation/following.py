@@ -7,16 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.evaluation.answers import Policy, decide
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import (
     GOAL_REWARD,
     ICE_REWARD,
+    STEP_LIMIT,
     STEP_PENALTY,
     State,
     initial,
@@ -34,27 +35,16 @@ OUTCOMES = {
 }
 """Outcome of an episode -> what happens."""
 
-SEEN_TOGETHER = 1024
-"""The largest number of states that a policy is shown at once."""
+SEEN_TOGETHER = 256
+"""The largest number of states that a policy sees at once; a ResNet-18 takes a megabyte each."""
 
 DRAWN_TOGETHER = 64
 """The largest number of pictures that are drawn at once."""
 
 
-class Policy(Protocol):
-    """A policy, which takes the action with the highest score."""
-
-    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the scores of the four actions, shape (B, 4).
-
-        Args:
-            observations: uint8 (B, size, size, 3), or vectors (B, length).
-        """
-
-
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """The results of one episode in each of L labyrinths."""
+    """The results of one episode in each of L labyrinths, or of E; then shapes are (E, L)."""
 
     outcomes: NDArray[np.str_]
     """Keys of `OUTCOMES`, shape (L,)."""
@@ -62,6 +52,11 @@ class Episodes:
     """Numbers of steps, those into walls included, shape (L,)."""
     cells: int
     """The number of cells of a labyrinth."""
+
+    @property
+    def step_limit(self) -> int:
+        """The number of steps after which an episode is cut."""
+        return STEP_LIMIT * self.cells
 
     @property
     def solved(self) -> NDArray[np.bool_]:
@@ -81,15 +76,16 @@ class Episodes:
 
 
 def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the action with the highest score in each state, shape (S,); 0 in terminal states.
+    """Return the action of a policy in each state, shape (S,); 0 in terminal states.
 
-    Of actions with the same score the first is taken.
+    Raises:
+        PolicyError: It raises an error, or answers with anything but actions.
     """
     actions = np.zeros(len(arrays.terminal), np.int64)
     acting = np.flatnonzero(~arrays.terminal)
     for begin in range(0, len(acting), SEEN_TOGETHER):
         states = acting[begin : begin + SEEN_TOGETHER]
-        actions[states] = policy.logits(arrays.observations[states]).argmax(axis=1)
+        actions[states] = decide(policy, arrays.observations[states])
     return actions
 
 
@@ -143,7 +139,7 @@ def greedy_episodes(
         for begin in range(0, len(running), DRAWN_TOGETHER):
             some = running[begin : begin + DRAWN_TOGETHER]
             pictures = [spec.look(each.labyrinth, each.states[-1:])[0] for each in some]
-            actions = policy.logits(np.stack(pictures)).argmax(axis=1)
+            actions = decide(policy, np.stack(pictures))
             for each, action in zip(some, actions.tolist(), strict=True):
                 each.states.append(transition(each.labyrinth, each.states[-1], action))
         running = [

@@ -34,7 +34,8 @@ class LabyrinthArrays:
     """
 
     observations: NDArray[Any]
-    """The observation of each state: uint8 (S, size, size, 3), or int32 vectors (S, length)."""
+    """The observation of each state: uint8 (S, size, size, 3), int32 vectors (S, length), or texts
+    (S,)."""
     labyrinth: NDArray[np.int64]
     """The number of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     position: NDArray[np.int64]
@@ -98,7 +99,7 @@ def load_arrays(
         source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
         config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
         split: Name of the split, such as `train`.
-        observation: "image" or "vector".
+        observation: "image", "vector" or "text".
         image_size: Pixels on each side of the pictures.
         resize: How pictures become small; one of `labyrinth_core.data.observations.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.

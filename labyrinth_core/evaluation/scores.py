@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.following import OUTCOMES, Episodes, Policy, follow, greedy_actions
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 
@@ -20,15 +21,17 @@ EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """The results of one episode in each of L labyrinths, and the accuracy in all their states."""
+    """The results of episodes in each of L labyrinths, and the accuracy in all their states."""
 
     episodes: Episodes
+    """Of shape (L,), or (E, L) for E episodes in each."""
     labyrinth_ids: NDArray[np.int64]
     """The id of each labyrinth, shape (L,)."""
     distance: NDArray[np.int64]
     """The number of moves on a shortest route, shape (L,)."""
     accuracy_on_demonstrations: float | None
-    """The share of optimal actions in the states in which the dataset's episodes act."""
+    """The share of optimal actions in the states in which the dataset's episodes act; None for a
+    policy that remembers or draws at random, whose action does not follow from the state."""
     accuracy_elsewhere: float | None
     """The share of optimal actions in the other states; None if there are none."""
 
@@ -44,12 +47,31 @@ class Scores:
 
     @property
     def path_efficiency(self) -> float | None:
-        """Moves on a shortest route divided by moves taken, averaged over the solved labyrinths."""
-        solved = self.episodes.solved
-        return _mean(self.distance[solved] / self.episodes.moves[solved])
+        """Moves on a shortest route divided by moves taken, averaged over the solved episodes."""
+        return _mean((self.distance / self.episodes.moves)[self.episodes.solved])
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures in plain types; intervals are over labyrinths and episodes."""
+        solved, returns = self.episodes.solved, self.episodes.returns
+        return {
+            "labyrinths": len(self.distance),
+            "sr": self.sr,
+            "sr_interval": list(interval(np.atleast_2d(solved).astype(np.float64))),
+            "aer": self.aer,
+            "aer_std": float(returns.std()),
+            "aer_interval": list(interval(np.atleast_2d(returns))),
+            "path_efficiency": self.path_efficiency,
+            "accuracy_on_demonstrations": self.accuracy_on_demonstrations,
+            "accuracy_elsewhere": self.accuracy_elsewhere,
+            "failures": {
+                name: int((self.episodes.outcomes == name).sum())
+                for name in OUTCOMES
+                if name in self.episodes.outcomes[~solved]
+            },
+        }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the results of each episode in plain types.
+        """Return the figures and the results of one episode in each labyrinth in plain types.
 
         `outcomes` has the first letter of each labyrinth's outcome, in the order of the dataset.
         `by_distance` has the numbers of solved and of all labyrinths for each number of moves on a
@@ -57,21 +79,7 @@ class Scores:
         """
         episodes, solved = self.episodes, self.episodes.solved
         ids = [f"{number:016x}" for number in self.labyrinth_ids[~solved].tolist()]
-        return {
-            "labyrinths": len(solved),
-            "sr": self.sr,
-            "sr_interval": list(interval(solved[None].astype(np.float64))),
-            "aer": self.aer,
-            "aer_std": float(episodes.returns.std()),
-            "aer_interval": list(interval(episodes.returns[None])),
-            "path_efficiency": self.path_efficiency,
-            "accuracy_on_demonstrations": self.accuracy_on_demonstrations,
-            "accuracy_elsewhere": self.accuracy_elsewhere,
-            "failures": {
-                name: int((episodes.outcomes == name).sum())
-                for name in OUTCOMES
-                if name in episodes.outcomes[~solved]
-            },
+        return self.figures() | {
             "by_distance": {
                 str(moves): [int(solved[self.distance == moves].sum()), count]
                 for moves, count in sorted(Counter(self.distance.tolist()).items())
@@ -82,8 +90,12 @@ class Scores:
         }
 
 
-def evaluate(policy: Policy, arrays: LabyrinthArrays) -> Scores:
-    """Return the scores of a policy on a split, acting greedily."""
+def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
+    """Return the scores of a policy that remembers nothing, by look-ups in all states at once.
+
+    Raises:
+        PolicyError: It raises an error, or answers with anything but actions.
+    """
     actions = greedy_actions(policy, arrays)
     right = np.take_along_axis(arrays.optimal, actions[:, None], axis=1)[:, 0]
     solvable, shown = arrays.optimal.any(axis=1), arrays.on_demonstration

@@ -40,6 +40,12 @@ def draw_text(
     return "".join(drawing)
 
 
+def describe(labyrinth: Labyrinth, state: State) -> str:
+    """Return what the agent observes in words: the text of the language, with `draw_text` in it."""
+    text = dump(labyrinth)
+    return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
+
+
 def _place(structure: Structure, cell: int) -> int:
     """Return the index of a cell in the drawing."""
     row, column = divmod(cell, structure.width)

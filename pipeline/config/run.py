@@ -24,7 +24,12 @@ from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_anal
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
-from pipeline.config.training import TrainingOptions, check_training
+from pipeline.config.training import (
+    EvaluationOptions,
+    TrainingOptions,
+    check_policy,
+    check_training,
+)
 
 STAGES = {
     "build": "pipeline.generation.build",
@@ -39,6 +44,9 @@ STAGES = {
     "environments": "pipeline.analysis.environments.stage",
 }
 """Stage -> the module whose `run` performs it."""
+
+EVALUATE_NAMED = "pipeline.evaluation.stage"
+"""The module that performs `evaluate` where `policy` names a policy; it needs no torch."""
 
 
 @dataclass(frozen=True)
@@ -107,12 +115,14 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     leakage: LeakageOptions = field(default_factory=LeakageOptions)
     analysis: AnalysisOptions = field(default_factory=AnalysisOptions)
     publish: PublishOptions = field(default_factory=PublishOptions)
+    evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 
 
 SECTIONS = {
     "What the dataset is": meanings(DatasetOptions),
     "Where and how it is made": meanings(PlaceOptions),
     "What is trained on it, by stages=[train,evaluate]": meanings(TrainingOptions),
+    "How policy=... is evaluated, by stages=[evaluate]": meanings(EvaluationOptions, "evaluation."),
     "What is analysed, by stages=[analyse] and stages=[environments]": {
         **meanings(LeakageOptions, "leakage."),
         **meanings(AnalysisOptions, "analysis."),
@@ -138,6 +148,11 @@ class Run:
     def folder(self) -> AnyPath:
         """Where the dataset of this run lies."""
         return self.data_dir / self.dataset.name
+
+    def module_of(self, stage: str) -> str:
+        """Return the module whose `run` performs a stage."""
+        named = stage == "evaluate" and self.options.policy
+        return EVALUATE_NAMED if named else STAGES[stage]
 
     @property
     def source(self) -> str:
@@ -279,7 +294,10 @@ def resolve(options: RunConfig) -> Run:
     stages = set(options.stages)
     if stages & {"report", "publish"}:
         _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
-    if stages & {"train", "evaluate", "results"}:
+    if options.policy and stages & {"train", "evaluate"}:
+        check("train" not in stages, f"policy={options.policy} is not trained: stages=[evaluate]")
+        check_policy(options, options.evaluation)
+    elif stages & {"train", "evaluate", "results"}:
         check_training(options)
     if "environments" in stages:
         check_analysis(options.analysis)

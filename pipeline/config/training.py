@@ -5,6 +5,7 @@ Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check, listed
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
@@ -24,6 +26,9 @@ ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 
 IMAGE_SIZE = 64
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
+
+OBSERVATIONS = (*dict.fromkeys(ENCODERS.values()), "text")
+"""What a policy may be shown; encoders do not look at texts."""
 
 OWN_NETWORKS = ("planner",)
 """Methods with a network of their own, for pictures, whatever `encoder` says."""
@@ -74,8 +79,8 @@ class TrainingOptions:
     )
     observation: str = option(
         "image",
-        "what is learnt from: image, or vector (for the encoder mlp)",
-        one_of=dict.fromkeys(ENCODERS.values()),
+        "what is learnt from: image, or vector (for the encoder mlp); or text, for policy",
+        one_of=OBSERVATIONS,
     )
     protocol: str = option(
         "default", "default, or paper for the original's resize and stopping rule", one_of=PROTOCOLS
@@ -87,6 +92,11 @@ class TrainingOptions:
         None, "id on the Hub, such as user/labyrinth, or another folder than data_dir"
     )
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
+    policy: str = option(
+        "",
+        "policy to evaluate instead of a run's: module:name, or a Stable-Baselines3 archive "
+        "such as ppo.zip",
+    )
     results_dir: str = option(
         "results",
         "folder of the tables, and of the evaluations that they are made of",
@@ -111,12 +121,46 @@ class TrainingOptions:
         return self.method_name if self.method_name in OWN_NETWORKS else self.encoder
 
 
+_URL = (r"(https?://\S+)?", "an address such as https://example.org")
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """How the policy is shown labyrinths that `policy` names, and what its results say of it."""
+
+    image_size: int = option(
+        IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
+    )
+    episodes: int | None = option(
+        None, "episodes a labyrinth, for a policy that draws at random", at_least=1
+    )
+    splits: tuple[str, ...] = option((), "splits, [test] or more (all but random)")
+    name: str = option("", "what the policy is called in tables (what policy says)")
+    url: str = option("", "where it is described", like=_URL)
+    budget: str = option("", "what it has learnt from, such as '100 demonstrations of train'")
+
+
+_POLICY = (
+    r"(?s).+\.zip|[\w.]+:[\w.]+|[\w.-]+/[\w.-]+",
+    "module:name, or a Stable-Baselines3 archive as a path that ends in .zip or an id on the Hub",
+)
+
+
+def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> None:
+    """Raise a ConfigError if an option of the policy that is named is impossible."""
+    known = re.fullmatch(_POLICY[0], options.policy, re.ASCII) is not None
+    check(known, f"policy={options.policy}: give {_POLICY[1]}")
+    check_options(options, TrainingOptions)
+    check_options(evaluation, EvaluationOptions, "evaluation.")
+
+
 def check_training(options: TrainingOptions) -> None:
     """Raise a ConfigError if an option is impossible."""
     name, seen = options.method_name, options.observation
     valid = name.isidentifier() and name.islower()
     check(valid, f"method.name={name}: give the name of a method, such as bc")
     check_options(options, TrainingOptions)
+    check(seen != "text", "observation=text: encoders look at image or vector; text is for policy")
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(
         options.encoder in fitting,

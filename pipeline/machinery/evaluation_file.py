@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.following import OUTCOMES
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -68,8 +69,10 @@ def check_evaluation(content: Any) -> None:
         ValueError: It is none; the message says why.
     """
     check(content, _SHAPE)
-    for split in EVALUATED_SPLITS:
-        scores = content["splits"][split]
+    for split, scores in content["splits"].items():
+        if split not in SPLITS:
+            raise ValueError(f"it.splits has {split!r:.60}, which is no split")
+        check(scores, _SCORES, f"it.splits.{split}")
         counted = {
             "outcomes": len(scores["outcomes"]),
             "moves": len(scores["moves"]),

@@ -1,4 +1,4 @@
-"""The stage `evaluate`: evaluates the policy of a run on all five splits, in the run's folder.
+"""The stage `evaluate`: evaluates the policy of a run on all splits but `random`, in its folder.
 
 Nothing is selected or learnt here: the policy acts in one greedy episode per labyrinth.
 """
@@ -16,14 +16,15 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, compare
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, evaluate
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
+from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.evaluation_file import EVALUATION, FORMAT
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
-from pipeline.training.train import choose_device, fingerprint_of, loader_of, spec_of
+from pipeline.training.train import choose_device, loader_of, spec_of
 
 
 def run(run: Run) -> None:
@@ -42,7 +43,8 @@ def run(run: Run) -> None:
     method, settings = find(record["run"]["method"], record["run"]["settings"])
     make = partial(method.make, settings=settings)
     policy = load_policy(folder / POLICY, spec_of(run), device, make)
-    fingerprint = fingerprint_of(run)
+    manifest = manifest_of(run)
+    fingerprint = manifest.fingerprint
     if fingerprint != record["run"]["fingerprint"]:
         raise DatasetError(
             f"{folder} was trained on another dataset than {run.source}: their fingerprints "
@@ -50,12 +52,12 @@ def run(run: Run) -> None:
         )
     scores: dict[str, Scores] = {}
     baselines: dict[str, Any] = {}
-    load, total = loader_of(run), len(EVALUATED_SPLITS)
-    for split in tracked(((1, split) for split in EVALUATED_SPLITS), "evaluate", total):
+    load, splits = loader_of(run), (*EVALUATED_SPLITS, *manifest.config.shifts)
+    for split in tracked(((1, split) for split in splits), "evaluate", len(splits)):
         arrays = load(split)
         if split == "train":
             train = arrays
-        scores[split] = evaluate(policy, arrays)
+        scores[split] = score(policy, arrays)
         baselines[split] = compare(train, arrays)
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)

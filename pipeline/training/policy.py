@@ -65,7 +65,8 @@ class NetworkPolicy:
     def __init__(self, network: nn.Module) -> None:
         self.network = network
 
-    def logits(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+    def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the scores of the four actions, shape (B, 4)."""
         device = next(self.network.parameters()).device
         scores = outputs_of(self.network, torch.tensor(observations, device=device))
         array: NDArray[np.float32] = scores.float().cpu().numpy()

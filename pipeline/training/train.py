@@ -18,15 +18,15 @@ import torch
 from rich.progress import Progress as Bars
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.source import locate
 from labyrinth_core.data.splits import is_of_train
-from labyrinth_core.evaluation.following import Policy, success_rate
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from pipeline.config.errors import ConfigError, check
+from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
+from pipeline.machinery.dataset import fingerprint_of
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
@@ -88,31 +88,6 @@ def choose_device(options: TrainingOptions) -> torch.device:
     if options.device == "cuda" and not available:
         raise ConfigError("device=cuda: there is none here; choose cpu or auto")
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
-
-
-def fingerprint_of(run: Run) -> str:
-    """Return the fingerprint of the dataset that a run learns from.
-
-    Raises:
-        ConfigError: A folder is given with a revision, or train has too few labyrinths.
-        DatasetError: There is no dataset.
-    """
-    options = run.options
-    if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
-        size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
-        command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
-        raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
-    try:
-        folder = locate(run.source, run.dataset.name, [], options.revision)
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
-    manifest = Manifest.read(folder)
-    asked, most = options.train_labyrinths, sum(s.labyrinths for s in manifest.of("train"))
-    check(
-        asked is None or asked <= most,
-        f"train_labyrinths={asked}: give {most} or fewer, as many as train of {run.source} has",
-    )
-    return manifest.fingerprint
 
 
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.evaluation.following import Episodes
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, episodes_of
@@ -139,7 +140,7 @@ def read(path: Path) -> Evaluation:
             setup="-".join(setup),
             method=about["method"],
             seed=about["seed"],
-            episodes={name: episodes_of(splits[name], height * width) for name in EVALUATED_SPLITS},
+            episodes={name: episodes_of(splits[name], height * width) for name in splits},
             content=content,
         )
     except (OSError, ValueError, RecursionError) as error:
@@ -149,7 +150,13 @@ def read(path: Path) -> Evaluation:
 def summarise(evaluations: Sequence[Evaluation]) -> list[Figures]:
     """Return the figures of each method, setup and split, for evaluations in the usual order."""
     groups = [list(group) for _, group in groupby(evaluations, BY_METHOD)]
-    return [_over_seeds(group, split) for group in groups for split in EVALUATED_SPLITS]
+    return [_over_seeds(group, split) for group in groups for split in _splits_of(group)]
+
+
+def _splits_of(group: Sequence[Evaluation]) -> list[str]:
+    """Return the splits that all of some runs were evaluated on: the usual ones, then shifts."""
+    shared = set.intersection(*(set(each.episodes) for each in group))
+    return [*EVALUATED_SPLITS, *(shift for shift in SHIFTS if shift in shared)]
 
 
 def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:

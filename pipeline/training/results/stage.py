@@ -65,6 +65,6 @@ def overview(figures: Sequence[Figures]) -> Table:
     for _, grouped in groupby(figures, BY_METHOD):
         group = list(grouped)
         name = METHODS.get(group[0].method, group[0].method)
-        rates = (f"{100 * each.sr:.1f}" for each in group)
+        rates = (f"{100 * each.sr:.1f}" for each in group if each.split in EVALUATED_SPLITS)
         table.add_row(group[0].config, group[0].setup, name, str(group[0].seeds), *rates)
     return table

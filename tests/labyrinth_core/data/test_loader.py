@@ -34,6 +34,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import stream_infos
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import encode
 from labyrinth_core.pictures.renderer import render
@@ -165,9 +166,14 @@ def test_transitions_are_those_that_replaying_and_drawing_gives(data_dir, config
 
 @every_config
 @every_split
-def test_vectors_are_those_of_the_replayed_states(data_dir, config, split):
-    transitions = load_transitions(data_dir, config, split=split, observation="vector")
-    expected = expected_transitions(data_dir, config, split, vector_observation)
+@pytest.mark.parametrize(
+    ("observation", "observe"), [("vector", vector_observation), ("text", describe)]
+)
+def test_vectors_and_texts_are_those_of_the_replayed_states(
+    data_dir, config, split, observation, observe
+):
+    transitions = load_transitions(data_dir, config, split=split, observation=observation)
+    expected = expected_transitions(data_dir, config, split, observe)
     assert_same_transitions(transitions, expected)
 
 
@@ -527,7 +533,7 @@ def test_a_folder_without_datasets_is_told_so(tmp_path, load):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"observation": "picture"}, "observation=picture: choose one of image, vector"),
+        ({"observation": "picture"}, "observation=picture: choose one of image, vector, text"),
         *(
             ({"image_size": size}, f"image_size={size!r}: give a whole number of pixels from .*")
             for size in (0, -64, 601, 10**9, "64", 1.5, 64.0, None)

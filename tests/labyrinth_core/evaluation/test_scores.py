@@ -7,31 +7,13 @@ import json
 import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
+from policies import Table, mistaken
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.baselines import best_route, compare, follow_route, majority_actions
 from labyrinth_core.evaluation.following import follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import Scores, episodes_of, evaluate
-
-
-class Remembering:
-    """A policy that is a table from observations to actions: what is not in it goes up."""
-
-    def __init__(self, arrays, actions):
-        pairs = zip(arrays.observations, actions.tolist(), strict=True)
-        self.actions = {observation.tobytes(): action for observation, action in pairs}
-
-    def logits(self, observations):
-        chosen = [self.actions.get(each.tobytes(), 0) for each in observations]
-        return np.eye(4, dtype=np.float32)[chosen]
-
-
-def mistaken(arrays, share, seed=0):
-    """Return optimal actions, but for a share of random ones."""
-    rng = np.random.default_rng(seed)
-    wrong = rng.random(len(arrays.terminal)) < share
-    return np.where(wrong, rng.integers(4, size=len(wrong)), arrays.optimal.argmax(axis=1))
+from labyrinth_core.evaluation.scores import Scores, episodes_of, score
 
 
 def roll_out(policy, labyrinth, image_size):
@@ -40,7 +22,7 @@ def roll_out(policy, labyrinth, image_size):
     observation, _ = env.reset(seed=0)
     rewards, over, terminated = [], False, False
     while not over:
-        action = policy.logits(observation[None]).argmax()
+        action = policy(observation[None])[0]
         observation, reward, terminated, truncated, _ = env.step(action)
         rewards.append(reward)
         over = terminated or truncated
@@ -51,7 +33,7 @@ def roll_out(policy, labyrinth, image_size):
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_looking_up_is_rolling_out_in_the_environment(datasets, config, share):
     arrays = load_arrays(datasets, config, "train", image_size=12)
-    policy = Remembering(arrays, mistaken(arrays, share))
+    policy = Table(arrays, mistaken(arrays, share))
     episodes = follow(arrays, greedy_actions(policy, arrays))
     returns = episodes.returns
     for place, labyrinth in enumerate(labyrinths_of(datasets, config, "train").values()):
@@ -91,7 +73,7 @@ def test_the_step_limit_costs_exactly_four(cells):
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
 def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
     arrays = load_arrays(datasets, "3x4", "test", image_size=8)
-    scores = evaluate(Remembering(arrays, mistaken(arrays, share)), arrays)
+    scores = score(Table(arrays, mistaken(arrays, share)), arrays)
     returns = scores.episodes.returns
     solved = returns[scores.episodes.solved].mean() if scores.sr else 0.0
     assert scores.aer == pytest.approx(scores.sr * solved + (1 - scores.sr) * -4)
@@ -107,11 +89,11 @@ def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
 def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
     arrays = load_arrays(datasets, "3x4-icy_floor", "validation", image_size=8)
     best = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in arrays.optimal])
-    scores = evaluate(Remembering(arrays, best), arrays)
+    scores = score(Table(arrays, best), arrays)
     assert (scores.accuracy_on_demonstrations, scores.accuracy_elsewhere) == (1, 1)
     assert scores.path_efficiency == 1
     worst = np.array([np.flatnonzero(~row)[0] if not row.all() else 0 for row in arrays.optimal])
-    wrong = evaluate(Remembering(arrays, worst), arrays)
+    wrong = score(Table(arrays, worst), arrays)
     assert wrong.accuracy_on_demonstrations < 0.5
     assert (wrong.sr, wrong.path_efficiency) == (0, None)
 

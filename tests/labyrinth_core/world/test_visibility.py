@@ -1,10 +1,11 @@
 """What the agent sees: straight and diagonal rays, as far as nothing breaks them."""
 
+import numpy as np
 from brute_force import drawn, passages_of, sees, structure_with
 from hypothesis import given
 from strategies import structures
 
-from labyrinth_core.world.visibility import visible_from
+from labyrinth_core.world.visibility import seen_together, visible_from
 
 
 def seen(picture):
@@ -26,6 +27,17 @@ def test_exactly_the_places_on_unbroken_lines_of_sight_are_seen(structure):
             if sees(passages, divmod(cell, width), divmod(target, width))
         }
         assert visible_from(structure, cell) == expected
+
+
+@given(structures())
+def test_many_agents_at_once_see_what_each_of_them_sees(structure):
+    cells = structure.cells
+    first = cells * np.arange(cells)  # An agent in each cell, in a copy of the structure.
+    moves = (np.array(structure.moves) + first[:, None, None]).reshape(-1, 4)
+    agents = first + np.arange(cells)
+    seen = seen_together(moves, agents, max(structure.height, structure.width))
+    for cell, row in enumerate(seen.reshape(cells, cells)):
+        assert set(np.flatnonzero(row)) == visible_from(structure, cell)
 
 
 def test_straight_rays_go_on_until_a_wall():

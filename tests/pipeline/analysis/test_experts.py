@@ -17,9 +17,9 @@ from torch import nn
 from labyrinth_core.data.errors import DatasetError
 from pipeline.analysis.environments.environment import environment_of
 from pipeline.analysis.environments.experts import expert_of, source_of
-from pipeline.analysis.environments.experts.stable_baselines import read_archive
 from pipeline.config.analysis import LABYRINTH
 from pipeline.config.run import RunConfig, resolve
+from pipeline.machinery.stable_baselines import read_archive
 
 pytestmark = pytest.mark.slow
 

@@ -109,7 +109,7 @@ IMPOSSIBLE_TO_TRAIN = [
     ("encoder", "vgg", "[cnn, resnet18, mlp]"),
     ("encoder", "mlp", "observation=vector"),
     ("pool_stride", 3, "[1, 2]"),
-    ("observation", "sound", "[image, vector]"),
+    ("observation", "sound", "[image, vector, text]"),
     ("protocol", "mine", "[default, paper]"),
     ("device", "tpu", "[auto, cpu, cuda]"),
     ("threads", 0, "from 1 to"),

@@ -80,7 +80,7 @@ def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Probl
     if name != "gail":  # The loss of an adversary rises as the policy gets better.
         assert np.mean(losses[-3:]) < np.mean(losses[:3])
     there = arrays.on_demonstration
-    actions = policy.logits(arrays.observations).argmax(1)
+    actions = policy(arrays.observations).argmax(1)
     right = arrays.optimal[np.arange(len(actions)), actions][there].mean()
     assert right > 2 * arrays.optimal[there].mean()
     assert success_rate(policy, arrays) > 0.5

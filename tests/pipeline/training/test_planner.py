@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 import torch
 from method_settings import settings_of
+from policies import Remembering
 from torch import nn
 
+from labyrinth_core import evaluate
 from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -180,15 +182,35 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
     assert planned > cloned + 0.25
 
 
-def test_the_released_policy_solves_fresh_labyrinths() -> None:
+def released() -> NetworkPolicy:
+    """Return the policy that was released."""
     folder = Path(__file__).parents[3] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
     record = read_record(folder)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 1, 5, 5, "navigation")
-    policy = load_policy(
-        folder / POLICY, spec, make=partial(planner.Method.make, settings=settings)
-    )
+    return load_policy(folder / POLICY, spec, make=partial(planner.Method.make, settings=settings))
+
+
+def test_the_released_policy_scores_the_same_however_it_is_asked(
+    build: Callable[..., Run], tmp_path: Path
+) -> None:
+    run = build(tmp_path / "labyrinth", size="5", labyrinths=4, random_steps=5)
+    policy = released()
+    found = [
+        evaluate(each, run.source, "5x5", splits=["test", "s0_and_g"])
+        for each in (policy, policy.network, Remembering(policy))
+    ]
+    assert [each.way for each in found] == ["look-ups", "look-ups", "steps"]
+    for split in ("test", "s0_and_g"):
+        scores = [each.splits[split] for each in found]
+        assert len({(each.sr, each.aer, each.path_efficiency) for each in scores}) == 1
+        assert len({tuple(each.episodes.moves.ravel()) for each in scores}) == 1
+        assert scores[0].sr >= 0.75
+
+
+def test_the_released_policy_solves_fresh_labyrinths() -> None:
+    policy = released()
     structures = sample_structures(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )

@@ -28,7 +28,7 @@ def test_acting_in_training_mode_neither_drops_out_nor_moves_the_statistics(
 ) -> None:
     network = Network(SPEC).train()
     before = {name: tensor.clone() for name, tensor in network.state_dict().items()}
-    first, second = (NetworkPolicy(network).logits(pictures) for _ in range(2))
+    first, second = (NetworkPolicy(network)(pictures) for _ in range(2))
     assert np.array_equal(first, second)
     assert network.training
     after = network.state_dict()
@@ -38,10 +38,10 @@ def test_acting_in_training_mode_neither_drops_out_nor_moves_the_statistics(
 
 def test_a_policy_sees_each_observation_by_itself(pictures: np.ndarray) -> None:
     policy = NetworkPolicy(Network(SPEC))
-    together = policy.logits(pictures)
+    together = policy(pictures)
     assert together.shape == (BATCH + 3, 4)
     assert together.dtype == np.float32
-    alone = np.concatenate([policy.logits(pictures[i : i + 1]) for i in (0, 1, BATCH + 2)])
+    alone = np.concatenate([policy(pictures[i : i + 1]) for i in (0, 1, BATCH + 2)])
     assert np.allclose(together[[0, 1, BATCH + 2]], alone, atol=1e-5)
 
 
@@ -51,7 +51,7 @@ def test_a_policy_survives_the_way_to_the_file_and_back(
     network = Network(SPEC)
     save_policy(tmp_path / "policy", network.state_dict(), SPEC)
     loaded = load_policy(tmp_path / "policy", SPEC)
-    assert np.array_equal(loaded.logits(pictures[:4]), NetworkPolicy(network).logits(pictures[:4]))
+    assert np.array_equal(loaded(pictures[:4]), NetworkPolicy(network)(pictures[:4]))
     assert [path.name for path in tmp_path.iterdir()] == ["policy"]
 
 

@@ -16,7 +16,7 @@ import pytest
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, evaluate
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from pipeline.machinery.evaluation_file import check_evaluation
 from pipeline.machinery.schema import read_json
 from pipeline.training.evaluate import as_text, describe
@@ -89,7 +89,7 @@ class Chance:
             each.tobytes(): row for each, row in zip(arrays.observations, scores, strict=True)
         }
 
-    def logits(self, observations):
+    def __call__(self, observations):
         return np.stack([self.scores[each.tobytes()] for each in observations])
 
 
@@ -104,8 +104,7 @@ def evaluated(small_dataset, tmp_path_factory):
     baselines = {split: compare(arrays["train"], arrays[split]) for split in EVALUATED_SPLITS}
     for method, seed in (("bc", 0), ("bc", 1), ("mine", 0)):
         scores = {
-            split: evaluate(Chance(arrays[split], seed), arrays[split])
-            for split in EVALUATED_SPLITS
+            split: score(Chance(arrays[split], seed), arrays[split]) for split in EVALUATED_SPLITS
         }
         record = {
             "run": {

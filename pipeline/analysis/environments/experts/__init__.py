@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.analysis.environments.experts import classic
-from pipeline.analysis.environments.experts.stable_baselines import located, read_archive
+from pipeline.machinery.stable_baselines import located, read_archive
 
 Expert = Callable[[NDArray[np.float64]], "int | NDArray[np.float64]"]
 """Observation -> action: a number, or numbers that are still to be clipped to the action space."""

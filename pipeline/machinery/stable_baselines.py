@@ -13,7 +13,7 @@ import json
 import re
 import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from pickle import UnpicklingError  # Raised by torch; nothing is unpickled here.
 from typing import Any
@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.world.grid import Action
 from pipeline.config.errors import ConfigError
 
 MAX_BYTES = 1 << 28
@@ -51,6 +53,10 @@ _LAYOUTS: list[tuple[str, str, Function]] = [
 """What tells a policy of Stable-Baselines3 2.9 from its weights: a regular expression for the names
 of its linear layers, the default activation between them, and what turns the last layer's values
 into an action."""
+
+_NATURE = {"cnn.0": 4, "cnn.2": 2, "cnn.4": 1, "linear.0": 0}
+"""The layers of NatureCNN (Mnih et al. 2015), the features of a CnnPolicy, with the strides of the
+convolutions; after each comes a ReLU."""
 
 
 def located(source: str) -> Path:
@@ -92,7 +98,20 @@ def read_archive(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Array]
         ConfigError: The extra `train`, which brings torch, is missing.
         DatasetError: There is no such archive, or it holds no policy of a known kind.
     """
-    weights, named = _unpacked(source, max_bytes)
+    weights, data = _unpacked(source, max_bytes)
+    layers, activation, output = _layout(source, weights, data)
+
+    def act(observation: Array) -> int | Array:
+        action = output(_through(layers, activation, weights, observation))
+        return int(action) if np.ndim(action) == 0 else action
+
+    return act
+
+
+def _layout(
+    source: str, weights: Mapping[str, Array], data: Mapping[str, Any]
+) -> tuple[list[str], Function, Function]:
+    """Return the names of the linear layers, the activation between them, and the last step."""
     names = [name.removesuffix(".bias") for name in weights if name.endswith(".bias")]
     known = [
         (layers, activation, output)
@@ -101,30 +120,97 @@ def read_archive(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Array]
     ]
     if not known:
         raise DatasetError(f"{source}: no MlpPolicy of PPO, A2C, SAC, TD3, DDPG or DQN is in it")
-    layers, default_activation, default_output = known[0]
+    layers, default, output = known[0]
     # PPO and A2C have a standard deviation for continuous actions only.
     discrete = layers[-1] == "action_net" and "log_std" not in weights
-    output: Function = np.argmax if discrete else default_output
-    activation = _ACTIVATIONS[named or default_activation]
-
-    def act(observation: Array) -> int | Array:
-        values = observation
-        for place, name in enumerate(layers):
-            values = activation(values) if place else values
-            values = weights[f"{name}.weight"] @ values + weights[f"{name}.bias"]
-        action = output(values)
-        return int(action) if np.ndim(action) == 0 else action
-
-    return act
+    named = "".join(re.findall(r"\.(\w+)'>$", str(data.get("activation_fn", ""))))
+    if named and named not in _ACTIVATIONS:
+        raise DatasetError(f"{source}: activation {named}, not {', '.join(_ACTIVATIONS)}")
+    return layers, _ACTIVATIONS[named or default], np.argmax if discrete else output
 
 
-def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], str]:
-    """Return the weights by name, and the name of the activation, empty for the default."""
+def _through(
+    layers: Sequence[str], activation: Function, weights: Mapping[str, Array], values: Array
+) -> Array:
+    """Return the values of the last layer for one observation, or for several, a row each."""
+    for place, name in enumerate(layers):
+        values = activation(values) if place else values
+        values = values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
+    return values
+
+
+def read_discrete(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Any], Array]:
+    """Return the policy of an archive that chooses among four actions, as `evaluate` takes it.
+
+    It is PPO, A2C or DQN, with MlpPolicy or CnnPolicy; the action with the highest score is the one
+    that `predict(deterministic=True)` of Stable-Baselines3 gives. Pictures go in as there: channels
+    first and, unless `normalize_images` is off, from 0 to 1.
+
+    Args:
+        source: As for `located`.
+        max_bytes: The largest size of a member of the archive that is read.
+
+    Raises:
+        ConfigError: The extra `train`, which brings torch, is missing.
+        DatasetError: There is no such archive, or it holds no such policy.
+    """
+    weights, data = _unpacked(source, max_bytes)
+    layers, activation, output = _layout(source, weights, data)
+    if output is not np.argmax or len(weights[f"{layers[-1]}.bias"]) != len(Action):
+        raise DatasetError(f"{source}: the policy does not choose among four actions")
+    prefix = "q_net." if layers[0].startswith("q_net.") else ""
+    features = _features(source, f"{prefix}features_extractor.", weights)
+    scaled = str(data.get("normalize_images", True)) != "False"
+
+    def policy(observations: Any) -> Array:
+        if not isinstance(observations, np.ndarray):
+            raise PolicyError(f"{source} looks at pictures or vectors: choose observation=image")
+        values = observations.astype(np.float64)
+        if observations.ndim == 4:
+            values = values.transpose(0, 3, 1, 2) / (255 if scaled else 1)
+        try:
+            return _through(layers, activation, weights, features(values))
+        except (ValueError, RuntimeError) as error:
+            raise PolicyError(
+                f"{source} was trained on other observations than {observations.dtype} of shape "
+                f"{observations.shape}: choose observation= and evaluation.image_size="
+            ) from error
+
+    return policy
+
+
+def _features(source: str, prefix: str, weights: Mapping[str, Array]) -> Function:
+    """Return what comes before the linear layers: nothing but flattening, or NatureCNN."""
+    named = {name.removeprefix(prefix) for name in weights if name.startswith(prefix)}
+    if not named:
+        return lambda values: values.reshape(len(values), -1)
+    if named != {f"{layer}.{kind}" for layer in _NATURE for kind in ("weight", "bias")}:
+        raise DatasetError(f"{source}: its features extractor is not NatureCNN")
+    import torch
+
+    tensors = {name: torch.from_numpy(weights[f"{prefix}{name}"]) for name in named}
+
+    def features(values: Array) -> Array:
+        seen = torch.from_numpy(values)
+        for layer, stride in _NATURE.items():
+            weight, bias = tensors[f"{layer}.weight"], tensors[f"{layer}.bias"]
+            if stride:
+                seen = torch.nn.functional.conv2d(seen, weight, bias, stride).relu()
+            else:
+                seen = torch.nn.functional.linear(seen.flatten(1), weight, bias).relu()
+        found: Array = seen.numpy()
+        return found
+
+    return features
+
+
+def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], Mapping[str, Any]]:
+    """Return the weights by name, and the arguments of the policy."""
     try:
         import torch
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"analysis.experts: {source} needs torch: pip install 'labyrinth-datasets[train]'"
+            f"{source} needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
 
     def member(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -141,10 +227,6 @@ def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], str]:
                 tensors = torch.load(stored, map_location="cpu", weights_only=True)
             data = json.loads(member(archive, "data"))
         weights = {name: tensor.double().numpy() for name, tensor in tensors.items()}
-        described = data.get("policy_kwargs", {}).get("activation_fn", "")
-        activation = "".join(re.findall(r"\.(\w+)'>$", described))
+        return weights, dict(data.get("policy_kwargs", {}))
     except (*_UNREADABLE, UnpicklingError, zipfile.BadZipFile) as error:
         raise DatasetError(f"{source} is no archive to be read: {one_line(error):.300}") from error
-    if activation and activation not in _ACTIVATIONS:
-        raise DatasetError(f"{source}: activation {activation}, not {', '.join(_ACTIVATIONS)}")
-    return weights, activation

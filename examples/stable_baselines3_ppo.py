@@ -1,0 +1,34 @@
+"""PPO of Stable-Baselines3, trained on `Labyrinth-v0` and evaluated on labyrinths it has not seen.
+
+    labyrinth-datasets size=3 && python examples/stable_baselines3_ppo.py
+
+Needs: pip install labyrinth-datasets stable-baselines3
+"""
+
+import numpy as np
+from stable_baselines3 import PPO
+
+from labyrinth_core import LabyrinthEnv, evaluate
+from labyrinth_core.evaluation.results import Results
+
+
+def main(
+    folder: str = "data/labyrinth",
+    size: str = "3x3",
+    steps: int = 200_000,
+    archive: str = "ppo.zip",
+) -> Results:
+    """Train in labyrinths drawn at random, save the archive, and evaluate on all splits."""
+    model = PPO("MlpPolicy", LabyrinthEnv(size, observation="vector"), seed=0, device="cpu")
+    model.learn(steps)
+    model.save(archive)  # Then also: labyrinth-datasets stages=[evaluate] policy=ppo.zip ...
+
+    def policy(observations: np.ndarray) -> np.ndarray:
+        actions, _ = model.predict(observations, deterministic=True)
+        return actions
+
+    return evaluate(policy, folder, size, observation="vector")
+
+
+if __name__ == "__main__":
+    print(main())

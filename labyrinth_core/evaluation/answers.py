@@ -1,0 +1,136 @@
+"""What a policy answers: actions or scores, in arrays of numpy, PyTorch or JAX.
+
+No library but numpy is imported: a module of PyTorch is one only if PyTorch has been imported
+already, and the arrays of the others say themselves how they become numpy's.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.errors import one_line
+from labyrinth_core.world.grid import Action
+
+Policy = Callable[[Any], Any]
+"""From B observations to B actions, or to scores of the four actions, shape (B, 4).
+
+Observations are uint8 (B, size, size, 3), int32 vectors (B, length), or a list of B texts.
+"""
+
+ACTIONS = len(Action)
+
+
+class PolicyError(ValueError):
+    """A policy that answers with anything but actions, or raises an error, which is the cause."""
+
+
+def asked(call: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a part of a policy returns.
+
+    Raises:
+        PolicyError: It raises an error.
+    """
+    try:
+        return call(*arguments)
+    except PolicyError:
+        raise
+    except Exception as error:  # Of any kind: the policy is a stranger's.
+        shown = "" if not arguments else f" when given {_described(arguments[0])}"
+        reason = f"{type(error).__name__}: {one_line(error):.300}"
+        raise PolicyError(f"the policy raised {reason}{shown}") from error
+
+
+def decide(
+    policy: Policy, observations: NDArray[Any], rows: NDArray[np.int64] | None = None
+) -> NDArray[np.int64]:
+    """Return the actions that a policy takes; the first of those with the highest score.
+
+    Args:
+        policy: What is asked.
+        observations: The B observations that it is shown.
+        rows: Which answers count, N of them; None for all. Others may be no actions.
+
+    Returns:
+        From 0 to 3, shape (N,).
+
+    Raises:
+        PolicyError: It raises an error, or answers with anything but actions.
+    """
+    shown = observations.tolist() if observations.dtype.kind == "U" else observations
+    given = asked(policy, shown)
+    answer = _as_array(given)
+    count = len(observations)
+    scored = answer.shape == (count, ACTIONS) and answer.dtype.kind in "iuf"
+    if not scored and (answer.shape != (count,) or answer.dtype.kind not in "iu"):
+        raise PolicyError(
+            f"the policy answered {_described(given if answer.dtype == object else answer)} to "
+            f"{count} observations: give actions, whole numbers of shape ({count},), or scores "
+            f"of shape ({count}, {ACTIONS})"
+        )
+    counting = answer if rows is None else answer[rows]
+    if scored:
+        if np.isnan(counting).any():
+            raise PolicyError("the policy answered nan as the score of an action: give numbers")
+        best: NDArray[np.int64] = counting.argmax(axis=1)
+        return best
+    wrong = counting[(counting < 0) | (counting >= ACTIONS)]
+    if wrong.size:
+        raise PolicyError(
+            f"the policy answered action {wrong[0]}: give 0 up, 1 right, 2 down or 3 left"
+        )
+    return counting.astype(np.int64)
+
+
+def _as_array(answer: Any) -> NDArray[Any]:
+    if hasattr(answer, "detach"):  # A tensor of PyTorch, on any device.
+        answer = answer.detach().cpu()
+        # Numpy has no bfloat16, and every number of a smaller kind is one of double's.
+        answer = answer.double() if answer.is_floating_point() else answer
+    try:
+        array = np.asarray(answer)
+        # JAX's bfloat16, which is no kind of numpy's.
+        return array.astype(np.float64) if array.dtype.kind == "V" else array
+    except (TypeError, ValueError) as error:
+        name = type(answer).__name__
+        raise PolicyError(f"the policy answered {name}, which is no array: give one") from error
+
+
+def _described(value: Any) -> str:
+    """Return what a value is, in words."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} of shape {value.shape}"
+    texts = isinstance(value, list) and all(isinstance(each, str) for each in value)
+    return f"{len(value)} texts" if texts else type(value).__name__
+
+
+def as_function(policy: Any) -> Policy:
+    """Return a policy without memory as a function.
+
+    A module of PyTorch is given tensors on its own device, in evaluation mode and without
+    gradients, and is left as it was.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None or not isinstance(policy, torch.nn.Module):
+        function: Policy = policy
+        return function
+
+    def forward(observations: Any) -> Any:
+        modes = [(module, module.training) for module in policy.modules()]
+        policy.eval()
+        try:
+            if isinstance(observations, np.ndarray):
+                weight = next(policy.parameters(), None)
+                device = None if weight is None else weight.device
+                observations = torch.as_tensor(observations, device=device)
+            with torch.no_grad():
+                return policy(observations)
+        finally:
+            for module, training in modes:
+                module.training = training
+
+    return forward

@@ -1,0 +1,79 @@
+"""The best that memory can do where not all is seen: planning anew after each step.
+
+Under partial observability a shortest route needs what is out of sight. The optimistic planner
+takes every passage that it has not seen closed for open, plans a shortest route, takes its first
+step, and plans again (the free-space assumption; Koenig and Likhachev 2002, "D* Lite", whose
+incremental search finds the same routes as the plain search here).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
+from labyrinth_core.world.grid import Action, neighbours
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.visibility import seen_together
+
+
+class Replanner:
+    """An optimistic planner under partial observability, with or without memory.
+
+        evaluate(Replanner(5, 5), "data/labyrinth", "5x5-partial_observability",
+                 observation="vector")
+
+    Without memory it knows what it sees and no more, and `act` alone is a policy.
+    """
+
+    def __init__(self, height: int, width: int, *, memory: bool = True) -> None:
+        self.memory = memory
+        self._side = max(height, width)
+        self._place = grid_indices(height, width)
+        # A neighbour outside the grid is the cell itself, behind the wall at the end of the grid.
+        self._neighbours = np.arange(height * width)[:, None].repeat(4, axis=1)
+        self._passages = np.full((height * width, 4), -1)
+        for cell in range(height * width):
+            for action, beside in neighbours(cell, height, width).items():
+                self._neighbours[cell, action] = beside
+                self._passages[cell, action] = (self._place[cell] + self._place[beside]) // 2
+        self.reset(0)
+
+    def reset(self, count: int) -> None:
+        """Begin so many episodes, of which nothing is known."""
+        self._walls = np.zeros((count, *self._passages.shape), np.bool_)
+
+    def act(self, observations: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Return an action for each of B vectors, shape (B,)."""
+        tiles, rows = tile_count(Task.PARTIAL_OBSERVABILITY), np.arange(len(observations))
+        agents, _, goals = np.searchsorted(self._place, observations[:, :tiles]).T
+        grids = np.pad(observations[:, tiles:], ((0, 0), (0, 1)), constant_values=WALL)
+        walls = self._seen_walls(grids[:, self._passages] == WALL, agents)
+        if self.memory:
+            walls |= self._walls
+            self._walls = walls
+        after = self._distances(~walls, goals)[:, self._neighbours][rows, agents]
+        actions: NDArray[np.int64] = np.where(walls[rows, agents], np.inf, after).argmin(axis=1)
+        return actions
+
+    def _seen_walls(self, shown: NDArray[np.bool_], agents: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which walls are walls, and not merely out of sight, shape (B, cells, 4)."""
+        count, cells, _ = shown.shape
+        first = cells * np.arange(count)
+        moves = np.where(shown, np.arange(cells)[:, None], self._neighbours)
+        moves += first[:, None, None]
+        seen = seen_together(moves.reshape(-1, len(Action)), first + agents, self._side)
+        visible = seen.reshape(count, cells)
+        walls: NDArray[np.bool_] = shown & (visible[:, :, None] | visible[:, self._neighbours])
+        return walls
+
+    def _distances(self, open_: NDArray[np.bool_], goals: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the least number of moves from each cell to the goal, shape (B, cells)."""
+        distances = np.full(open_.shape[:2], np.inf)
+        distances[np.arange(len(goals)), goals] = 0
+        while True:
+            onward = np.where(open_, distances[:, self._neighbours], np.inf).min(axis=2) + 1
+            nearer = np.minimum(distances, onward)
+            if np.array_equal(nearer, distances):
+                return distances
+            distances = nearer

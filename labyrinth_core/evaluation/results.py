@@ -1,0 +1,169 @@
+"""The results of a policy on the splits of a dataset: printed as a table, kept as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labyrinth_core.data.storage import write_text
+from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.version import __version__
+
+KIND = "labyrinth-results"
+FORMAT = 1
+
+HEADINGS = ("split", "SR", "95%", "AER", "efficiency", "failures")
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What a policy achieves on the splits of a dataset."""
+
+    dataset: str
+    """The folder, or the id on the Hub."""
+    revision: str | None
+    config: str
+    fingerprint: str
+    """The fingerprint of the dataset's rows, from its manifest."""
+    observation: str
+    """What the policy is shown: image, vector or text."""
+    image_size: int | None
+    """Pixels on each side of a picture; None for other observations."""
+    way: str
+    """`look-ups` for a policy that remembers nothing, `steps` in lock-step for any other."""
+    episodes: int
+    """The number of episodes in each labyrinth."""
+    seed: int
+    """What settles the generator that a policy may take."""
+    splits: Mapping[str, Scores]
+    """The scores on each split."""
+    baselines: Mapping[str, Mapping[str, Scores]]
+    """Under partial observability, by name and split: the replanner with memory and without."""
+
+    def __str__(self) -> str:
+        """Return the figures as a table, a line for each split."""
+        rows = [[*HEADINGS, *self.baselines]]
+        for split, scores in self.splits.items():
+            beside = [_pair(found[split]) for found in self.baselines.values()]
+            rows.append([split, *_cells(scores), *beside])
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [self._title()]
+        for row in rows:
+            cells = zip(row, widths, strict=True)
+            padded = (f"{text:>{width}}" for text, width in cells)
+            lines.append("  ".join([f"{row[0]:<{widths[0]}}", *list(padded)[1:]]))
+        if self.baselines:
+            lines.append("replanner: SR / efficiency of planning anew after each step, with all")
+            lines.append("that is out of sight taken for open; with memory, and without")
+        return "\n".join(lines)
+
+    def _title(self) -> str:
+        shown = self.observation
+        if self.image_size is not None:
+            shown += f" of {self.image_size} x {self.image_size}"
+        count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
+        return f"{self.config} of {self.dataset}: {shown}, {count} a labyrinth, by {self.way}"
+
+    def save(self, path: str | Path, *, name: str, url: str = "", budget: str = "") -> None:
+        """Write the results as JSON, whole or not at all.
+
+        Each labyrinth is listed with the outcome and the moves of its episodes, from which all
+        figures follow. `docs/evaluate-your-policy.md` describes the format.
+
+        Args:
+            path: The file; its folder is made.
+            name: What the policy is called in tables.
+            url: Where it is described, as `https://...`.
+            budget: What it has learnt from, such as "100 demonstrations of train".
+
+        Raises:
+            ValueError: The name is empty, or the URL is none.
+        """
+        content = self.to_json(name=name, url=url, budget=budget)
+        place = Path(path).expanduser()
+        place.parent.mkdir(parents=True, exist_ok=True)
+        write_text(place, _as_text(content))
+
+    def to_json(self, *, name: str, url: str = "", budget: str = "") -> dict[str, Any]:
+        """Return what `save` writes, in plain types; raise as it does."""
+        if not name.strip():
+            raise ValueError(f"name={name!r}: say what the policy is called")
+        if url and not url.startswith(("https://", "http://")):
+            raise ValueError(f"url={url}: give an address such as https://example.org")
+        return {
+            "kind": KIND,
+            "format": FORMAT,
+            "method": {"name": name, "url": url, "budget": budget},
+            "dataset": {
+                "source": self.dataset,
+                "revision": self.revision,
+                "config": self.config,
+                "fingerprint": self.fingerprint,
+            },
+            "evaluated": {
+                "observation": self.observation,
+                "image_size": self.image_size,
+                "way": self.way,
+                "episodes": self.episodes,
+                "seed": self.seed,
+                "version": __version__,
+            },
+            "splits": {split: _described(scores) for split, scores in self.splits.items()},
+            "baselines": {
+                name: {split: scores.figures() for split, scores in found.items()}
+                for name, found in self.baselines.items()
+            },
+        }
+
+
+def _described(scores: Scores) -> dict[str, Any]:
+    """Return the figures, and what they follow from: each episode in each labyrinth."""
+    outcomes = np.atleast_2d(scores.episodes.outcomes)
+    return scores.figures() | {
+        "labyrinth_ids": [f"{number:016x}" for number in scores.labyrinth_ids.tolist()],
+        "distance": scores.distance.tolist(),
+        "step_limit": scores.episodes.step_limit,
+        "outcomes": ["".join(name[0] for name in row) for row in outcomes.tolist()],
+        "moves": np.atleast_2d(scores.episodes.moves).tolist(),
+    }
+
+
+def _cells(scores: Scores) -> list[str]:
+    figures = scores.figures()
+    low, high = figures["sr_interval"]
+    failures = (f"{count} {name}" for name, count in figures["failures"].items())
+    return [
+        f"{scores.sr:.1%}",
+        f"{100 * low:.0f}-{100 * high:.0f}",
+        f"{scores.aer:.2f} ± {figures['aer_std']:.2f}",
+        _percent(scores.path_efficiency),
+        ", ".join(failures) or "none",
+    ]
+
+
+def _pair(scores: Scores) -> str:
+    return f"{_percent(scores.sr)} / {_percent(scores.path_efficiency)}"
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{share:.1%}"
+
+
+def _as_text(content: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each entry of the first three levels."""
+
+    def lines(value: Any, depth: int) -> str:
+        if not (isinstance(value, dict) and value and depth < 3):
+            return json.dumps(value, ensure_ascii=False)
+        indent = " " * (depth + 1)
+        inner = (
+            f"{indent}{json.dumps(key)}: {lines(each, depth + 1)}" for key, each in value.items()
+        )
+        return "{\n" + ",\n".join(inner) + "\n" + " " * depth + "}"
+
+    return lines(content, 0) + "\n"

@@ -1,0 +1,1 @@
+"""The stage `evaluate` for anybody's policy, which `policy=` names."""

@@ -1,0 +1,39 @@
+"""The dataset that a run learns from or is judged on."""
+
+from __future__ import annotations
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.source import locate
+from pipeline.config.errors import ConfigError, check
+from pipeline.config.run import Run
+
+
+def manifest_of(run: Run) -> Manifest:
+    """Return the manifest of the dataset of a run.
+
+    Raises:
+        ConfigError: A folder is given with a revision, or train has too few labyrinths.
+        DatasetError: There is no dataset.
+    """
+    options = run.options
+    if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
+        size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
+        command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
+        raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
+    try:
+        folder = locate(run.source, run.dataset.name, [], options.revision)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    manifest = Manifest.read(folder)
+    asked, most = options.train_labyrinths, sum(s.labyrinths for s in manifest.of("train"))
+    check(
+        asked is None or asked <= most,
+        f"train_labyrinths={asked}: give {most} or fewer, as many as train of {run.source} has",
+    )
+    return manifest
+
+
+def fingerprint_of(run: Run) -> str:
+    """Return the fingerprint of the dataset of a run; raise as `manifest_of`."""
+    return manifest_of(run).fingerprint

@@ -1,0 +1,442 @@
+"""Anybody's policy judged: looking up, stepping and the environment agree; mistakes are told."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import huggingface_hub
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from labyrinths_of_datasets import CONFIGS
+from policies import Remembering, Rounds, Table, mistaken
+
+from labyrinth_core import PolicyError, dump, evaluate, load_arrays
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.evaluation.baselines import random_figures
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, episodes_of, score
+from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.world.labyrinth import Task
+
+every_config = pytest.mark.parametrize("config", CONFIGS.values())
+
+
+@pytest.fixture(scope="module")
+def arrays_of(datasets):
+    return {
+        (config, split): load_arrays(datasets, config, split, image_size=8)
+        for config in CONFIGS.values()
+        for split in EVALUATED_SPLITS
+    }
+
+
+def told(scores):
+    """Return all that looking up and stepping should agree on."""
+    figures = scores.figures()
+    for name in ("accuracy_on_demonstrations", "accuracy_elsewhere"):
+        del figures[name]
+    episodes = scores.episodes
+    return figures, episodes.outcomes.ravel().tolist(), episodes.moves.ravel().tolist()
+
+
+def stepped(policy, arrays, episodes=1):
+    found = step_through(Player.of(policy, 0), arrays, episodes)
+    return Scores(found, arrays.labyrinth_ids, arrays.distance, None, None)
+
+
+def observed(arrays):
+    return arrays.observations[~arrays.terminal]
+
+
+# Both ways.
+
+
+@every_config
+@given(
+    split=st.sampled_from(EVALUATED_SPLITS),
+    share=st.floats(0, 1),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_stepping_gives_the_figures_of_looking_up(arrays_of, config, split, share, seed):
+    arrays = arrays_of[config, split]
+    policy = Table(arrays, mistaken(arrays, share, seed))
+    looked_up = told(score(policy, arrays))
+    assert told(stepped(policy, arrays)) == looked_up
+    assert told(stepped(Remembering(policy), arrays)) == looked_up
+
+
+@every_config
+def test_a_policy_with_memory_does_what_it_does_in_the_environment(datasets, arrays_of, config):
+    results = evaluate(Rounds(3), datasets, config, image_size=8, splits=["train"])
+    assert (results.way, results.episodes) == ("steps", 1)
+    episodes = results.splits["train"].episodes
+    for place, labyrinth in enumerate(arrays_of[config, "train"].labyrinths):
+        policy, env = Rounds(3), LabyrinthEnv(labyrinth=labyrinth, image_size=8)
+        observation, _ = env.reset(seed=0)
+        policy.reset(1)
+        rewards, states, over = [], [], False
+        while not over:
+            observation, reward, terminated, truncated, _ = env.step(
+                policy.act(observation[None])[0]
+            )
+            rewards.append(reward)
+            states.append(env.state)
+            over = terminated or truncated
+        cut = "wall" if len({*states[len(states) // 2 :]}) == 1 else "loop"
+        outcome = {1: "solved", -100: "ice"}.get(rewards[-1], cut)
+        assert episodes.outcomes[0, place] == outcome
+        assert episodes.moves[0, place] == len(rewards)
+        assert episodes.returns[0, place] == pytest.approx(sum(rewards), abs=1e-9)
+        assert episodes.solved[0, place] == (rewards[-1] == 1)
+
+
+def test_many_labyrinths_are_stepped_some_at_a_time(arrays_of, monkeypatch):
+    arrays = arrays_of["3x4", "train"]
+    whole = told(stepped(Rounds(2), arrays))
+    monkeypatch.setattr("labyrinth_core.evaluation.stepping.TOGETHER", 2)
+    policy = Remembering(Table(arrays, mistaken(arrays, 0)))
+    stepped(policy, arrays)
+    assert policy.counts == [2, 2, 1]
+    assert told(stepped(Rounds(2), arrays)) == whole
+
+
+def test_a_policy_that_remembers_still_sees_how_episodes_ended(arrays_of):
+    arrays = arrays_of["3x4", "train"]
+    best = Table(arrays, mistaken(arrays, 0))
+    shown = []
+
+    class Watching(Remembering):
+        def __init__(self):
+            super().__init__(self.watch)
+
+        def watch(self, observations):
+            shown.append(observations)
+            ended = np.array([best.actions[each.tobytes()] for each in observations])
+            over = [(each == goals).all(axis=(1, 2, 3)).any() for each in observations]
+            return np.where(over, 99, ended)  # No action, where none is looked at.
+
+    goals = arrays.observations[arrays.terminal]
+    assert stepped(Watching(), arrays).sr == 1
+    assert all(len(each) == len(arrays.initial) for each in shown)
+
+
+def test_a_function_is_asked_no_more_about_episodes_that_are_over(arrays_of):
+    arrays = arrays_of["3x4", "train"]
+    policy, asked = Table(arrays, mistaken(arrays, 0)), []
+    stepped(lambda seen: asked.append(len(seen)) or policy(seen), arrays)
+    assert sum(asked) == arrays.distance.sum()
+
+
+# Chance.
+
+
+def chance(observations, rng):
+    return rng.integers(4, size=len(observations))
+
+
+class Chance:
+    def reset(self, count, rng):
+        assert count > 0
+        self.rng = rng
+
+    def act(self, observations):
+        return self.rng.integers(4, size=len(observations))
+
+
+def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets, arrays_of):
+    results = evaluate(chance, datasets, "3x4", image_size=8, splits=["train"], episodes=300)
+    scores, exact = results.splits["train"], random_figures(arrays_of["3x4", "train"])
+    assert scores.episodes.outcomes.shape == (300, 5)
+    assert scores.sr == pytest.approx(exact["sr"], abs=0.02)
+    assert scores.aer == pytest.approx(exact["aer"], abs=0.1)
+    figures = scores.figures()
+    assert figures["labyrinths"] == 5
+    assert figures["sr_interval"][0] <= scores.sr <= figures["sr_interval"][1]
+    assert "300 episodes a labyrinth, by steps" in str(results)
+
+
+@pytest.mark.parametrize("make", [lambda: chance, Chance])
+def test_the_seed_settles_what_is_drawn(datasets, make):
+    def moves(seed):
+        results = evaluate(make(), datasets, "3x4", image_size=8, splits=["test"], seed=seed)
+        assert results.way == "steps"
+        return results.splits["test"].episodes.moves.tolist()
+
+    assert moves(1) == moves(1)
+    assert moves(1) != moves(2)
+
+
+def test_chance_that_is_not_told_of_is_not_looked_up(datasets):
+    rng = np.random.default_rng(0)
+    with pytest.raises(PolicyError, match="answers the same observations differently: give epi"):
+        evaluate(lambda seen: rng.integers(4, size=len(seen)), datasets, "3x4", image_size=8)
+
+
+# What is shown, and what may be answered.
+
+
+class Network(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.shown = []
+        self.dropout = torch.nn.Dropout(0.9)
+        self.frozen = torch.nn.Dropout(0.9).eval()
+        self.last = torch.nn.Linear(8 * 8 * 3, 4)
+
+    def forward(self, observations):
+        self.shown.append((observations.dtype, self.training, torch.is_grad_enabled()))
+        return self.last(self.frozen(self.dropout(observations.flatten(1).float())))
+
+
+def test_a_module_is_given_tensors_and_left_as_it_was(datasets):
+    torch.manual_seed(0)
+    network = Network()
+    by_module = evaluate(network, datasets, "3x4", image_size=8, splits=["test"])
+    assert network.shown
+    assert set(network.shown) == {(torch.uint8, False, False)}
+    assert [each.training for each in network.modules()] == [True, True, False, True]
+    network.eval()
+
+    def function(observations):
+        return network(torch.tensor(observations)).detach().numpy()
+
+    by_function = evaluate(function, datasets, "3x4", image_size=8, splits=["test"])
+    assert told(by_module.splits["test"]) == told(by_function.splits["test"])
+
+
+class Foreign:
+    """An array of a library that is not numpy, such as JAX."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda actions: actions,
+        lambda actions: actions.tolist(),
+        lambda actions: actions.astype(np.uint8),
+        lambda actions: Foreign(actions),
+        lambda actions: torch.tensor(actions),
+        lambda actions: np.eye(4)[actions],
+        lambda actions: Foreign(np.eye(4, dtype=np.float32)[actions]),
+        lambda actions: np.log(np.eye(4, dtype=np.float16)[actions]),
+        lambda actions: torch.eye(4, requires_grad=True)[torch.tensor(actions)],
+        lambda actions: torch.eye(4, dtype=torch.bfloat16)[torch.tensor(actions)],
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_actions_and_scores_of_any_library_are_understood(arrays_of, answer):
+    arrays = arrays_of["3x4", "test"]
+    table = Table(arrays, mistaken(arrays, 0.3))
+    expected = score(table, arrays)
+    found = score(lambda seen: answer(table(seen)), arrays)
+    assert found.to_json() == expected.to_json()
+    assert told(stepped(lambda seen: answer(table(seen)), arrays)) == told(expected)
+
+
+@every_config
+def test_texts_are_the_labyrinth_in_the_language_with_the_agent_in_it(datasets, config):
+    arrays = load_arrays(datasets, config, "test", observation="text")
+    table = Table(arrays, mistaken(arrays, 0))
+    shown = []
+
+    def policy(texts):
+        shown.extend(texts)
+        return table(texts)
+
+    results = evaluate(policy, datasets, config, observation="text", splits=["test"])
+    if config != CONFIGS[Task.PARTIAL_OBSERVABILITY]:  # Where two states may look the same.
+        assert results.splits["test"].sr == 1
+    assert results.image_size is None
+    assert all(type(text) is str and text.count("@") == 1 for text in shown)
+    begin = arrays.labyrinths[0]
+    first = arrays.observations[arrays.initial[0]]
+    if begin.task is not Task.PARTIAL_OBSERVABILITY:
+        assert first.replace("@", "S") == dump(begin)
+    else:
+        assert "?" in first
+
+
+def test_vectors_are_shown_where_they_are_asked_for(datasets):
+    arrays = load_arrays(datasets, "3x4", "test", observation="vector")
+    table = Table(arrays, mistaken(arrays, 0))
+    results = evaluate(table, datasets, "3x4", observation="vector", splits=["test"])
+    assert results.splits["test"].sr == 1
+    assert "vector, one episode a labyrinth, by look-ups" in str(results)
+
+
+# What is refused.
+
+
+def broken(seen):
+    raise OSError(f"no such\nlayer for {len(seen)}")
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (
+            broken,
+            r"raised OSError: no such layer for 16 when given uint8 of shape \(16, 8, 8, 3\)\Z",
+        ),
+        (
+            lambda seen: seen[:3, 0, 0, 0],
+            r"answered uint8 of shape \(3,\) to 16 observations: give",
+        ),
+        (lambda seen: np.zeros((len(seen), 5)), r"answered float64 of shape \(16, 5\) to 16 obs"),
+        (lambda seen: np.zeros((len(seen), 1), int), r"answered int64 of shape \(16, 1\) to 16"),
+        (lambda seen: np.zeros(len(seen)), r"answered float64 of shape \(16,\) .* whole numbers"),
+        (
+            lambda seen: np.full(len(seen), 7),
+            "answered action 7: give 0 up, 1 right, 2 down or 3 left",
+        ),
+        (lambda seen: np.full(len(seen), -1), "answered action -1: give 0 up"),
+        (lambda seen: np.full((len(seen), 4), np.nan), "answered nan as the score of an action"),
+        (lambda seen: seen.sort(), "answered NoneType to 16 observations"),
+        (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(16,\) to 16 observations"),
+        (lambda seen: (seen, [1, 2], None), "answered tuple, which is no array"),
+    ],
+)
+def test_a_broken_policy_is_told_what_came_back_and_what_is_wanted(datasets, policy, message):
+    with pytest.raises(PolicyError, match=message) as caught:
+        evaluate(policy, datasets, "3x4", image_size=8)
+    assert "\n" not in str(caught.value)
+    if policy is broken:
+        assert type(caught.value.__cause__) is OSError
+
+
+def test_a_mistake_in_one_episode_of_many_is_found(arrays_of):
+    arrays = arrays_of["3x4", "train"]
+    policy = Rounds(1)
+    act = policy.act
+    policy.act = lambda seen: np.where(np.arange(len(seen)) == 3, 4, act(seen))
+    with pytest.raises(PolicyError, match="answered action 4: give 0 up"):
+        stepped(policy, arrays)
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (7, "not an object of int"),
+        (Rounds, "not the class Rounds"),
+        (object(), "not an object of object"),
+    ],
+)
+def test_what_is_no_policy_is_refused(datasets, policy, message):
+    with pytest.raises(PolicyError, match=rf"\Apolicy: give a function from .*, {message}\Z"):
+        evaluate(policy, datasets, "3x4")
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "message"),
+    [
+        ({"episodes": 0}, ValueError, "episodes=0: give a whole number from 1 on, or None"),
+        ({"episodes": 1.5}, ValueError, "episodes=1.5: give a whole"),
+        (
+            {"observation": "sound"},
+            ValueError,
+            "observation=sound: choose one of image, vector, te",
+        ),
+        ({"splits": ["tset"]}, DatasetError, "split=tset: the dataset has train, validation, test"),
+        ({"splits": []}, DatasetError, r"split=\[\]: the dataset has train"),
+        ({"revision": "1"}, ValueError, "revision=1: .* is a folder, which has no revisions"),
+    ],
+)
+def test_an_impossible_argument_is_told_in_one_line(datasets, options, kind, message):
+    with pytest.raises(kind, match=rf"\A{message}"):
+        evaluate(chance, datasets, "3x4", **options)
+
+
+# The dataset, and the results.
+
+
+def test_all_splits_but_the_random_one_are_evaluated(datasets):
+    results = evaluate(Rounds(1), datasets, "3x4", image_size=8)
+    assert tuple(results.splits) == EVALUATED_SPLITS
+    assert results.fingerprint == Manifest.read(datasets / "3x4").fingerprint
+    printed = str(results).splitlines()
+    assert [line.split()[0] for line in printed[2:]] == list(EVALUATED_SPLITS)
+    assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
+
+
+def test_a_dataset_is_found_by_its_id(datasets, monkeypatch, tmp_path):
+    asked = []
+
+    def snapshot_download(source, *, repo_type, revision, allow_patterns):
+        asked.append((source, repo_type, revision, *allow_patterns))
+        for pattern in allow_patterns:
+            for path in datasets.glob(pattern):
+                target = tmp_path / path.relative_to(datasets)
+                target.parent.mkdir(exist_ok=True)
+                shutil.copy(path, target)
+        return str(tmp_path)
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    options = {"image_size": 8, "splits": ["test"]}
+    results = evaluate(Rounds(1), "user/name", "3x4", revision="v1", **options)
+    assert (results.dataset, results.revision) == ("user/name", "v1")
+    here = evaluate(Rounds(1), datasets, "3x4", **options)
+    assert told(results.splits["test"]) == told(here.splits["test"])
+    assert asked == [
+        ("user/name", "dataset", "v1", "3x4/manifest.json"),
+        ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/test-*.parquet"),
+    ]
+
+
+@pytest.mark.parametrize("episodes", [None, 2])
+def test_all_figures_that_are_saved_follow_from_the_episodes_saved(datasets, tmp_path, episodes):
+    results = evaluate(Rounds(2), datasets, "3x4", image_size=8, episodes=episodes)
+    path = tmp_path / "a" / "mine.json"
+    results.save(path, name="mine", url="https://example.org/mine", budget="nothing")
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert (content["kind"], content["format"]) == ("labyrinth-results", 1)
+    assert content["method"] == {
+        "name": "mine",
+        "url": "https://example.org/mine",
+        "budget": "nothing",
+    }
+    manifest = Manifest.read(datasets / "3x4")
+    assert content["dataset"]["fingerprint"] == manifest.fingerprint
+    assert content["dataset"]["config"] == "3x4"
+    assert content["evaluated"]["episodes"] == (episodes or 1)
+    assert list(content["splits"]) == list(EVALUATED_SPLITS)
+    for split, figures in content["splits"].items():
+        rows = zip(figures["outcomes"], figures["moves"], strict=True)
+        again = [episodes_of({"outcomes": row, "moves": moves}, 12) for row, moves in rows]
+        solved = np.stack([each.solved for each in again])
+        returns = np.stack([each.returns for each in again])
+        assert solved.shape == (episodes or 1, 5)
+        assert figures["sr"] == solved.mean()
+        assert figures["aer"] == returns.mean()
+        efficiency = (np.array(figures["distance"]) / np.array(figures["moves"]))[solved]
+        assert figures["path_efficiency"] == (efficiency.mean() if solved.any() else None)
+        arrays = load_arrays(datasets, "3x4", split, observation="vector")
+        assert figures["labyrinth_ids"] == [f"{each:016x}" for each in arrays.labyrinth_ids]
+        assert figures["step_limit"] == 480
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"name": " "}, "name=' ': say what the policy is called"),
+        ({"name": "a", "url": "example.org"}, "url=example.org: give an address such as https://"),
+    ],
+)
+def test_results_without_a_name_or_with_no_address_are_not_saved(
+    datasets, tmp_path: Path, options, message
+):
+    results = evaluate(Rounds(2), datasets, "3x4", image_size=8, splits=["test"])
+    with pytest.raises(ValueError, match=rf"\A{message}"):
+        results.save(tmp_path / "a" / "mine.json", **options)
+    assert not any(tmp_path.iterdir())

@@ -1,0 +1,122 @@
+"""The optimistic replanner: what it knows is what it has seen, and memory is what it needs."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from labyrinths_of_datasets import CONFIGS
+from policies import Remembering
+from strategies import connected_structures
+
+from labyrinth_core import evaluate, load_arrays, parse
+from labyrinth_core.evaluation.replanner import Replanner
+from labyrinth_core.evaluation.scores import score
+from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.dynamics import State, initial, transition
+from labyrinth_core.world.grid import neighbours
+from labyrinth_core.world.labyrinth import Labyrinth, Task, breadth_first
+from labyrinth_core.world.visibility import visible_from
+
+CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]
+
+
+def planned(labyrinth, agent, seen):
+    """Return the first action of a shortest route in which unseen passages are open."""
+    structure = labyrinth.structure
+
+    def ways(cell):
+        beside = neighbours(cell, structure.height, structure.width)
+        return {
+            action: other
+            for action, other in beside.items()
+            if structure.moves[cell][action] == other or not {cell, other} & seen
+        }
+
+    onward = [list(ways(cell).values()) for cell in range(structure.cells)]
+    distances = breadth_first(onward, [labyrinth.goal])
+    found = ways(agent)
+    return min(sorted(found), key=lambda action: distances[found[action]])
+
+
+@given(structure=connected_structures(), data=st.data(), memory=st.booleans())
+def test_it_plans_with_what_it_has_seen_and_hopes_for_the_rest(structure, data, memory):
+    cells = st.integers(0, structure.cells - 1)
+    start, goal = data.draw(st.lists(cells, min_size=2, max_size=2, unique=True))
+    labyrinth = Labyrinth(structure, start, goal, Task.PARTIAL_OBSERVABILITY)
+    replanner = Replanner(structure.height, structure.width, memory=memory)
+    replanner.reset(1)
+    agent, seen, visited = start, set(), []
+    while agent != goal and (memory or agent not in visited):
+        visited.append(agent)
+        seen = (seen if memory else set()) | visible_from(structure, agent)
+        action = replanner.act(vector_observation(labyrinth, State(agent))[None])[0]
+        assert action == planned(labyrinth, agent, seen)
+        assert structure.moves[agent][action] != agent
+        agent = structure.moves[agent][action]
+        assert len(visited) <= structure.cells**2
+
+
+FORGETTABLE = """
+occlusion: True
+labyrinth:
+-------------
+|       | E |
+|   + - +   |
+|           |
+|   + - +   |
+| S     |   |
+-------------
+end
+"""
+"""The wall before the goal is seen from the top left alone, and no more from the cell below."""
+
+
+@pytest.mark.parametrize(
+    ("memory", "cells"), [(False, [0, 3, 6, 3, 6, 3, 6]), (True, [0, 3, 6, 3, 4, 5, 8])]
+)
+def test_memory_is_what_keeps_it_from_going_round(memory, cells):
+    labyrinth, replanner = parse(FORGETTABLE), Replanner(3, 3, memory=memory)
+    replanner.reset(1)
+    states = [initial(labyrinth)]
+    for _ in cells[1:]:
+        action = replanner.act(vector_observation(labyrinth, states[-1])[None])[0]
+        states.append(transition(labyrinth, states[-1], action))
+    assert [state.agent for state in states] == cells
+
+
+def test_with_memory_it_solves_every_labyrinth_and_each_in_the_batch_by_itself(datasets):
+    arrays = load_arrays(datasets, CONFIG, "train", observation="vector")
+    replanner = Replanner(3, 4)
+    together = step_through(Player.of(replanner, 0), arrays, 2)
+    assert together.solved.all()
+    assert (together.moves[0] == together.moves[1]).all()
+    assert (together.moves >= arrays.distance).all()
+
+
+def test_without_memory_it_can_be_looked_up(datasets):
+    arrays = load_arrays(datasets, CONFIG, "test", observation="vector")
+    policy = Replanner(3, 4, memory=False)
+    looked_up = score(policy.act, arrays).episodes
+    stepped = step_through(Player.of(Remembering(policy.act), 0), arrays, 1)
+    assert stepped.moves[0].tolist() == looked_up.moves.tolist()
+    assert stepped.outcomes[0].tolist() == looked_up.outcomes.tolist()
+
+
+@pytest.mark.parametrize("task", Task)
+def test_it_stands_beside_the_results_under_partial_observability_alone(datasets, task):
+    config = CONFIGS[task]
+    results = evaluate(lambda seen: [0] * len(seen), datasets, config, image_size=8, splits="test")
+    content = results.to_json(name="up")
+    if task is not Task.PARTIAL_OBSERVABILITY:
+        assert not results.baselines
+        assert content["baselines"] == {}
+        assert "replanner" not in str(results)
+        return
+    own = evaluate(Replanner(3, 4), datasets, config, observation="vector", splits=["test"]).splits[
+        "test"
+    ]
+    assert content["baselines"]["replanner"]["test"]["path_efficiency"] == own.path_efficiency
+    assert list(content["baselines"]) == ["replanner", "without memory"]
+    assert f"100.0% / {own.path_efficiency:.1%}" in str(results)

@@ -1,0 +1,214 @@
+"""`stages=[evaluate] policy=...`: anybody's policy by its name, and what is told where it fails."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hub.fixture import local_hub
+from making import make
+from publishing import REPO, environment, published
+
+from labyrinth_core import PolicyError, evaluate
+from labyrinth_core.data.errors import DatasetError
+from pipeline.config.errors import ConfigError
+from pipeline.config.training import EvaluationOptions
+from pipeline.evaluation import stage
+from pipeline.evaluation.named import named_policy
+
+__all__ = ["local_hub"]
+
+RUN = Path(__file__).parents[3] / "run.py"
+
+MODULE = """
+import numpy as np
+
+def right(observations):
+    return np.full(len(observations), 1)
+
+def make(answer=1):
+    return lambda observations: np.full(len(observations), answer)
+
+class Remembering:
+    def reset(self, count):
+        self.count = count
+
+    def act(self, observations):
+        return np.full(self.count, 1)
+
+instance = Remembering()
+
+class Broken(Remembering):
+    def act(self, observations):
+        return self.deeper()
+
+    def deeper(self):
+        raise ArithmeticError("too deep")
+
+def unmade():
+    raise LookupError("no weights")
+
+def seven(observations):
+    return np.full(len(observations), 7)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working directory with modules of policies."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in ("strange", "needy"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    (tmp_path / "strange.py").write_text(MODULE, encoding="utf-8")
+    (tmp_path / "needy.py").write_text("import not_installed_anywhere", encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def run_of(small_dataset, make_run, folder):
+    """A function that returns the run in which a policy is evaluated on test."""
+
+    def of(policy, data_dir=small_dataset.data_dir, observation="image", **options):
+        return make_run(
+            data_dir,
+            stages=["evaluate"],
+            policy=policy,
+            run_dir=str(folder / "runs"),
+            observation=observation,
+            evaluation=EvaluationOptions(**{"splits": ("test",)} | options),
+        )
+
+    return of
+
+
+@pytest.mark.parametrize("name", ["right", "make", "Remembering", "instance"])
+def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, folder, name, capsys):
+    run = run_of(f"strange:{name}")
+    stage.run(run)
+    path = folder / "runs" / "3x3" / f"strange-{name}" / "results.json"
+    assert str(path) in capsys.readouterr().out
+    content = json.loads(path.read_text(encoding="utf-8"))
+    expected = evaluate(lambda seen: [1] * len(seen), run.source, "3x3", splits=["test"])
+    assert list(content["splits"]) == ["test"]
+    assert content["splits"]["test"]["moves"] == [expected.splits["test"].episodes.moves.tolist()]
+    assert content["method"] == {"name": f"strange:{name}", "url": "", "budget": ""}
+
+
+def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsys):
+    about = {"name": "My method!", "url": "https://a.org/b", "budget": "nothing"}
+    stage.run(run_of("strange:right", observation="text", episodes=2, **about))
+    path = folder / "runs" / "3x3" / "My-method" / "results.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert content["method"] == about
+    assert content["evaluated"]["observation"] == "text"
+    assert content["evaluated"]["episodes"] == 2
+    assert "My method!" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("policy", "kind", "message"),
+    [
+        (
+            "strange:absent",
+            ConfigError,
+            r"policy=strange:absent: there is no absent, only \[np",
+        ),
+        ("absent:make", ConfigError, "policy=absent:make: there is no module absent, neither in /"),
+        ("needy:make", PolicyError, "raised ModuleNotFoundError: No module named 'not_installed"),
+        ("strange:unmade", PolicyError, "raised LookupError: no weights"),
+        ("strange:seven", PolicyError, "answered action 7: give 0 up, 1 right, 2 down or 3 left"),
+        ("absent.zip", DatasetError, r"absent.zip is neither an archive \(a .zip\) nor an id"),
+    ],
+)
+def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, policy, kind, message):
+    with pytest.raises(kind, match=message) as caught:
+        stage.run(run_of(policy))
+    assert "\n" not in str(caught.value)
+    assert not (folder / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"policy": "a b"},
+            "policy=a b: give module:name, or a Stable-Baselines3 archive as a path",
+        ),
+        ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number, 1 or more"),
+        ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
+        ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
+        ({"policy": "", "observation": "text"}, "observation=text: encoders look at image or vect"),
+    ],
+)
+def test_impossible_options_are_refused_in_one_line(run_of, options, message):
+    with pytest.raises(ConfigError, match=rf"\A{message}"):
+        run_of(**options)
+
+
+def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):
+    with pytest.raises(ConfigError, match=r"policy=a:b is not trained: stages=\[evaluate\]"):
+        make_run(tmp_path, stages=["train", "evaluate"], policy="a:b")
+
+
+def test_without_a_dataset_it_is_said_how_one_is_made(run_of, tmp_path):
+    with pytest.raises(DatasetError, match=r"holds no dataset: labyrinth-datasets size=3x3"):
+        stage.run(run_of("strange:right", tmp_path / "nothing"))
+
+
+def command(small_dataset, policy):
+    return ["size=3", f"data_dir={small_dataset.data_dir}", "stages=evaluate", f"policy={policy}"]
+
+
+@pytest.mark.slow
+def test_by_command_the_error_of_a_policy_is_one_line_and_its_own_traceback(folder, small_dataset):
+    arguments = command(small_dataset, "strange:Broken")
+    done = subprocess.run(
+        [sys.executable, str(RUN), *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    first, second, *others = done.stderr.splitlines()
+    assert first.startswith("error: the policy raised ArithmeticError: too deep when given uint8")
+    assert second == "Traceback (most recent call last):"
+    files = [line.split('"')[1] for line in others if line.startswith("  File ")]
+    assert files == [str(folder / "strange.py")] * 2
+    assert others[-1] == "ArithmeticError: too deep"
+    assert not (folder / "runs").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_no_torch_is_needed_to_judge_a_policy_that_needs_none(small_dataset):
+    program = (
+        "import sys; sys.modules['torch'] = None; from pipeline.__main__ import main; "
+        f"sys.argv[1:] = {command(small_dataset, 'strange:right')!r}; main()"
+    )
+    path = {"PYTHONPATH": str(RUN.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "s0_and_g" in done.stdout
+
+
+@pytest.mark.slow
+def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path):
+    data_dir = tmp_path / "labyrinth"
+    make(data_dir, "2x3", labyrinths=3, random_steps=5)
+    published(local_hub, data_dir)
+    by_id = ["size=2x3", "stages=evaluate", "policy=strange:right", f"dataset={REPO}"]
+    done = subprocess.run(
+        [sys.executable, str(RUN), *by_id, "revision=1.0.0"],
+        env=environment(local_hub),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    there = json.loads((folder / "runs/2x3/strange-right/results.json").read_text("utf-8"))
+    here = evaluate(named_policy("strange:right"), data_dir, "2x3").to_json(name="strange:right")
+    assert there["dataset"] == here["dataset"] | {"source": REPO, "revision": "1.0.0"}
+    assert there["splits"] == here["splits"]

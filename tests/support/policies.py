@@ -1,0 +1,53 @@
+"""Policies for tests: tables of actions, with memory and without."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class Table:
+    """A policy that is a table from observations to actions: what is not in it goes up."""
+
+    def __init__(self, arrays, actions):
+        pairs = zip(arrays.observations, actions.tolist(), strict=True)
+        self.actions = {key(observation): action for observation, action in pairs}
+
+    def __call__(self, observations):
+        return np.array([self.actions.get(key(each), 0) for each in observations])
+
+
+def key(observation):
+    return observation if isinstance(observation, str) else observation.tobytes()
+
+
+class Remembering:
+    """A policy without memory in the form of one with it."""
+
+    def __init__(self, policy):
+        self.act = policy
+        self.counts = []
+
+    def reset(self, count):
+        self.counts.append(count)
+
+
+class Rounds:
+    """A policy with memory: its n-th action in an episode, whatever it sees, is n // `turns`."""
+
+    def __init__(self, turns):
+        self.turns = turns
+
+    def reset(self, count):
+        self.steps = np.zeros(count, np.int64)
+
+    def act(self, observations):
+        assert len(observations) == len(self.steps)
+        self.steps += 1
+        return (self.steps - 1) // self.turns % 4
+
+
+def mistaken(arrays, share, seed=0):
+    """Return optimal actions, but for a share of random ones."""
+    rng = np.random.default_rng(seed)
+    wrong = rng.random(len(arrays.terminal)) < share
+    return np.where(wrong, rng.integers(4, size=len(wrong)), arrays.optimal.argmax(axis=1))

@@ -1,0 +1,92 @@
+"""The recipes run, where their libraries are installed, and come to what they should."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labyrinth_core import Action, evaluate, parse, shortest_route
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.machinery.stable_baselines import read_discrete
+
+pytestmark = pytest.mark.slow
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+RECIPES = sorted(EXAMPLES.glob("*.py"))
+
+
+def run(name: str, **arguments: object) -> Results:
+    """Return what the function `main` of a recipe returns."""
+    results = runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](**arguments)
+    assert isinstance(results, Results)
+    return results
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda path: path.stem)
+def test_a_recipe_is_short_and_stands_by_itself(recipe):
+    text = recipe.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    assert "pipeline" not in text
+
+
+def test_plain_pytorch_learns_its_demonstrations(small_dataset):
+    results = run("plain_pytorch", folder=small_dataset.source, config="3x3", epochs=150)
+    assert tuple(results.splits) == EVALUATED_SPLITS
+    assert results.splits["train"].sr == 1
+
+
+def test_a_recurrent_policy_learns_its_demonstrations(datasets):
+    config = "3x4-partial_observability"
+    results = run("recurrent_policy", folder=str(datasets), config=config, epochs=60)
+    assert results.way == "steps"
+    assert results.splits["train"].sr >= 0.8
+
+
+def test_a_function_of_jax_learns_its_demonstrations(small_dataset):
+    pytest.importorskip("jax")
+    results = run("jax_function", folder=small_dataset.source, config="3x3", steps=300)
+    assert results.splits["train"].sr == 1
+
+
+def test_ppo_scores_the_same_by_itself_and_from_its_archive(datasets, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    archive = str(tmp_path / "ppo.zip")
+    by_itself = run(
+        "stable_baselines3_ppo", folder=str(datasets), size="3x4", steps=2_048, archive=archive
+    )
+    read = evaluate(read_discrete(archive), datasets, "3x4", observation="vector")
+    for split, scores in by_itself.splits.items():
+        assert scores.to_json() == read.splits[split].to_json()
+
+
+@pytest.mark.filterwarnings("ignore")  # Of inspect-ai's own, which leaves its streams open.
+def test_of_a_language_model_the_right_answer_scores_all_and_silence_nothing(datasets, tmp_path):
+    inspect_ai = pytest.importorskip("inspect_ai")
+    from inspect_ai.solver import solver
+
+    @solver
+    def answering(right: bool):
+        async def solve(state, _generate):
+            if right:
+                route = shortest_route(parse(state.target.text), np.random.default_rng(0))
+                state.output.completion = " ".join(Action(action).name for action in route)
+            return state
+
+        return solve
+
+    recipe = runpy.run_path(str(EXAMPLES / "language_model.py"))
+    for right, picture in ((True, False), (True, True), (False, False)):
+        task = recipe["labyrinths"](str(datasets), "3x4-key_and_door", picture=picture)
+        (log,) = inspect_ai.eval(
+            task,
+            solver=answering(right),
+            model="mockllm/model",
+            display="none",
+            log_dir=str(tmp_path),
+        )
+        assert log.status == "success", log.error
+        assert log.results.scores[0].metrics["accuracy"].value == right
