@@ -7,6 +7,7 @@ from functools import lru_cache
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.errors import DatasetError
@@ -14,8 +15,10 @@ from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.source import RawRow
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.world.dynamics import initial, state_index, transition
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import optimal_actions
 
 
 def episodes_of(
@@ -48,6 +51,31 @@ def episodes_of(
             rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
             terminated=episode.terminated,
         )
+
+
+def optimal_actions_of(rows: Iterable[RawRow]) -> NDArray[np.bool_]:
+    """Return which actions begin a shortest route in each state that is acted in, shape (N, 4).
+
+    Raises:
+        DatasetError: The rows do not make episodes.
+    """
+    found = []
+    for episode_rows in grouped(rows):
+        labyrinth, optimal = _solved(episode_rows[0].info)
+        state = initial(labyrinth)
+        places = []
+        for row in episode_rows[:-1]:
+            places.append(state_index(labyrinth, state))
+            state = transition(labyrinth, state, row.actions)
+        found.append(optimal[places])
+    return np.concatenate(found)
+
+
+@lru_cache(maxsize=1)
+def _solved(info: str) -> tuple[Labyrinth, NDArray[np.bool_]]:
+    """Return a labyrinth and its optimal actions; cached, as episodes often share one."""
+    labyrinth, _ = parse_info(info)
+    return labyrinth, optimal_actions(labyrinth)
 
 
 def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:

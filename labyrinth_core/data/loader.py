@@ -19,14 +19,15 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data import frame_cache
-from labyrinth_core.data.episodes import episodes_of
+from labyrinth_core.data.episodes import episodes_of, optimal_actions_of
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.selection import Filter, Numbers, find_numbers, find_part, rows_of
+from labyrinth_core.data.selection import Filter, Numbers, Part, find_numbers, find_part, rows_of
 from labyrinth_core.data.source import local_folder, stream_rows
 from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
 
@@ -47,6 +48,7 @@ def load_transitions(
     cache_dir: str | Path | bool | None = True,
     labyrinths: int | None = None,
     where: Filter | None = None,
+    optimal: bool = False,
 ) -> Transitions:
     """Return all transitions of a split.
 
@@ -57,7 +59,7 @@ def load_transitions(
 
     Args:
         source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this, the
-            next seven and the last two.
+            next seven, `labyrinths` and `where`.
         config: Name of the dataset's config, such as `5x5`.
         split: Name of the split, such as `train`.
         observation: "image", "vector" or "text".
@@ -72,6 +74,7 @@ def load_transitions(
             least recently make room.
         labyrinths: How many labyrinths, the first ones.
         where: A filter of the table of labyrinths.
+        optimal: Whether to find out, too, which actions were optimal, by solving each labyrinth.
 
     Raises:
         ValueError: An argument is none of the allowed values.
@@ -83,20 +86,28 @@ def load_transitions(
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
     part = find_part(source, config, split, revision, labyrinths, where)
+    found = _transitions(part, split, spec, cache_dir)
+    if not optimal:
+        return found
+    return replace(found, optimal=optimal_actions_of(part.rows(pictures=False)))
 
+
+def _transitions(
+    part: Part, split: str, spec: ObservationSpec, cache_dir: str | Path | bool | None
+) -> Transitions:
     def episodes() -> Generator[LoadedEpisode]:
         return episodes_of(part.rows(pictures=spec.decodes), spec)
 
-    if observation == "image" and cache_dir is not None and cache_dir is not False:
+    if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
         try:
             cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
             key = _key(part.shards, spec, numbers=part.numbers)
-            path = cache / frame_cache.name_of(part.config, split, image_size, key)
-            size = sum(shard.rows for shard in part.shards) * 3 * image_size**2
+            path = cache / frame_cache.name_of(part.config, split, spec.image_size, key)
+            size = sum(shard.rows for shard in part.shards) * 3 * spec.image_size**2
             return frame_cache.load(path, key, size, episodes)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
-            warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=2)
+            warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
     return collect(episodes())
 
 

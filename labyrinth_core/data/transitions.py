@@ -70,6 +70,8 @@ class Transitions:
     """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
     labyrinth_ids: NDArray[np.int64]
     """The id of each transition's labyrinth, shape (N,); elsewhere it is `f"{id:016x}"`."""
+    optimal: NDArray[np.bool_] | None = None
+    """Which of the four actions begin a shortest route, shape (N, 4), if it was asked for."""
 
     def __len__(self) -> int:
         """Return the number of transitions, N."""
@@ -122,12 +124,15 @@ class Transitions:
         return _received, tuple(as_sent(getattr(self, field.name)) for field in fields(self))
 
 
-def _received(*sent: NDArray[Any] | tuple[Any, ...]) -> Transitions:
-    return Transitions(*map(as_received, sent))
+def _received(*sent: Any) -> Transitions:
+    arrays: list[Any] = [None if each is None else as_received(each) for each in sent]
+    return Transitions(*arrays)
 
 
-def as_sent(array: NDArray[Any]) -> NDArray[Any] | tuple[Any, ...]:
+def as_sent(array: NDArray[Any] | None) -> NDArray[Any] | tuple[Any, ...] | None:
     """Return an array, or the arguments of `numpy.memmap` if it is mapped from a file."""
+    if array is None:
+        return None
     mapped: Any = array
     while mapped is not None and not isinstance(mapped, np.memmap):
         mapped = getattr(mapped, "base", None)

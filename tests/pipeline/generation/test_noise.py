@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from math import sqrt
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tampering import episode_rows, rows_of
 
+from labyrinth_core import load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import State, initial, state_index, transition
@@ -55,6 +58,11 @@ def test_so_many_actions_are_optimal_as_the_noise_says(
     found = sum(bool(row[action]) for row, (_, _, action) in zip(rows, of_steps, strict=True))
     deviation = sqrt(sum(share * (1 - share) for share in expected))
     assert abs(found - sum(expected)) < 3 * deviation
+    loaded = load_transitions(run.data_dir, run.dataset.name, image_size=8, optimal=True)
+    assert loaded.optimal is not None
+    assert np.array_equal(loaded.optimal, rows)
+    again = pickle.loads(pickle.dumps(loaded))
+    assert np.array_equal(again.optimal, rows)
     assert found < len(rows)
 
 
