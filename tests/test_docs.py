@@ -14,7 +14,7 @@ import labyrinth_core
 from labyrinth_core import __version__
 from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS
-from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
+from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import OPTIONS
@@ -70,6 +70,16 @@ def test_the_page_on_loading_explains_every_column_of_the_table_of_labyrinths():
 
 def test_the_readme_explains_every_split():
     assert table("split") == {split: SPLITS[split].meaning for split in BASE_SPLITS}
+
+
+def test_the_page_on_shifts_explains_every_shift():
+    text = (ROOT / "docs" / "shifts.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| `")][: len(SHIFTS)]
+    parents = {shift: SPLITS[shift].parent for shift in SHIFTS}
+    assert rows == [
+        f"| `{shift}` | {SPLITS[shift].meaning} | {f'`{parent}` |' if parent else '|'}"
+        for shift, parent in parents.items()
+    ]
 
 
 def test_the_readme_explains_every_task():
