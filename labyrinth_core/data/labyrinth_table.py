@@ -54,6 +54,7 @@ TABLE_COLUMNS = (
     _column("episodes", "int32", "episodes in the split"),
     _column("first_row", "int64", "its first row in the split, counted from 0"),
     _column("rows", "int32", "rows in the split, which follow one another"),
+    _column("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
 )
 
 

@@ -135,6 +135,19 @@ def moves_and_routes(labyrinth: Labyrinth) -> tuple[int, int]:
     return moves, 1
 
 
+def count_optimal(labyrinth: Labyrinth, routes: Iterable[Iterable[int]]) -> int:
+    """Return how many actions of some routes, all from the start on, begin a shortest route."""
+    table, distance = _table_and_distances(labyrinth)
+    start, count = state_index(labyrinth, initial(labyrinth)), 0
+    for route in routes:
+        state = start
+        for action in route:
+            after = table[state][action]
+            count += 0 <= distance[after] < distance[state]
+            state = after
+    return count
+
+
 def _table_and_distances(labyrinth: Labyrinth) -> tuple[Table, Sequence[int]]:
     if labyrinth.door is None:  # The labyrinth itself keeps them.
         return transition_table(labyrinth), distances(labyrinth)

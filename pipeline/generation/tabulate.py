@@ -21,6 +21,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.near_twins import passage_table
+from labyrinth_core.world.solver import count_optimal
 from pipeline.generation.write import text_array, value_array
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ FACTS = np.dtype(
         *((name, "<i8") for name in ("labyrinth_id", "structure_id", "parent_id")),
         ("optimal_routes", "<i8"),
         *((name, "<i4") for name in ("start", "goal", "moves", "turns", "episodes", "rows")),
-        *((name, "<i4") for name in ("loops", "branching", "dead_ends")),
+        *((name, "<i4") for name in ("optimal_actions", "loops", "branching", "dead_ends")),
     ]
 )
 """What is known of a labyrinth from its shard alone; 63-bit ids as numbers."""
@@ -80,6 +81,8 @@ class FactsOfShard:
             routes: The actions of each episode in it.
         """
         moves, optimal_routes = shortest
+        steps = sum(map(len, routes))
+        is_shortest = self._demonstrated and steps == moves * len(routes)
         self._structures.append(labyrinth.structure)
         self._rows.append(
             (
@@ -92,7 +95,8 @@ class FactsOfShard:
                 moves,
                 _turns(routes[0]) if self._demonstrated else NOTHING,
                 len(routes),
-                sum(map(len, routes)) + len(routes),  # A row for each state.
+                steps + len(routes),  # A row for each state.
+                steps if is_shortest else count_optimal(labyrinth, routes),
                 *(0, 0, 0),  # Counted for all at once.
             )
         )

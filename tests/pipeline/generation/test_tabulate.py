@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from itertools import groupby, pairwise
-from math import comb
+from math import comb, inf
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,15 @@ import pandas as pd
 import polars
 import pyarrow.parquet as pq
 import pytest
-from brute_force import moves_to_go, passages_of, shortest_of, simple_routes, world_of
+from brute_force import (
+    World,
+    moves_to_go,
+    passages_of,
+    shortest_of,
+    simple_routes,
+    step,
+    world_of,
+)
 from datasets import load_dataset
 from tampering import Rows, read_rows
 
@@ -64,6 +72,20 @@ def expected_table(folder: Path) -> Rows:
     return table
 
 
+def optimal_actions_in(world: World, rows: Rows) -> int:
+    """Return how many actions lead a move nearer to the goal."""
+    to_go, count = moves_to_go(world), 0
+    situation = (world.start, False, False)
+    for row in rows:
+        if row["episode_starts"]:
+            situation = (world.start, False, False)
+        if row["actions"] >= 0:
+            after, _, _ = step(world, situation, row["actions"])
+            count += to_go.get(after, inf) == to_go[situation] - 1
+            situation = after
+    return count
+
+
 def expected_row(info: str, rows: Rows) -> dict[str, Any]:
     labyrinth = parse(info)
     world, structure = world_of(labyrinth), labyrinth.structure
@@ -86,6 +108,7 @@ def expected_row(info: str, rows: Rows) -> dict[str, Any]:
         "dead_ends": sum(ways == 1 for ways in degree.values()),
         "episodes": len(ends),
         "rows": len(rows),
+        "optimal_actions": optimal_actions_in(world, rows),
     }
 
 
