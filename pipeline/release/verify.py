@@ -69,6 +69,7 @@ def _verified_rows(repo_id: str, commit: str, manifest: Manifest, before: int, f
 
     def load() -> int:
         if manifest.labyrinths is not None:
+            _tell(before, table_config(manifest.config.name))
             _check_table(repo_id, commit, manifest, folder)
         return _load(repo_id, commit, manifest, before)
 

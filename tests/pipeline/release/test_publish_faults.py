@@ -141,7 +141,7 @@ def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
     assert rule.reached.is_set()
     assert str(caught.value) == (
         f"the verification of {commit[:12]} failed, so it is not tagged: nothing came from the Hub "
-        "in 15 seconds, waiting for 2x3 train"
+        "in 15 seconds, waiting for 2x3-labyrinths"
     )
 
 
