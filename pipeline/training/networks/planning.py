@@ -203,4 +203,6 @@ class Planner(nn.Module):
             return attention.flatten(1).log_softmax(1).view(shape)
         green = (image - self.colour).abs().amax(1) < SAME_COLOUR
         share = functional.adaptive_avg_pool2d(green.float(), (shape[1], shape[2]))
+        total = share.sum((1, 2), keepdim=True)
+        share = torch.where(total > 0, share, 1.0)  # It may be anywhere, in other colours.
         return (share / share.sum((1, 2), keepdim=True).clamp(min=1e-6)).log()

@@ -18,7 +18,9 @@ from torch import nn
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -207,6 +209,13 @@ def test_the_released_policy_scores_the_same_however_it_is_asked(
         assert len({(each.sr, each.aer, each.path_efficiency) for each in scores}) == 1
         assert len({tuple(each.episodes.moves.ravel()) for each in scores}) == 1
         assert scores[0].sr >= 0.75
+
+
+def test_an_agent_in_another_colour_is_nowhere_and_the_scores_are_numbers() -> None:
+    structure = next(sample_structures(5, 5, np.random.default_rng(0)))
+    labyrinth = Labyrinth(structure, 0, 24, look=Look.RECOLOURED)
+    pictures = np.stack([render(labyrinth, State(cell), 64) for cell in (0, 1)])
+    assert np.isfinite(released()(pictures)).all()
 
 
 def test_the_released_policy_solves_fresh_labyrinths() -> None:
