@@ -102,7 +102,7 @@ def splits_of(methods: Mapping[str, Solved]) -> list[str]:
 
 def percent(mean: float, low: float, high: float) -> str:
     """Return a share and its interval, in percent."""
-    return f"{100 * mean:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+    return f"{round(100 * mean)} [{round(100 * low)}, {round(100 * high)}]"
 
 
 def effects(methods: Mapping[str, Solved]) -> str:
