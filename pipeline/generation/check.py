@@ -9,7 +9,6 @@ their hash allows.
 from __future__ import annotations
 
 import io
-import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -42,13 +41,7 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation.check_table import TablePart, table_problems
 from pipeline.generation.extremes import NO_EXTREMES, Extremes, shift_problem
-from pipeline.generation.relations import (
-    Parent,
-    is_left_out,
-    is_redrawn,
-    parents_of,
-    relation_problems,
-)
+from pipeline.generation.relations import Relations
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, route_problem
 from pipeline.generation.tabulate import FactsOfShard
@@ -82,8 +75,8 @@ class CheckJob:
     """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
     table: TablePart | None = None
     """Its place in the table of labyrinths, if that is to be compared."""
-    parent: str | None = None
-    """The path of the shard with the labyrinths that those of a shift are made from."""
+    parent: Shard | None = None
+    """The shard with the labyrinths that those of a shift are made from."""
     extremes: Extremes = NO_EXTREMES
     """Those of train."""
 
@@ -130,20 +123,6 @@ def check_shard(job: CheckJob) -> ShardReport:
     return report
 
 
-def _parents(job: CheckJob, report: ShardReport) -> list[Parent]:
-    """Return what the labyrinths of a shift are made from; note where that cannot be read."""
-    import pyarrow as pa
-
-    if job.parent is None:
-        return []
-    try:
-        return parents_of(job.folder / job.parent)
-    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
-        message = f"cannot be compared with {job.parent}, which cannot be read"
-        report.problems.append(f"{job.shard.path} {message}: {one_line(error)}")
-        return []
-
-
 def _rows(file: Any, report: ShardReport) -> Iterator[Row]:
     """Yield the rows of a file, up to the first that has a null."""
     first = 0
@@ -184,9 +163,9 @@ class _ShardCheck:
         """The number of the labyrinth in its split, or of its parent in the parent's."""
         self.numbers: list[int] = []
         """Those of all labyrinths, ascending."""
-        self.parents = _parents(job, report)
-        self.left_out = set(range(len(self.parents)))
-        """The places of the parents that no labyrinth is made from, as far as was seen."""
+        self.relations: Relations | None = None
+        if job.parent is not None:
+            self.relations = Relations(job.folder, job.config, job.shard, job.parent, job.first)
 
     def check(self, rows: Iterator[Row]) -> dict[str, Any]:
         """Check rows, and return what the manifest should say of them."""
@@ -199,7 +178,8 @@ class _ShardCheck:
         if episode:
             self.check_episode(episode, last=True)
         self.finish_labyrinth()
-        self.check_left_out()
+        if self.relations is not None:
+            self.report.problems += self.relations.problems()
         return {
             "rows": self.row,
             "longest": self.longest,
@@ -317,7 +297,9 @@ class _ShardCheck:
         self.info, self.first_row = info, row
         self.labyrinth = None
         self.labyrinths += 1
-        self.number = self.numbered(first_row.obs_path)
+        self.number += 1
+        if self.relations is not None:
+            self.number = self.relations.numbered(first_row.obs_path, least=self.number)
         try:
             labyrinth = parse(info)
         except LabyrinthSyntaxError as error:
@@ -333,42 +315,14 @@ class _ShardCheck:
             self.problem(row, "info", message)
         if is_selected(split) and (no := shift_problem(split, labyrinth, self.job.extremes)):
             self.problem(row, "info", no)
-        if self.parents:
-            self.check_relation(labyrinth, row)
+        if self.relations is not None:
+            for column, message in self.relations.of(self.number, labyrinth):
+                self.problem(row, column, message)
         if dump(labyrinth) != info:
             self.problem(row, "info", "not in the canonical form")
         first = self.report.structures.setdefault(labyrinth.structure.structure_id, row)
         if first != row and not SPLITS[split].new_structure:
             self.problem(row, "info", f"the structure is also in row {first}")
-
-    def numbered(self, path: str) -> int:
-        """Return the number of the next labyrinth: of a shift with a parent, that of its parent."""
-        named = re.match(rf"{self.job.shard.split}-(\d{{6,9}})-", path, re.ASCII)
-        if self.job.parent and named and int(named[1]) > self.number:
-            return int(named[1])
-        return self.number + 1
-
-    def check_relation(self, labyrinth: Labyrinth, row: int) -> None:
-        """Compare a labyrinth with the one that it is made from."""
-        place = self.number - self.job.first
-        if place not in self.left_out:
-            self.problem(row, "obs", f"there is no labyrinth {self.number} in {self.job.parent}")
-            return
-        self.left_out.remove(place)
-        parent = self.parents[place]
-        for message in relation_problems(self.job.config, self.job.shard.split, parent, labyrinth):
-            self.problem(row, "info", message)
-
-    def check_left_out(self) -> None:
-        """Check that the parents without a labyrinth of the shift can have none."""
-        config, split = self.job.config, self.job.shard.split
-        for place in sorted(self.left_out):
-            if not is_left_out(config, split, self.parents[place]):
-                number = self.job.first + place
-                self.report.problems.append(
-                    f"{self.job.shard.path}: what labyrinth {number} of {self.job.parent} becomes "
-                    "is missing"
-                )
 
     def finish_labyrinth(self) -> None:
         """Check that the labyrinth has the episodes that the configuration asks for."""
@@ -382,9 +336,7 @@ class _ShardCheck:
             shortest = moves_and_routes(self.labyrinth)
             self.facts.add(self.labyrinth, self.info, shortest, routes)
             self.numbers.append(self.number)
-        place = self.number - self.job.first
-        of_parent = self.parents[place : place + 1]
-        if is_redrawn(split) and of_parent and of_parent[0].routes != routes:
+        if self.relations is not None and not self.relations.allows(self.number, routes):
             self.problem(self.first_row, "actions", "the routes are not its parent's")
         message = route_problem(config, split, self.labyrinth, routes)
         if message:

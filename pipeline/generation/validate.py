@@ -130,7 +130,7 @@ def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[Che
                 first,
                 same_bytes,
                 tables.get(shard.path),
-                of_parent.path if aligned else None,
+                of_parent if aligned else None,
                 extremes,
             )
             first += of_parent.labyrinths

@@ -11,11 +11,13 @@ from pathlib import Path
 from statistics import mean
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from read_from_text import Drawn, Shown, shown
 from tampering import episode_rows, read_rows, rows_of
 
 from labyrinth_core import load_transitions
+from labyrinth_core.data import columns
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS, is_selected
 from labyrinth_core.language.text import dump, parse
@@ -27,6 +29,7 @@ from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.generation.detours import stretched
 from pipeline.generation.one_wall import toggled
+from pipeline.generation.relations import parents_of
 from pipeline.generation.sample import sample
 from pipeline.generation.variants import labyrinth_of
 
@@ -346,6 +349,16 @@ def test_a_parent_that_cannot_be_read_is_named(folder: Path) -> None:
     found = problems(folder)
     start = "one_wall-00000-of-00001.parquet cannot be compared with train-00000-of-00001.parquet"
     assert any(problem.startswith(start) for problem in found)
+
+
+def test_a_parent_that_may_be_huge_is_not_read(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (shard,) = Manifest.read(folder).of("train")
+    monkeypatch.setattr(columns, "MOST_ROWS", 5)
+    monkeypatch.delattr(pq.ParquetFile, "read")
+    with pytest.raises(ValueError, match=r"\Aa row group of \d+ rows, but none has more than 5\Z"):
+        parents_of(folder, shard)
 
 
 # What is loaded, and what is refused.
