@@ -1,6 +1,6 @@
 // The player: one labyrinth, its episodes step by step, and the optimal actions in every state.
 
-const player = { place: 0, labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
+const player = { place: 0, id: "", labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
 const STEP_MILLISECONDS = 350;
 
 function openPlayer(place) {
@@ -12,6 +12,7 @@ function openPlayer(place) {
   player.distance = distances(player.labyrinth);
   player.episodes = block.episodes(index);
   const id = block.hex("id", index);
+  player.id = id;
   byId("player-title").textContent = `Labyrinth ${id}`;
   const facts = {
     Dataset: `${block.dataset.name}, ${block.split.name}, number ${grouped(index)}`,
@@ -118,6 +119,12 @@ function playerKey(event) {
   keys[event.key]();
 }
 
+function saveMovingPicture() {
+  const { labyrinth, states } = player;
+  const hides = byId("seen").checked && labyrinth.task === "partial_observability";
+  saveAs(`${player.id}.gif`, gifOf(labyrinth, states, hides), "image/gif");
+}
+
 function setUpPlayer() {
   const on = (id, act) => byId(id).addEventListener("click", act);
   on("first", () => showState(0));
@@ -132,6 +139,7 @@ function setUpPlayer() {
     edit(player.labyrinth);
   });
   on("copy-shown", () => copyText(dump(player.labyrinth), byId("step")));
+  on("save-gif", saveMovingPicture);
   byId("progress").addEventListener("input", (event) => {
     stopPlaying();
     showState(+event.target.value);
