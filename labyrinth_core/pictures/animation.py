@@ -28,20 +28,19 @@ def frames_of(episode: Episode, image_size: int = 300) -> list[Frame]:
     return [painter.array(state, image_size) for state in episode.states]
 
 
-def beside(left: Sequence[Frame], right: Sequence[Frame], gap: int = 20) -> list[Frame]:
-    """Return two episodes as one, side by side on white; the shorter one waits at its end.
+def beside(*episodes: Sequence[Frame], gap: int = 20) -> list[Frame]:
+    """Return several episodes as one, side by side on white; each waits at its end for the longest.
 
     Args:
-        left: Frames of shape (image_size, image_size, 3).
-        right: Frames of the same shape, as many or not.
-        gap: The pixels between the two.
+        episodes: The frames of each, all of one shape (image_size, image_size, 3).
+        gap: The pixels between two of them.
     """
-    size = len(left[0])
-    between = np.full((size, gap, 3), 255, np.uint8)
-    return [
-        np.concatenate([left[min(at, len(left) - 1)], between, right[min(at, len(right) - 1)]], 1)
-        for at in range(max(len(left), len(right)))
-    ]
+    between = np.full((len(episodes[0][0]), gap, 3), 255, np.uint8)
+    joined = []
+    for at in range(max(map(len, episodes))):
+        parts = [part for each in episodes for part in (between, each[min(at, len(each) - 1)])]
+        joined.append(np.concatenate(parts[1:], axis=1))
+    return joined
 
 
 def gif(episodes: Iterable[Sequence[Frame]]) -> bytes:
