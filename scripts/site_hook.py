@@ -36,9 +36,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and examples that lie outside docs/."""
     for page, source in ROOT_PAGES.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
-    for path in sorted((ROOT / "examples").glob("*.py")):
-        name = f"examples/{path.name}"
-        files.append(File.generated(config, name, abs_src_path=str(path)))
+    for path in sorted((ROOT / "examples").iterdir()):
+        if path.suffix in (".ipynb", ".py"):
+            name = f"examples/{path.name}"
+            files.append(File(name, str(ROOT), config.site_dir, config.use_directory_urls))
     return files
 
 
@@ -52,6 +53,13 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
             markdown = markdown.replace(f"](../{original}", f"]({target}")
         markdown = markdown.replace("](../examples/", "](examples/")
     return re.sub(r"<!-- (modules|help) of (\S+) -->", _filled, markdown)
+
+
+def on_page_content(html: str, *, page: Any, **_: Any) -> str:
+    """Return the body of a page, a notebook's links to the documentation resolved."""
+    if page.file.src_uri.endswith(".ipynb"):
+        html = re.sub(r'href="\.\./docs/([\w-]+)\.md', r'href="../\1.html', html)
+    return html
 
 
 def _filled(placeholder: re.Match[str]) -> str:
@@ -99,7 +107,7 @@ def on_post_build(config: MkDocsConfig) -> None:
         f"{page.relative_to(site)}: {image}"
         for page in sorted(site.rglob("*.html"))
         for image in re.findall(r"<img [^>]*>", page.read_text(encoding="utf-8"))
-        if not re.search(r'alt="[^"]', image)
+        if not re.search(r'alt="(?!No description)[^"]', image)
     ]
     if missing or silent:
         raise PluginError(
