@@ -6,6 +6,8 @@ import csv
 import json
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -158,6 +160,29 @@ def test_results_on_another_dataset_are_not_ranked_beside_those_on_this_one(
     assert text(tmp_path / "results").count("\n## 3x3\n") == 2
 
 
+@pytest.mark.slow
+def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_others(
+    results, small_dataset, submit, tmp_path
+):
+    page = (ROOT / "docs" / "evaluate-your-policy.md").read_text(encoding="utf-8")
+    section = page.split("## Stand on the leaderboard\n")[1].split("\n## ")[0]
+    [command] = re.findall(r"```sh\nlabyrinth-datasets (.*)\n```", section)
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
+    content = content_of(results["planner"], "planner")
+    submit(content)
+    told = content["splits"]["test"]
+    told["moves"][0][told["outcomes"][0].index("s")] = 3
+    submit(content, "other.json")
+    arguments = [sys.executable, str(ROOT / "run.py"), command]
+    done = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "1 method: results/leaderboard.md\n")
+    first, second = done.stderr.splitlines()
+    assert first == "error: 1 file not on the leaderboard:"
+    reason = r"test: .*: solved after 3 moves, with a shortest route of \d"
+    assert re.fullmatch(rf"  results/submissions/other\.json is refused: {reason}", second)
+    assert {row["method"] for row in rows(tmp_path / "results")} == {"planner"}
+
+
 # Ranks and names.
 
 
@@ -226,6 +251,7 @@ def test_no_name_is_markup_a_link_or_a_formula():
 # What is published.
 
 
+@pytest.mark.slow
 def test_the_leaderboard_that_is_published_is_made_of_the_runs_that_are(run_of, tmp_path):
     folder = tmp_path / "results"
     shutil.copytree(PUBLISHED / "runs", folder / "runs")
