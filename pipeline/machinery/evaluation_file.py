@@ -33,7 +33,6 @@ FIGURES = {
     "sr_interval": (SHARE, SHARE),
     "aer": _RETURN,
     "aer_std": _DEVIATION,
-    "aer_interval": (_RETURN, _RETURN),
     "path_efficiency": Maybe(SHARE),
     "accuracy_on_demonstrations": Maybe(SHARE),
     "accuracy_elsewhere": Maybe(SHARE),

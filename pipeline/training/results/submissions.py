@@ -31,6 +31,7 @@ _COUNTED = Number(1, whole=True)
 _TEXT = Text(r"(?s).*")
 
 _SPLIT = FIGURES | {
+    "aer_interval": (FIGURES["aer"], FIGURES["aer"]),
     "path_efficiency": Maybe(Number(0)),  # More than 1 where a labyrinth is to blame, to be named.
     "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),
     "distance": Each(_COUNTED),
@@ -87,6 +88,8 @@ def read_submission(path: Path, at_hand: AtHand) -> Submission:
         DatasetError: It cannot be read, or does not add up; the message says in one line where.
     """
     try:
+        if not path.is_file():
+            raise ValueError("it is no file")
         if path.stat().st_size > LARGEST:
             raise ValueError(f"it has more than {LARGEST:,} bytes")
         return _checked(path, read_json(path), at_hand)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -203,7 +204,7 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     data_dir = tmp_path / "labyrinth"
     make(data_dir, "2x3", labyrinths=3, random_steps=5)
     published(local_hub, data_dir)
-    by_id = ["size=2x3", "stages=evaluate", "policy=strange:right", f"dataset={REPO}"]
+    by_id = ["size=2x3", "stages=[evaluate,results]", "policy=strange:right", f"dataset={REPO}"]
     done = subprocess.run(
         [sys.executable, str(RUN), *by_id, "revision=1.0.0"],
         env=environment(local_hub),
@@ -218,3 +219,5 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     )
     assert there["dataset"] == here["dataset"] | {"source": REPO, "revision": "1.0.0"}
     assert there["splits"] == here["splits"]
+    with (folder / "results" / "leaderboard.csv").open(encoding="utf-8", newline="") as file:
+        assert {row["compared"] for row in csv.DictReader(file)} == {"True"}

@@ -306,6 +306,12 @@ def test_a_file_that_is_no_json_is_refused_in_one_line(at_hand, tmp_path, text, 
         read_submission(path, at_hand)
 
 
+def test_a_folder_is_no_file(at_hand, tmp_path):
+    (tmp_path / "mine.json").mkdir()
+    with pytest.raises(DatasetError, match=r"mine\.json is refused: it is no file"):
+        read_submission(tmp_path / "mine.json", at_hand)
+
+
 def test_nothing_is_changed_by_reading(content, at_hand, read):
     before = copy.deepcopy(content)
     read(content, at_hand)
