@@ -75,6 +75,7 @@ HOMES = {
     "PIL": (
         "labyrinth_core.env",
         "labyrinth_core.command",
+        "labyrinth_core.language.wall_picture",
         "labyrinth_core.data.observations",
         "pipeline.generation.check",
         "pipeline.release",

@@ -19,6 +19,10 @@ GIF_ROUTES = 10
 """The default limit of `play --gif --all`."""
 
 
+class RequestError(ValueError):
+    """A command that cannot be carried out; the message says why."""
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(1, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
@@ -94,7 +98,11 @@ def parser() -> argparse.ArgumentParser:
     show = command("show", text)
     solve = command("solve", "Print a shortest route as the actions to take.")
     new = command("new", "Draw a random labyrinth and print its text.")
-    text = "Print the text of a labyrinth that is given as a list of edges."
+    text = (
+        "Print the text of a labyrinth that is given in another form. Files that end in .npy or "
+        ".npz hold wall grids, .png pictures of them, .zanj mazes of maze-dataset; a folder or a "
+        ".zip holds several files; any other file is a list of edges."
+    )
     convert = command("convert", text)
     text = (
         "Walk through a labyrinth with the arrow keys; q quits. With --gif, a moving picture of a "
@@ -139,5 +147,8 @@ def parser() -> argparse.ArgumentParser:
     new.add_argument("--open-walls", type=_probability, metavar="P", help=text)
 
     text = "height x width (default: the smallest square that has all the cells)"
+    text = f"of a list of edges: {text}"
     convert.add_argument("--size", type=_size, metavar="SIZE", help=text)
+    text = "write a .labyrinth file for each labyrinth into this new folder, by split"
+    convert.add_argument("--output", type=Path, metavar="FOLDER", help=text)
     return parser

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labyrinth_core.command.arguments import GIF_ROUTES, ROUTES, parser
+from labyrinth_core.command.arguments import GIF_ROUTES, ROUTES, RequestError, parser
 from labyrinth_core.language.source_text import (
     MAX_TEXT,
     LabyrinthSyntaxError,
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from labyrinth_core.world.rollout import Episode
 
 # Modules that need numpy are imported where they are used, so that `labyrinth --help` is fast.
-
-
-class RequestError(ValueError):
-    """A command that cannot be carried out; the message says why."""
 
 
 MISTAKES = (OSError, LabyrinthSyntaxError, LabyrinthError, RequestError)
@@ -227,9 +223,17 @@ def _new(options: Namespace) -> int:
 
 
 def _convert(options: Namespace) -> int:
+    from labyrinth_core.command.conversion import convert
+    from labyrinth_core.language.collection import KINDS, is_collection
     from labyrinth_core.language.edge_list import parse_edges
     from labyrinth_core.language.text import dump
 
+    if options.file != "-" and is_collection(Path(options.file)):
+        if options.size is not None:
+            raise RequestError("--size goes with a list of edges")
+        return convert(Path(options.file), options.output)
+    if options.output is not None:
+        raise RequestError(f"--output goes with folders, and files that end in {', '.join(KINDS)}")
     height, width = options.size or (None, None)
     text, name = _read(options.file)
     sys.stdout.write(dump(parse_edges(text, height=height, width=width, file=name)))

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from labyrinth_core.data.storage import write_text
+from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.version import __version__
 
 KIND = "labyrinth-results"
-FORMAT = 1
+FORMAT = 2
 
 HEADINGS = ("split", "SR", "95%", "AER", "efficiency", "failures")
 
@@ -69,7 +70,17 @@ class Results:
         count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
         return f"{self.config} of {self.dataset}: {shown}, {count} a labyrinth, by {self.way}"
 
-    def save(self, path: str | Path, *, name: str, url: str = "", budget: str = "") -> None:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        name: str,
+        author: str = "",
+        url: str = "",
+        date: str = "",
+        budget: str = "",
+        details: Mapping[str, int] | None = None,
+    ) -> None:
         """Write the results as JSON, whole or not at all.
 
         Each labyrinth is listed with the outcome and the moves of its episodes, from which all
@@ -78,27 +89,27 @@ class Results:
         Args:
             path: The file; its folder is made.
             name: What the policy is called in tables.
+            author: Who made it.
             url: Where it is described, as `https://...`.
+            date: When it was evaluated, as `2026-11-30`; no clock is asked.
             budget: What it has learnt from, such as "100 demonstrations of train".
+            details: The same in numbers: `labyrinths` that it has learnt from, `steps` in
+                environments, `parameters`; each may be left out.
 
         Raises:
-            ValueError: The name is empty, or the URL is none.
+            ValueError: The name is empty, or one of the others is none of what is allowed.
         """
-        content = self.to_json(name=name, url=url, budget=budget)
+        content = self.to_json(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
         write_text(place, _as_text(content))
 
-    def to_json(self, *, name: str, url: str = "", budget: str = "") -> dict[str, Any]:
-        """Return what `save` writes, in plain types; raise as it does."""
-        if not name.strip():
-            raise ValueError(f"name={name!r}: say what the policy is called")
-        if url and not url.startswith(("https://", "http://")):
-            raise ValueError(f"url={url}: give an address such as https://example.org")
+    def to_json(self, method: Description) -> dict[str, Any]:
+        """Return what `save` writes, in plain types."""
         return {
             "kind": KIND,
             "format": FORMAT,
-            "method": {"name": name, "url": url, "budget": budget},
+            "method": asdict(method),
             "dataset": {
                 "source": self.dataset,
                 "revision": self.revision,

@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.source import stream_infos
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
-from labyrinth_core.language.text import labyrinth_id, load, parse
-from labyrinth_core.world.labyrinth import Labyrinth
+from pipeline.analysis.elsewhere import read_elsewhere
 from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
 from pipeline.analysis.shift import PERMUTATIONS
@@ -33,13 +31,8 @@ from pipeline.machinery.counts import DatasetCounts
 
 FORMAT = 1
 LEAKS_SHOWN = 10
-"""The largest number of labyrinths shared by two splits that are named in the terminal."""
+"""The largest number of labyrinths with the same fault that are named in the terminal."""
 SIGNIFICANT = 0.05
-
-Source = TypeVar("Source", str, Path)
-
-Files = dict[str, dict[str, str]]
-"""Split -> id of a labyrinth -> path of the file it is in."""
 
 
 def run(run: Run) -> None:
@@ -55,55 +48,47 @@ def run(run: Run) -> None:
 
 
 def _certify(source: str, run: Run) -> Iterator[str]:
-    """Certify a dataset from elsewhere, print the table, and yield the other lines to print."""
+    """Certify a dataset from elsewhere, print the table, and yield the other lines to print.
+
+    Raises:
+        DatasetError: Some labyrinths could not be read; the others are certified before.
+    """
     config = run.options.leakage.config
-    splits, files = labyrinths_of(source, config)
-    certificate = certify(splits)
+    found = read_elsewhere(source, config)
+    certificate = certify(found.splits)
+    repeated = {split: certificate.repeated[split] + n for split, n in found.copies.items()}
+    certificate = replace(certificate, repeated=repeated)
+    path = _certificate_path(run, source, config)
+    told = {
+        "source": source,
+        "config": config,
+        "structures_alone": found.structures_alone,
+        "problems": found.problems,
+        "leakage": certificate.to_json(),
+        "files": found.files,
+    }
+    _write(path, told)
+    console.print(_leakage_table(certificate, with_routes=not found.structures_alone))
+    yield from _leaks(certificate, found.files)
+    if found.structures_alone:
+        yield "No start and goal is known of some labyrinths: structures alone are compared."
+    yield f"{path} has all of it."
+    if found.problems:
+        yield from found.problems[1:LEAKS_SHOWN]
+        raise DatasetError(
+            f"{len(found.problems):,} labyrinths or files could not be read, and are not in the "
+            f"certificate; {path} lists them all; the first: {found.problems[0]}"
+        )
+
+
+def _certificate_path(run: Run, source: str, config: str | None) -> AnyPath:
+    """Return where the certificate of a dataset from elsewhere is written, in a folder that is."""
     # A folder for the configs of a source, as a name of both could be that of another source.
     parts = [source] if config is None else [source, config]
     names = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "dataset" for part in parts]
     path = run.data_dir / f"analysis/{'/'.join(names)}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    told = {"source": source, "config": config, "leakage": certificate.to_json(), "files": files}
-    _write(path, told)
-    console.print(_leakage_table(certificate))
-    yield from _leaks(certificate, files)
-    yield f"{path} has all of it."
-
-
-def labyrinths_of(source: str, config: str | None) -> tuple[dict[str, list[Labyrinth]], Files]:
-    """Return the labyrinths of each split, in order, and their files, if they are in files.
-
-    Only the column `info` of a dataset is read.
-
-    Args:
-        source: A folder with a folder of `.labyrinth` files for each split; or a dataset with a
-            column `info`, as `load_dataset` finds it: in a folder, or by its id on the Hub.
-        config: The config of the dataset, if it has several.
-
-    Raises:
-        DatasetError: The source is neither, or a text in it does not describe a labyrinth.
-    """
-    folder = Path(source).expanduser()
-    splits: dict[str, list[Labyrinth]] = {}
-    files: Files = {}
-    for path in sorted(folder.glob("*/*.labyrinth")):
-        split, labyrinth = path.parent.name, _read(load, path)
-        splits.setdefault(split, []).append(labyrinth)
-        files.setdefault(split, {}).setdefault(labyrinth_id(labyrinth), str(path))
-    if not splits:
-        streams = stream_infos(str(folder) if folder.is_dir() else source, config)
-        for split, infos in streams.items():
-            where = f"{split} info: no labyrinth: "
-            splits[split] = [_read(parse, info, where) for info in dict.fromkeys(infos)]
-    return splits, files
-
-
-def _read(read: Callable[[Source], Labyrinth], source: Source, where: str = "") -> Labyrinth:
-    try:
-        return read(source)
-    except ValueError as error:  # Its first line says what is wrong, those below show the place.
-        raise DatasetError(f"{where}{error}".partition("\n")[0]) from error
+    return path
 
 
 def _analyse(run: Run) -> Iterator[str]:
@@ -160,7 +145,7 @@ def _write(path: AnyPath, content: Mapping[str, Any]) -> None:
     write_text(path, json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n")
 
 
-def _leakage_table(certificate: Certificate) -> Table:
+def _leakage_table(certificate: Certificate, *, with_routes: bool) -> Table:
     walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
     headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
     table = Table(
@@ -174,16 +159,17 @@ def _leakage_table(certificate: Certificate) -> Table:
     for pair in certificate.pairs:
         of = certificate.labyrinths[pair.second]
         counts = [of, len(pair.equal), len(pair.mirrored), len(pair.symmetric)]
-        counts += [*(pair.within(walls) for walls in NEAR), len(pair.same_route)]
+        counts += [pair.within(walls) for walls in NEAR]
         table.add_row(
             f"{pair.first}\n{pair.second}",
             *(f"{count:,}" for count in counts),
+            f"{len(pair.same_route):,}" if with_routes else "-",
             pair.spread(of),
         )
     return table
 
 
-def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
+def _leaks(certificate: Certificate, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
     """Yield a line for each leak, for the first `LEAKS_SHOWN` of a kind."""
     found = list(_shared(certificate, files))
     for split, count in certificate.repeated.items():
@@ -202,7 +188,7 @@ def _leaks(certificate: Certificate, files: Files) -> Iterator[str]:
         yield f"{certificate.cut:,} labyrinths have more optimal routes than were compared"
 
 
-def _shared(certificate: Certificate, files: Files) -> Iterator[str]:
+def _shared(certificate: Certificate, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
     for pair in certificate.pairs:
         mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
         for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
@@ -213,7 +199,7 @@ def _shared(certificate: Certificate, files: Files) -> Iterator[str]:
                 yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
 
 
-def _named(split: str, number: str, files: Files) -> str:
+def _named(split: str, number: str, files: Mapping[str, Mapping[str, str]]) -> str:
     return files[split][number] if files else f"{split} {number}"
 
 

@@ -24,11 +24,13 @@ from pipeline.machinery import certificate as disjointness
 from pipeline.machinery.certificate import (
     Found,
     Hashes,
+    Held,
     Keys,
     canonical_hashes,
     counterparts,
     ids_of,
     size_of,
+    structure_of,
 )
 
 NEAR = range(1, JOINED_WALLS + 1)
@@ -36,6 +38,9 @@ NEAR = range(1, JOINED_WALLS + 1)
 
 ROUTES = 1_000
 """The largest number of optimal routes of a labyrinth that are compared."""
+
+Route = tuple[int, int, int, bytes]
+"""Height and width of the labyrinth, the start, and the actions."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +93,15 @@ class Certificate(disjointness.Certificate):
 
 
 def certify(
-    splits: Mapping[str, Iterable[Labyrinth]],
+    splits: Mapping[str, Iterable[Held]],
     certificate: disjointness.Certificate | None = None,
     most_routes: int = ROUTES,
 ) -> Certificate:
     """Return the certificate of a dataset.
 
     Args:
-        splits: The labyrinths of each split; for what the names mean see `certificate.certify`.
+        splits: The labyrinths of each split, or the structures alone, which have no routes; for
+            what the names mean see `certificate.certify`.
         certificate: That of their disjointness, if it is known.
         most_routes: The largest number of optimal routes of a labyrinth that are compared.
     """
@@ -119,21 +125,26 @@ def certify(
 class _Known:
     """The labyrinths of a split with the keys by which counterparts are found."""
 
-    def __init__(self, labyrinths: list[Labyrinth], ids: Hashes, most_routes: int) -> None:
+    def __init__(self, labyrinths: list[Held], ids: Hashes, most_routes: int) -> None:
         self.numbers = ids
         self.ids = [f"{number:016x}" for number in self.numbers]
         self.symmetric = canonical_hashes(labyrinths, with_ends=False)
-        found = [shortest_routes(each, most_routes + 1) for each in labyrinths]
+        found = [_optimal(each, most_routes + 1) for each in labyrinths]
         self.cut = sum(len(each) > most_routes for each in found)
-        self.routes = [
-            [(*size_of(each), each.start, bytes(route)) for route in routes[:most_routes]]
-            for each, routes in zip(labyrinths, found, strict=True)
-        ]
+        self.routes = [routes[:most_routes] for routes in found]
         self.of_size: dict[tuple[int, int], tuple[list[int], NDArray[np.bool_]]] = {}
         """Height and width -> indices of the labyrinths of that size, and their passages."""
         for size, places in disjointness.places_by_size(labyrinths).items():
-            table = passage_table([labyrinths[place].structure for place in places])
+            table = passage_table([structure_of(labyrinths[place]) for place in places])
             self.of_size[size] = places, table
+
+
+def _optimal(labyrinth: Held, most: int) -> list[Route]:
+    """Return the optimal routes of a labyrinth, none of a structure alone."""
+    if not isinstance(labyrinth, Labyrinth):
+        return []
+    routes = shortest_routes(labyrinth, most)
+    return [(*size_of(labyrinth), labyrinth.start, bytes(route)) for route in routes]
 
 
 def _compared(pair: disjointness.Pair, base: _Known, other: _Known) -> Pair:
@@ -147,7 +158,7 @@ def _compared(pair: disjointness.Pair, base: _Known, other: _Known) -> Pair:
 
 
 def _same_route(base: _Known, other: _Known) -> Iterator[tuple[str, str]]:
-    owner: dict[tuple[int, int, int, bytes], int] = {}
+    owner: dict[Route, int] = {}
     for place, routes in enumerate(base.routes):
         for route in routes:
             owner.setdefault(route, place)

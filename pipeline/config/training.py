@@ -13,6 +13,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check, listed
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
@@ -136,8 +137,13 @@ class EvaluationOptions:
     )
     splits: tuple[str, ...] = option((), "splits, [test] or more (all but random)")
     name: str = option("", "what the policy is called in tables (what policy says)")
+    author: str = option("", "who made it")
     url: str = option("", "where it is described", like=_URL)
+    date: str = option("", "when it was evaluated, such as 2026-11-30; no clock is asked")
     budget: str = option("", "what it has learnt from, such as '100 demonstrations of train'")
+    train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
+    train_steps: int | None = option(None, DETAILS["steps"], at_least=0)
+    parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
 
 
 _POLICY = (

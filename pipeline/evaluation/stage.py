@@ -6,17 +6,19 @@ The results lie in `<run_dir>/<config>/<name>/results.json`.
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 from pathlib import Path
 
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.description import DETAILS, Description
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.config.training import EvaluationOptions
 from pipeline.evaluation.named import named_policy
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import fingerprint_of
-
-RESULTS = "results.json"
+from pipeline.machinery.evaluation_file import RESULTS
 
 
 def run(run: Run) -> None:
@@ -33,6 +35,7 @@ def run(run: Run) -> None:
     fingerprint_of(run)  # Says how the dataset is made, if there is none.
     policy = named_policy(options.policy)
     try:
+        about = _description(name, asked)  # First, as the evaluation may take long.
         results = evaluate(
             policy,
             run.source,
@@ -44,12 +47,19 @@ def run(run: Run) -> None:
             splits=asked.splits or None,
             revision=options.revision,
         )
-        results.save(folder / RESULTS, name=name, url=asked.url, budget=asked.budget)
+        results.save(folder / RESULTS, **asdict(about))
     except PolicyError:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
     say(f"{name}\n{results}\n{folder / RESULTS}")
+
+
+def _description(name: str, asked: EvaluationOptions) -> Description:
+    numbers = (asked.train_labyrinths, asked.train_steps, asked.parameters)
+    details = dict(zip(DETAILS, numbers, strict=True))
+    stated = {what: number for what, number in details.items() if number is not None}
+    return Description(name, asked.author, asked.url, asked.date, asked.budget, stated)
 
 
 def _as_file_name(name: str) -> str:

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth, identity
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, identity
 from labyrinth_core.world.near_twins import passage_table
 from labyrinth_core.world.symmetry import canonical_keys
 
 Hashes = NDArray[np.int64]
 """One hash of each labyrinth, shape (labyrinths,)."""
+
+Held = Labyrinth | Structure
+"""What a split holds: labyrinths, or structures alone where no start and goal is known."""
 
 Found = Mapping[str, str]
 """Id of a labyrinth of the second split -> id of its first counterpart in the first split."""
@@ -38,9 +41,9 @@ class Keys(NamedTuple):
     """The same for all images under rotations and reflections of structure, start and goal."""
 
     @classmethod
-    def of(cls, labyrinths: Sequence[Labyrinth]) -> Keys:
+    def of(cls, labyrinths: Sequence[Held]) -> Keys:
         """Return the keys of labyrinths."""
-        structures = [int(each.structure.structure_id, 16) for each in labyrinths]
+        structures = [int(structure_of(each).structure_id, 16) for each in labyrinths]
         mirrored = canonical_hashes(labyrinths, with_ends=True)
         return cls(ids_of(labyrinths), np.array(structures, np.int64), mirrored)
 
@@ -50,17 +53,27 @@ class Keys(NamedTuple):
         return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def ids_of(labyrinths: Sequence[Labyrinth]) -> Hashes:
-    """Return the ids of labyrinths as numbers."""
-    return np.array([int(labyrinth_id(each), 16) for each in labyrinths], np.int64)
+def structure_of(labyrinth: Held) -> Structure:
+    """Return the structure of a labyrinth."""
+    return labyrinth if isinstance(labyrinth, Structure) else labyrinth.structure
 
 
-def size_of(labyrinth: Labyrinth) -> tuple[int, int]:
+def ids_of(labyrinths: Sequence[Held]) -> Hashes:
+    """Return the ids of labyrinths as numbers; that of a structure alone is its own."""
+    ids = (
+        each.structure_id if isinstance(each, Structure) else labyrinth_id(each)
+        for each in labyrinths
+    )
+    return np.array([int(number, 16) for number in ids], np.int64)
+
+
+def size_of(labyrinth: Held) -> tuple[int, int]:
     """Return the height and the width of a labyrinth."""
-    return labyrinth.structure.height, labyrinth.structure.width
+    structure = structure_of(labyrinth)
+    return structure.height, structure.width
 
 
-def places_by_size(labyrinths: Sequence[Labyrinth]) -> dict[tuple[int, int], list[int]]:
+def places_by_size(labyrinths: Sequence[Held]) -> dict[tuple[int, int], list[int]]:
     """Return the indices of the labyrinths of each size."""
     places: dict[tuple[int, int], list[int]] = {}
     for place, labyrinth in enumerate(labyrinths):
@@ -68,18 +81,20 @@ def places_by_size(labyrinths: Sequence[Labyrinth]) -> dict[tuple[int, int], lis
     return places
 
 
-def canonical_hashes(labyrinths: Sequence[Labyrinth], *, with_ends: bool) -> Hashes:
+def canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
     """Return a hash of each labyrinth that its rotations and reflections share.
 
     Args:
         labyrinths: Labyrinths of any sizes.
-        with_ends: Whether start and goal have to be mapped on one another, too.
+        with_ends: Whether start and goal have to be mapped on one another, too; structures alone
+            have none.
     """
     hashes = np.zeros(len(labyrinths), np.int64)
     for size, places in places_by_size(labyrinths).items():
         held = [labyrinths[place] for place in places]
-        ends = np.array([(each.start, each.goal) for each in held]) if with_ends else None
-        keys = canonical_keys(*size, passage_table([each.structure for each in held]), ends)
+        ends = [(each.start, each.goal) for each in held if isinstance(each, Labyrinth)]
+        marked = np.array(ends) if with_ends and len(ends) == len(held) else None
+        keys = canonical_keys(*size, passage_table(list(map(structure_of, held))), marked)
         hashes[places] = [
             int(identity(f"{height}x{width}:{key.hex()}"), 16) for height, width, key in keys
         ]

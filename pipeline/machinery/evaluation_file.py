@@ -16,13 +16,18 @@ from pipeline.machinery.schema import COUNT, SHARE, Each, Maybe, Named, Number, 
 
 EVALUATION = "evaluation.json"
 """The name of the file."""
+RESULTS = "results.json"
+"""The name of the file that the stage leaves of a policy that `policy=` names."""
 FORMAT = 1
+
+CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")
+FINGERPRINT = Text(r"[0-9a-f]{64}")
 
 _WORD = Text(r"\w[\w.-]{0,99}")
 _RETURN = Number(-1e6, 1)
 _DEVIATION = Number(0, 1e6)
 
-_SCORES = {
+FIGURES = {
     "labyrinths": Number(1, whole=True),
     "sr": SHARE,
     "sr_interval": (SHARE, SHARE),
@@ -32,12 +37,16 @@ _SCORES = {
     "accuracy_on_demonstrations": Maybe(SHARE),
     "accuracy_elsewhere": Maybe(SHARE),
     "failures": Named(Text("|".join(OUTCOMES)), COUNT),
+}
+"""The shape of the figures of a policy on a split."""
+
+_SCORES = FIGURES | {
     "by_distance": Named(Text(r"\d{1,9}"), (COUNT, COUNT)),
     "outcomes": Text(f"[{''.join(name[0] for name in OUTCOMES)}]*"),
     "moves": Each(COUNT),
     "failed": Each(Text(r"[0-9a-f]{16}")),
 }
-_FIGURES = {"sr": SHARE, "aer": _RETURN, "aer_std": _DEVIATION}
+_BASELINE = {"sr": SHARE, "aer": _RETURN, "aer_std": _DEVIATION}
 
 _SHAPE = {
     "format": FORMAT,
@@ -47,8 +56,8 @@ _SHAPE = {
         "pool_stride": Number(1, 9, whole=True),
         "protocol": _WORD,
         "seed": COUNT,
-        "config": Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?"),
-        "fingerprint": Text(r"[0-9a-f]{64}"),
+        "config": CONFIG,
+        "fingerprint": FINGERPRINT,
         "settings": Named(_WORD, None),
     },
     "training": {
@@ -58,7 +67,7 @@ _SHAPE = {
         "computed": {"device": _WORD},
     },
     "splits": dict.fromkeys(EVALUATED_SPLITS, _SCORES),
-    "baselines": dict.fromkeys(EVALUATED_SPLITS, dict.fromkeys(BASELINES, _FIGURES)),
+    "baselines": dict.fromkeys(EVALUATED_SPLITS, dict.fromkeys(BASELINES, _BASELINE)),
 }
 
 

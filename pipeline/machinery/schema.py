@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -64,9 +65,19 @@ def read_json(path: AnyPath) -> Any:
     """Return what a JSON file holds.
 
     Raises:
-        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN or an infinity.
+        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN, an infinity, or an
+            object that has a name twice.
     """
-    return json.loads(path.read_bytes(), parse_constant=_no_number)
+    content = path.read_bytes()
+    return json.loads(content, parse_constant=_no_number, object_pairs_hook=_unambiguous)
+
+
+def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"{twice!r:.60} is there twice in one object")
+    return found
 
 
 def _no_number(word: str) -> NoReturn:

@@ -1,4 +1,4 @@
-"""The card of a folder of datasets: README.md, Croissant, pictures, citation, changelog, hashes.
+"""The card of a folder of datasets: README.md, Croissant, eval.yaml, pictures, citation and more.
 
 Its numbers are the counts of the datasets and what the stage `analyse` has found out about them;
 the same data give the same bytes.
@@ -23,6 +23,7 @@ from pipeline.machinery.locks import held
 from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.machinery.statistics import DatasetStatistics, statistics_of
 from pipeline.release import readme
+from pipeline.release.benchmark import eval_file
 from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
@@ -32,6 +33,7 @@ from pipeline.release.published import (
     CHANGELOG,
     CITATION,
     CROISSANT,
+    EVAL,
     README,
     changelog_of,
     own_files,
@@ -39,6 +41,8 @@ from pipeline.release.published import (
     write_hashes,
 )
 
+NAME = "Labyrinth"
+"""What the dataset is called where its card does not say otherwise."""
 TASK_CATEGORIES = ["reinforcement-learning"]
 """Tasks of the Hub's list, https://huggingface.co/tasks."""
 TAGS = [
@@ -111,6 +115,7 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         **_pictures(datasets, default),
         CROISSANT: croissant(datasets, release).encode(),
         CITATION: citation_file(release).encode(),
+        EVAL: eval_file(manifests, str(values.get("pretty_name", NAME))).encode(),
     }
     others = own.others(files)
     for name in others:
@@ -171,7 +176,7 @@ def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: 
     rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
     own = {
         "license": values.get("license") or LICENCE,
-        "pretty_name": values.get("pretty_name", "Labyrinth"),
+        "pretty_name": values.get("pretty_name", NAME),
         "task_categories": _joined(TASK_CATEGORIES, values.get("task_categories")),
         "tags": _joined(TAGS, values.get("tags")),
         "size_categories": [size_category(rows)],

@@ -12,6 +12,7 @@ from huggingface_hub.utils.sha import git_hash
 from labyrinth_core.data.storage import file_sha256
 
 _DATA = r"\d+x\d+(-\w+)?/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)"
+# Not eval.yaml: one that a person keeps, with what the Hub asks of a benchmark, stays on the Hub.
 _CARD = (
     r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
     r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"

@@ -17,7 +17,7 @@ from pipeline.release.figures import FIGURES
 from pipeline.release.readme import BANNER, PICTURES, picture_path
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
-CROISSANT, CITATION = "croissant.json", "CITATION.cff"
+CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
 
 
 def own_files(data_dir: AnyPath) -> OwnFiles:
@@ -64,7 +64,7 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
     data_dir = own.folder
     pictures = pictures_of([manifest.config.name for manifest in manifests])
     names = [README, *([CHANGELOG] if changelog_of(data_dir) else [])]
-    names += [name for name in (CITATION, CROISSANT) if own.has(name)]
+    names += [name for name in (CITATION, CROISSANT, EVAL) if own.has(name)]
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
         files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards)]

@@ -73,15 +73,10 @@ def read_all(results_dir: Path) -> list[Evaluation]:
     """Return the evaluations that are kept, by config, setup, method and seed.
 
     Raises:
-        DatasetError: There are none, one cannot be read, two of the same config are of different
-            datasets, or two seeds of one method have different settings.
+        DatasetError: One cannot be read, two of the same config are of different datasets, or two
+            seeds of one method have different settings.
     """
     found = [read(path) for path in sorted((results_dir / "runs").glob("*/*.json"))]
-    if not found:
-        raise DatasetError(
-            f"{results_dir} holds no evaluation, and neither does run_dir: "
-            "stages=[train,evaluate] makes one"
-        )
     first: dict[object, Evaluation] = {}
     for each in found:
         other = first.setdefault(each.config, each)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import groupby
@@ -15,6 +12,7 @@ from statistics import mean
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.machinery import spreadsheet
 from pipeline.machinery.markdown import plain, table
 from pipeline.training.results.evaluations import (
     AVERAGED,
@@ -24,6 +22,7 @@ from pipeline.training.results.evaluations import (
     Figures,
     gap,
 )
+from pipeline.training.results.leaderboard import Standing
 from pipeline.training.results.paper import METHODS, PaperFigure, paper_figures
 
 MARK = "†"
@@ -38,7 +37,8 @@ labyrinths. `paper`: Tables 3 to 5 of the supplement, which do not say with whic
 marks cells that cannot be, since even the shortest routes would return less than AER and SR imply.
 
 The runs themselves are in `runs/`, all of this as numbers is in `results.csv`, and as LaTeX in
-`results.tex`. `labyrinth-datasets stages=[results]` makes these files.
+`results.tex`. Ranked, and beside anybody's results, they are in `leaderboard.md`.
+`labyrinth-datasets stages=[results]` makes these files.
 """
 
 
@@ -120,13 +120,19 @@ def _printed(figure: PaperFigure | None) -> tuple[str, str]:
 
 def _measured(figures: Figures | None) -> tuple[str, str]:
     """Return our SR and AER with their intervals."""
-    if figures is None:
-        return "", ""
-    (low, high), (least, most) = figures.sr_interval, figures.aer_interval
-    return (
-        f"{100 * figures.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]",
-        f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{least:.2f}, {most:.2f}]",
-    )
+    return ("", "") if figures is None else (sr_cell(figures), aer_cell(figures))
+
+
+def sr_cell(figures: Figures | Standing) -> str:
+    """Return SR in percent with its interval."""
+    low, high = figures.sr_interval
+    return f"{100 * figures.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def aer_cell(figures: Figures | Standing) -> str:
+    """Return AER, its standard deviation and its interval."""
+    low, high = figures.aer_interval
+    return f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _baseline_rows(evaluation: Evaluation) -> Iterator[list[str]]:
@@ -170,19 +176,13 @@ def as_csv(figures: Sequence[Figures]) -> str:
     for figure in figures:
         row = asdict(figure) | figure.failures | figure.averages
         row |= {"source": "here", "possible": True}
-        for name in ("config", "setup", "method"):  # A spreadsheet would compute some.
-            row[name] = re.sub(r"^(?=[=+\-@\t\r])", "'", str(row[name]))
         for name in ("sr", "aer"):
             row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval")
         rows.append(row)
     columns = ["config", "setup", "method", "split", "source", "seeds"]
     columns += ["sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"]
     columns += [*AVERAGED, *FAILURES, "possible"]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return spreadsheet.as_csv(columns, rows)
 
 
 def latex(group: Sequence[Figures]) -> str:

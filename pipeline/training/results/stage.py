@@ -1,7 +1,8 @@
-"""The stage `results`: tables of the evaluations of all runs, beside the paper's figures.
+"""The stage `results`: tables of all evaluations beside the paper's figures, and the leaderboard.
 
-The evaluations are copied from `run_dir` to `<results_dir>/runs`, where they are kept; the tables
-are made from these copies alone.
+The evaluations of runs are copied from `run_dir` to `<results_dir>/runs`, and the results of other
+policies to `<results_dir>/submissions`, where anybody's may lie; tables and leaderboard are made
+from what is kept there alone.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from pathlib import Path
 
 from rich.table import Column, Table
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
-from pipeline.machinery.console import console
+from pipeline.machinery.console import console, say
 from pipeline.machinery.evaluation_file import EVALUATION
 from pipeline.machinery.markdown import count
+from pipeline.training.results import submissions
 from pipeline.training.results.evaluations import (
     BY_METHOD,
     Figures,
@@ -25,24 +28,54 @@ from pipeline.training.results.evaluations import (
     read_all,
     summarise,
 )
+from pipeline.training.results.known import AtHand
+from pipeline.training.results.leaderboard import boards, entries_of
+from pipeline.training.results.leaderboard_tables import LEADERBOARD, write_leaderboard
 from pipeline.training.results.paper import METHODS
 from pipeline.training.results.result_tables import write_tables
 
 
+class RefusedError(DatasetError):
+    """Results that do not add up; the message has one line for each file."""
+
+
 def run(run: Run) -> None:
-    """Collect the evaluations, and write the tables.
+    """Collect the evaluations and anybody's results, and write the tables and the leaderboard.
+
+    Files of others that do not add up are left out of the leaderboard, and told at the end.
 
     Raises:
-        DatasetError: There are none, one cannot be read, or two cannot be compared.
+        ConfigError: A folder is given with a revision.
+        DatasetError: There is nothing, an evaluation cannot be read, or two cannot be compared.
+        RefusedError: Results of others do not add up; all else is written.
     """
-    results_dir = Path(run.options.results_dir).expanduser()
-    gather(Path(run.options.run_dir).expanduser(), results_dir)
+    run_dir, results_dir = (
+        Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
+    )
+    gather(run_dir, results_dir)
+    at_hand = AtHand(run)
+    refused = submissions.gather(run_dir, results_dir, at_hand)
+    others, also_refused = submissions.read_all(results_dir, at_hand)
+    refused += also_refused
     evaluations = read_all(results_dir)
+    if not (evaluations or others or refused):
+        raise DatasetError(
+            f"{results_dir} holds no evaluation, and neither does run_dir: "
+            "stages=[train,evaluate] makes one"
+        )
     figures = summarise(evaluations)
-    write_tables(results_dir, evaluations, figures)
-    console.print(overview(figures))
-    told = f"{count(len(evaluations), 'run')}: {results_dir}"
-    console.print(told, highlight=False, soft_wrap=True)
+    if evaluations:
+        write_tables(results_dir, evaluations, figures)
+        console.print(overview(figures))
+        say(f"{count(len(evaluations), 'run')}: {results_dir}")
+    entries = list(entries_of(evaluations, figures, others))
+    write_leaderboard(results_dir, boards(entries))
+    for config, reason in at_hand.missing.items():
+        say(f"{config} is not at hand, so results on it are compared with no dataset: {reason}")
+    say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
+    if refused:
+        left_out = f"{count(len(refused), 'file')} not on the leaderboard:"
+        raise RefusedError("\n  ".join([left_out, *refused]))
 
 
 def gather(run_dir: Path, results_dir: Path) -> None:

@@ -398,14 +398,12 @@ def test_a_dataset_is_found_by_its_id(datasets, monkeypatch, tmp_path):
 def test_all_figures_that_are_saved_follow_from_the_episodes_saved(datasets, tmp_path, episodes):
     results = evaluate(Rounds(2), datasets, "3x4", image_size=8, episodes=episodes)
     path = tmp_path / "a" / "mine.json"
-    results.save(path, name="mine", url="https://example.org/mine", budget="nothing")
+    about = {"name": "mine", "author": "me", "url": "https://example.org/mine", "budget": "nothing"}
+    about |= {"date": "2026-11-30", "details": {"steps": 0, "parameters": 7}}
+    results.save(path, **about)
     content = json.loads(path.read_text(encoding="utf-8"))
-    assert (content["kind"], content["format"]) == ("labyrinth-results", 1)
-    assert content["method"] == {
-        "name": "mine",
-        "url": "https://example.org/mine",
-        "budget": "nothing",
-    }
+    assert (content["kind"], content["format"]) == ("labyrinth-results", 2)
+    assert content["method"] == about
     manifest = Manifest.read(datasets / "3x4")
     assert content["dataset"]["fingerprint"] == manifest.fingerprint
     assert content["dataset"]["config"] == "3x4"
@@ -431,9 +429,13 @@ def test_all_figures_that_are_saved_follow_from_the_episodes_saved(datasets, tmp
     [
         ({"name": " "}, "name=' ': say what the policy is called"),
         ({"name": "a", "url": "example.org"}, "url=example.org: give an address such as https://"),
+        ({"name": "a", "date": "2026-13-01"}, "date=2026-13-01: give a day such as 2026-11-30"),
+        ({"name": "a\nb"}, r"name='a\\nb': give one line of 300 characters at most"),
+        ({"name": "a", "details": {"size": 1}}, "details: 'size': choose from labyrinths, steps"),
+        ({"name": "a", "details": {"steps": 1.5}}, "details: steps=1.5: give a whole number"),
     ],
 )
-def test_results_without_a_name_or_with_no_address_are_not_saved(
+def test_results_of_which_something_impossible_is_said_are_not_saved(
     datasets, tmp_path: Path, options, message
 ):
     results = evaluate(Rounds(2), datasets, "3x4", image_size=8, splits=["test"])

@@ -10,6 +10,7 @@ from policies import Remembering
 from strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays, parse
+from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.scores import score
 from labyrinth_core.evaluation.stepping import Player, step_through
@@ -108,7 +109,7 @@ def test_without_memory_it_can_be_looked_up(datasets):
 def test_it_stands_beside_the_results_under_partial_observability_alone(datasets, task):
     config = CONFIGS[task]
     results = evaluate(lambda seen: [0] * len(seen), datasets, config, image_size=8, splits="test")
-    content = results.to_json(name="up")
+    content = results.to_json(Description("up"))
     if task is not Task.PARTIAL_OBSERVABILITY:
         assert not results.baselines
         assert content["baselines"] == {}

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from wall_grids import GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
@@ -169,6 +172,75 @@ def test_a_file_that_is_no_labyrinth_is_named_in_one_line(files, make_run, tmp_p
     with pytest.raises(DatasetError, match=r"test/00\.labyrinth:2:") as caught:
         certified(make_run, files, tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_arrays_of_one_file_are_certified_by_their_names(make_run, tmp_path, capsys):
+    path = tmp_path / "grids.npz"
+    np.savez(path, train=np.stack([GRID, GRID]), test=np.stack([GRID, changed(3, 2, 0)]))
+    content, pairs = certified(make_run, path, tmp_path)
+    assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
+    assert not content["structures_alone"]
+    pair = pairs["train", "test"]
+    assert pair["equal"] == {labyrinth_id(LABYRINTH): labyrinth_id(LABYRINTH)}
+    assert pair["within"]["1"] == 2
+    assert content["files"]["train"] == {labyrinth_id(LABYRINTH): f"{path}: train.npy[0]"}
+    lines = capsys.readouterr().out.splitlines()
+    assert f"{path}: test.npy[0] has the structure of {path}: train.npy[0]" in lines
+    assert "train repeats 1 structures" in lines
+
+
+def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path, capsys):
+    bare = np.where(GRID > 1, 0, GRID)
+    folder = tmp_path / "grids"
+    folder.mkdir()
+    np.save(folder / "train.npy", np.stack([bare, bare]))
+    np.save(folder / "test.npy", np.stack([bare[:, ::-1], GRID]))
+    content, pairs = certified(make_run, folder, tmp_path)
+    assert content["structures_alone"]
+    assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
+    pair = pairs["train", "test"]
+    ids = {LABYRINTH.structure.structure_id, LABYRINTH.structure.mirrored().structure_id}
+    assert set(pair["mirrored"]) == set(pair["symmetric"]) == set(pair["nearest"]) == ids
+    assert set(pair["equal"]) == {LABYRINTH.structure.structure_id}
+    assert pair["same_route"] == {}
+    shown = capsys.readouterr().out
+    assert "structures alone are compared" in shown
+    assert re.search(r"train +2 +1 +2 +2 .* - +0", shown)
+
+
+def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_path, capsys):
+    path = tmp_path / "grids.npz"
+    gap = changed(0, 1, 0)
+    np.savez(path, train=np.stack([GRID] + [gap] * 11), test=GRID)
+    first = f"{path}: train.npy[1]: row 0, column 1: a gap in the outer wall"
+    with pytest.raises(DatasetError, match=r"^11 labyrinths or files could not be read") as caught:
+        certified(make_run, path, tmp_path)
+    assert str(caught.value).endswith(f"; the first: {first}")
+    (made,) = (tmp_path / "data" / "analysis").rglob("*.json")
+    content = json.loads(made.read_bytes())
+    assert content["leakage"]["labyrinths"] == {"train": 1, "test": 1}
+    assert len(content["problems"]) == 11
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("a gap in the outer wall" in line for line in lines) == 9
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.npy", b"no array", "a.npy: no array that can be read"),
+        ("a.zip", b"PK\5\6" + bytes(18), "a.zip holds no labyrinth"),
+        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .png, .npy, .npz,"),
+    ],
+)
+def test_a_file_without_labyrinths_is_refused_in_one_line(
+    make_run, tmp_path, name, content, message
+):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match=re.escape(message)) as caught:
+        certified(make_run, path, tmp_path)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_dataset_in_parquet_is_certified_as_our_own_is(analysed, make_run, tmp_path):

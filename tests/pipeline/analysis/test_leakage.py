@@ -88,6 +88,20 @@ def assert_as_brute_force(pair, first, second):
         assert walls == len(passages[number] ^ passages[other])
 
 
+def test_of_structures_alone_all_images_are_mirror_images_and_there_are_no_routes():
+    structures = EXAMPLES["all of 3x3"]
+    halves = {"train": structures[:200], "test": structures[200:]}
+    (alone,) = certify(halves).pairs
+    (pair,) = certify({split: cornered(half) for split, half in halves.items()}).pairs
+    ids = {labyrinth_id(each): each.structure.structure_id for each in cornered(structures)}
+    assert alone.symmetric == {ids[other]: ids[one] for other, one in pair.symmetric.items()}
+    assert alone.mirrored == alone.symmetric
+    assert len(alone.symmetric) > len(pair.mirrored)
+    near = {ids[other]: (ids[one], walls) for other, (one, walls) in pair.nearest.items()}
+    assert alone.nearest == near
+    assert alone.same_route == {}
+
+
 TREE = [(0, 1), (1, 4), (3, 4), (3, 6), (6, 7), (4, 5), (2, 5), (5, 8)]
 TRAIN = Labyrinth(Structure.from_passages(3, 3, TREE), 0, 8)
 """A labyrinth that no symmetry of the square leaves as it is."""

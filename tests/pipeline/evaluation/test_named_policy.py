@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from publishing import REPO, environment, published
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.description import Description
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import EvaluationOptions
 from pipeline.evaluation import stage
@@ -95,15 +97,18 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     expected = evaluate(lambda seen: [1] * len(seen), run.source, "3x3", splits=["test"])
     assert list(content["splits"]) == ["test"]
     assert content["splits"]["test"]["moves"] == [expected.splits["test"].episodes.moves.tolist()]
-    assert content["method"] == {"name": f"strange:{name}", "url": "", "budget": ""}
+    unsaid = dict.fromkeys(("author", "url", "date", "budget"), "")
+    assert content["method"] == unsaid | {"name": f"strange:{name}", "details": {}}
 
 
 def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsys):
-    about = {"name": "My method!", "url": "https://a.org/b", "budget": "nothing"}
-    stage.run(run_of("strange:right", observation="text", episodes=2, **about))
+    about = {"name": "My method!", "author": "me", "url": "https://a.org/b", "budget": "nothing"}
+    about["date"] = "2026-11-30"
+    numbers = {"train_labyrinths": 100, "train_steps": 0}
+    stage.run(run_of("strange:right", observation="text", episodes=2, **about, **numbers))
     path = folder / "runs" / "3x3" / "My-method" / "results.json"
     content = json.loads(path.read_text(encoding="utf-8"))
-    assert content["method"] == about
+    assert content["method"] == about | {"details": {"labyrinths": 100, "steps": 0}}
     assert content["evaluated"]["observation"] == "text"
     assert content["evaluated"]["episodes"] == 2
     assert "My method!" in capsys.readouterr().out
@@ -199,7 +204,7 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     data_dir = tmp_path / "labyrinth"
     make(data_dir, "2x3", labyrinths=3, random_steps=5)
     published(local_hub, data_dir)
-    by_id = ["size=2x3", "stages=evaluate", "policy=strange:right", f"dataset={REPO}"]
+    by_id = ["size=2x3", "stages=[evaluate,results]", "policy=strange:right", f"dataset={REPO}"]
     done = subprocess.run(
         [sys.executable, str(RUN), *by_id, "revision=1.0.0"],
         env=environment(local_hub),
@@ -209,6 +214,10 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     )
     assert done.returncode == 0, done.stderr
     there = json.loads((folder / "runs/2x3/strange-right/results.json").read_text("utf-8"))
-    here = evaluate(named_policy("strange:right"), data_dir, "2x3").to_json(name="strange:right")
+    here = evaluate(named_policy("strange:right"), data_dir, "2x3").to_json(
+        Description("strange:right")
+    )
     assert there["dataset"] == here["dataset"] | {"source": REPO, "revision": "1.0.0"}
     assert there["splits"] == here["splits"]
+    with (folder / "results" / "leaderboard.csv").open(encoding="utf-8", newline="") as file:
+        assert {row["compared"] for row in csv.DictReader(file)} == {"True"}

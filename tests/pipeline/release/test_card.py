@@ -17,7 +17,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from huggingface_hub import DatasetCard, DatasetCardData
+from huggingface_hub import (
+    DatasetCard,
+    DatasetCardData,
+    EvalResultEntry,
+    eval_result_entries_to_yaml,
+    parse_eval_result_entries,
+)
 from hydra import compose, initialize_config_dir
 from making import make_both
 from PIL import Image
@@ -37,13 +43,14 @@ from pipeline.machinery import front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.changelog import updated
+from pipeline.release.eval_tasks import evaluation_task
 from pipeline.release.figures import FIGURES
 from pipeline.release.published import published_files
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
-TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")
+TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json", "eval.yaml")
 
 
 def text(folder: Path) -> str:
@@ -352,6 +359,7 @@ def test_text_without_marks_is_a_persons_and_follows_the_generated_part(folder):
 FOREIGN = (
     "CITATION.cff",
     "croissant.json",
+    "eval.yaml",
     "CHANGELOG.md",
     "pictures/labyrinth.png",
     f"pictures/{DEFAULT}-visits.png",
@@ -376,6 +384,25 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     listed = (folder / card.HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
     assert not {*FOREIGN} & {*published_files(folder, front_matter.finished(folder))}
+
+
+def test_the_benchmark_has_a_task_for_each_split_but_random_that_results_can_refer_to(carded):
+    values = yaml.safe_load((carded / "eval.yaml").read_text(encoding="utf-8"))
+    assert values["name"] == front(carded)["pretty_name"]
+    assert "SR" in values["description"]
+    there = {
+        (config["config_name"], files["split"])
+        for config in front(carded)["configs"]
+        for files in config["data_files"]
+        if config["config_name"] in (DEFAULT, OTHER) and files["split"] != "random"
+    }
+    tasks = {task["id"]: (task["config"], task["split"]) for task in values["tasks"]}
+    assert len(tasks) == len(values["tasks"])
+    assert set(tasks.values()) == there
+    assert tasks["3x3-test"] == ("3x3", "test")
+    entries = [EvalResultEntry("user/labyrinth", evaluation_task(*key), 48.0) for key in there]
+    parsed = parse_eval_result_entries(eval_result_entries_to_yaml(entries))
+    assert {entry.task_id for entry in parsed} == set(tasks)
 
 
 def test_a_list_of_hashes_of_somebody_else_is_refused(folder):

@@ -282,9 +282,9 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
 
     lines = dry()
     assert not is_there(local_hub)
-    assert lines[-1].startswith(f"{REPO} (to be created), branch main: 19 files to add (0.3")
+    assert lines[-1].startswith(f"{REPO} (to be created), branch main: 20 files to add (0.3")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
-    assert len(plan(lines, "add")) == 19
+    assert len(plan(lines, "add")) == 20
 
     shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
     published(local_hub, releasable)

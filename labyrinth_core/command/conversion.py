@@ -1,0 +1,103 @@
+"""Labyrinths in the forms that others use, written as text: `labyrinth convert`."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from labyrinth_core.command.arguments import RequestError
+from labyrinth_core.language.collection import KINDS, Entry, read_collection
+from labyrinth_core.language.source_text import printable
+from labyrinth_core.language.text import dump
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.tasks import default_start_and_goal
+
+PROBLEMS_SHOWN = 10
+"""The largest number of labyrinths that cannot be read whose reason is printed."""
+
+
+def convert(source: Path, output: Path | None) -> int:
+    """Return the exit status: 1 if any labyrinth cannot be read, which is explained.
+
+    Args:
+        source: The file or folder.
+        output: The folder to write, whole or not at all; None to print the only labyrinth.
+
+    Raises:
+        RequestError: There is no labyrinth, or more than can be printed, or the folder exists.
+        OSError: A file cannot be read or written.
+    """
+    entries = _entries(source)
+    if output is not None:
+        return _write(source, entries, output)
+    few = list(islice(entries, 2))
+    if len(few) > 1:
+        raise RequestError(f"{source} holds several labyrinths: give --output FOLDER")
+    if not few:
+        raise _nothing(source)
+    ((_, text, problem),) = few
+    sys.stdout.write(text)
+    _explain([problem] if problem else [])
+    return int(bool(problem))
+
+
+def _entries(source: Path) -> Iterator[tuple[str, str, str]]:
+    """Yield split and text of each labyrinth, and why it has none."""
+    for entry in read_collection(source):
+        try:
+            yield entry.split, _text(entry), entry.problem
+        except LabyrinthError as error:  # Between the corners.
+            yield entry.split, "", f"{entry.place}: {error}"
+
+
+def _text(entry: Entry) -> str:
+    found = entry.found
+    if found is None:
+        return ""
+    if isinstance(found, Structure):
+        found = Labyrinth(found, *default_start_and_goal(found.height, found.width))
+    return dump(found)
+
+
+def _write(source: Path, entries: Iterator[tuple[str, str, str]], output: Path) -> int:
+    if output.exists() or not output.parent.is_dir():
+        reason = "is there already" if output.exists() else "has no folder to lie in"
+        raise RequestError(f"--output {output}: it {reason}; name a new folder")
+    seen: Counter[str] = Counter()
+    written: Counter[str] = Counter()
+    problems = []
+    with TemporaryDirectory(prefix=f".{output.name}.", dir=output.parent) as beside:
+        folder = Path(beside) / "whole"
+        for split, text, problem in entries:
+            if text:
+                (folder / split).mkdir(parents=True, exist_ok=True)
+                path = folder / split / f"{seen[split]:06}.labyrinth"
+                path.write_text(text, encoding="utf-8")
+                written[split] += 1
+            else:
+                problems.append(problem)
+            seen[split] += 1
+        _explain(problems)
+        if not written:
+            raise _nothing(source)
+        folder.replace(output)
+    parts = ", ".join(f"{count:,} of {split}" for split, count in written.items())
+    print(printable(f"{output}: {parts}"))
+    return int(bool(problems))
+
+
+def _explain(problems: list[str]) -> None:
+    more = len(problems) - PROBLEMS_SHOWN
+    shown = [*problems[:PROBLEMS_SHOWN], *([f"and {more:,} more"] if more > 0 else [])]
+    for line in shown:
+        print(printable(line), file=sys.stderr)
+
+
+def _nothing(source: Path) -> RequestError:
+    return RequestError(
+        f"{source}: no labyrinth in it can be read; files end in {', '.join(KINDS)}"
+    )
