@@ -22,6 +22,7 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
@@ -31,7 +32,6 @@ from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,

@@ -19,6 +19,9 @@ from labyrinth_core import evaluate
 from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.renderer import render
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.planning import FAR, Bellman, Planner
+from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
@@ -28,9 +31,7 @@ from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
-from pipeline.training.networks.network import NetworkSpec
-from pipeline.training.networks.planning import FAR, Bellman, Planner
-from pipeline.training.policy import NetworkPolicy, load_policy
+from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, read_record
 
 pytestmark = pytest.mark.slow
@@ -110,7 +111,7 @@ def test_without_the_grid_prior_the_network_is_not_told_how_large_a_cell_is() ->
             torch.manual_seed(0)
             spec = NetworkSpec("planner", 1, side, side, "navigation")
             settings = settings_of("planner", grid_prior=grid_prior, colour_prior=False)
-            scores.append(planner.Method.plain(spec, settings)(pictures))
+            scores.append(planner.Method.make(spec, settings)(pictures))
         assert torch.equal(*scores) == (not grid_prior)
 
 
