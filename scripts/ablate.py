@@ -34,12 +34,12 @@ from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
 from pipeline.generation import build
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import fit
 from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.policy import save_policy
-from pipeline.training.record import POLICY
 
 INGREDIENTS = ("augment", "relabel", "average", "path_prior", "grid_prior", "colour_prior")
 

@@ -71,20 +71,21 @@ def _located(source: str | Path, revision: str | None) -> Path:
         return folder
     if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
-    from huggingface_hub import snapshot_download
+    from huggingface_hub import hf_hub_download
 
-    def download(**options: Any) -> Any:
-        return snapshot_download(
-            str(source), revision=revision, allow_patterns=[*MOST_BYTES], **options
-        )
+    def had(name: str, **options: Any) -> Any:
+        return hf_hub_download(str(source), name, revision=revision, **options)
 
     try:
-        for file in download(dry_run=True):  # Before a byte of them is downloaded.
-            _check_size(f"{source}: {file.filename}", file.filename, file.file_size)
-        return Path(download())
+        for name in MOST_BYTES:  # Before a byte of them is downloaded.
+            _check_size(f"{source}: {name}", name, had(name, dry_run=True).file_size)
+        folders = {Path(had(name)).parent for name in MOST_BYTES}
     except (OSError, ValueError) as error:
         reason = f"{source} is no folder, and not to be had from the Hub"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
+    if len(folders) > 1:
+        raise DatasetError(f"{source} has changed while it was downloaded: load it again")
+    return folders.pop()
 
 
 def _check_size(place: object, name: str, size: int) -> None:

@@ -16,6 +16,8 @@ from pipeline.machinery.schema import COUNT, SHARE, Each, Maybe, Named, Number, 
 
 EVALUATION = "evaluation.json"
 """The name of the file."""
+POLICY = "policy.safetensors"
+"""The name of the file of the policy that was evaluated, in the same folder."""
 FORMAT = 1
 
 _WORD = Text(r"\w[\w.-]{0,99}")

@@ -28,6 +28,7 @@ from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
 from pipeline.machinery.dataset import fingerprint_of
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
@@ -35,7 +36,6 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, fin
 from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
-    POLICY,
     draw_curves,
     open_board,
     read_record,

@@ -27,12 +27,13 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
 from pipeline.training.policy import load_policy
-from pipeline.training.record import POLICY, read_record
+from pipeline.training.record import read_record
 
 pytestmark = pytest.mark.slow
 
