@@ -65,7 +65,8 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
         try:
             network = load_policy(folder).network
         except DatasetError as error:
-            raise DatasetError(f"{source}: {one_line(error).replace(temporary, '')}") from error
+            told = str(error).replace(str(folder / WEIGHTS), str(source / POLICY))
+            raise DatasetError(told.replace(temporary, str(source))) from error
         dataset, revision = run.dataset_on_hub
         commit, manifest = _dataset(run, api, evaluation)
         trained = Trained(

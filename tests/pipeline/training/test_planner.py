@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from method_settings import settings_of
-from policies import Remembering
+from policies import RELEASED, Remembering
 from torch import nn
 
 from labyrinth_core import evaluate
@@ -188,12 +188,13 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
 
 def released() -> NetworkPolicy:
     """Return the policy that was released."""
-    folder = Path(__file__).parents[3] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
-    record = read_record(folder)
+    record = read_record(RELEASED)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 1, 5, 5, "navigation")
-    return load_policy(folder / POLICY, spec, make=partial(planner.Method.make, settings=settings))
+    return load_policy(
+        RELEASED / POLICY, spec, make=partial(planner.Method.make, settings=settings)
+    )
 
 
 def test_the_released_policy_scores_the_same_however_it_is_asked(
