@@ -52,14 +52,14 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
     return _with_weights(spec, folder / WEIGHTS)
 
 
-def holds_policy(source: str, revision: str | None = None) -> bool:
+def holds_policy(source: str) -> bool:
     """Return whether the Hub, or the cache of its client, has a policy under an id."""
     from huggingface_hub import HfApi, try_to_load_from_cache
 
     try:
-        return HfApi().file_exists(source, WEIGHTS, revision=revision)
+        return HfApi().file_exists(source, WEIGHTS)
     except (OSError, ValueError):
-        return isinstance(try_to_load_from_cache(source, WEIGHTS, revision=revision), str)
+        return isinstance(try_to_load_from_cache(source, WEIGHTS), str)
 
 
 def _located(source: str | Path, revision: str | None) -> Path:

@@ -12,11 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from huggingface_hub import (
-    EvalResultEntry,
-    HfApi,
-    eval_result_entries_to_yaml,
-)
+from huggingface_hub import EvalResultEntry, HfApi, eval_result_entries_to_yaml
+from huggingface_hub.errors import RevisionNotFoundError
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
@@ -130,7 +127,11 @@ def _dataset(run: Run, api: HfApi, evaluation: Mapping[str, Any]) -> tuple[str, 
     """Return the commit and the manifest of the dataset on the Hub that a run was trained on."""
     repo_id, revision = run.dataset_on_hub
     with explained(repo_id):
-        commit = Remote(api, repo_id, DATASET).commit(revision or "main")
+        try:
+            commit = Remote(api, repo_id, DATASET).commit(revision or "main")
+        except RevisionNotFoundError as error:
+            told = f"{repo_id} has no revision {revision}: publish the dataset first"
+            raise PublishError(told) from error
         manifest = Manifest.read(locate(repo_id, run.dataset.name, [], commit))
     of = evaluation["run"]["fingerprint"]
     if manifest.fingerprint != of:

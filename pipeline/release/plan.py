@@ -45,11 +45,8 @@ DATASET = Kind(
         r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
     ),
 )
-MODEL = Kind(
-    "model",
-    data=r"config\.json|model\.safetensors",
-    card=r"README\.md|\.eval_results/[\w.-]+\.yaml",
-)
+# Other results are often other people's, so that none are deleted.
+MODEL = Kind("model", data=r"config\.json|model\.safetensors", card=r"README\.md")
 SPACE = Kind("space", data=r"index\.html|figures/\d+x\d+[\w-]*\.(svg|png)", card=r"README\.md")
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (DATASET, MODEL, SPACE)}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from hub.card import SDKS, validate
+from hub.card import validate
 from hub.exchange import REPO, Answer, RefusalError, Request, as_json, route, visible, writable
 from hub.state import HubState
 
@@ -53,8 +53,6 @@ def create_repo(hub: HubState, request: Request) -> Answer:
     kind = wanted.get("type", "model")
     name = _full_name(request, wanted)
     url = f"{hub.url}/{PREFIXES[kind]}{name}"
-    if kind == "space" and wanted.get("sdk") not in SDKS:
-        raise RefusalError(400, f"sdk is {wanted.get('sdk')!r}; it must be one of {SDKS}")
     with hub.lock:
         if hub.repository(kind, name) is not None:
             message = f"You already created this {kind} repo: {name}"
