@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from policies import lay_out_released
 
 import labyrinth_core
 from labyrinth_core import __version__
@@ -151,11 +152,12 @@ def test_a_name_without_a_folder_lies_in_that_of_the_name_before_it():
 
 @pytest.fixture(scope="module")
 def folder_with_data(build, tmp_path_factory) -> Path:
-    """A folder as the README's first command leaves it, but for the number of labyrinths."""
+    """A folder as the README's first command leaves it, but with fewer labyrinths; and a policy."""
     folder = tmp_path_factory.mktemp("reader")
     few = {"size": "5", "labyrinths": 25, "random_steps": 5}
     build(folder / "data" / "labyrinth", **few)
     build(folder / "data" / "labyrinth", task="partial_observability", **few)
+    lay_out_released(folder / "user" / "planner-5x5")  # In the place of the Hub.
     return folder
 
 

@@ -17,7 +17,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_c
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 _TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 
 
@@ -67,7 +67,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
                 )
             raise _not_held(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
         return folder / config
-    if not _HUB_ID.fullmatch(str(source)):
+    if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
     return None
 

@@ -87,12 +87,23 @@ _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 @dataclass(frozen=True)
 class PublishOptions:
-    """Where and how a dataset is published."""
+    """Where and how a dataset, a policy and a report are published."""
 
     repo_id: str = option(
         "",
         "dataset on the Hub, such as user/labyrinth",
-        like=(_ID, "the id of the dataset on the Hub, such as user/labyrinth"),
+        like=(f"({_ID})?", "the id of the dataset on the Hub, such as user/labyrinth"),
+    )
+    model: str = option(
+        "",
+        "model on the Hub for the policy of the run that method, size and so on name, such as "
+        "user/planner-5x5",
+        like=(f"({_ID})?", "the id of a model on the Hub, such as user/planner-5x5"),
+    )
+    space: str = option(
+        "",
+        "Space on the Hub for the report, such as user/labyrinth-report",
+        like=(f"({_ID})?", "the id of a Space on the Hub, such as user/labyrinth-report"),
     )
     version: str = option(
         "",
@@ -100,12 +111,14 @@ class PublishOptions:
         like=(r"\d+\.\d+\.\d+", "three numbers, such as 1.0.0"),
     )
     dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
-    private: bool = option(False, "make the dataset private, if it has to be made")
+    private: bool = option(False, "make the repository private, if it has to be made")
     branch: str = option(
         "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
     )
     create_pr: bool = option(False, "open a pull request instead")
-    collection: str | None = option(None, "title of a collection on the Hub that the dataset joins")
+    collection: str | None = option(
+        None, "title of a collection on the Hub that what is published joins"
+    )
 
 
 @dataclass(frozen=True)
@@ -159,6 +172,14 @@ class Run:
         """The dataset to learn from: a folder, or an id on the Hub."""
         own = str(folder_at(self.options.data_dir))
         return own if self.options.dataset is None else self.options.dataset
+
+    @property
+    def dataset_on_hub(self) -> tuple[str, str | None]:
+        """The id on the Hub, and the revision, of the dataset that what is published is of."""
+        publish = self.options.publish
+        if publish.repo_id:
+            return publish.repo_id, publish.version
+        return str(self.options.dataset), self.options.revision
 
     @property
     def training_name(self) -> str:
@@ -265,6 +286,27 @@ def options_of(config: DictConfig) -> RunConfig:
     return frozen(RunConfig, values)
 
 
+def check_publish(options: RunConfig) -> None:
+    """Raise a ConfigError if an option of what is published is impossible, or missing."""
+    publish = options.publish
+    check_options(publish, PublishOptions, "publish.")
+    check(
+        bool(publish.repo_id or publish.model or publish.space),
+        "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
+        "publish.model, or publish.space",
+    )
+    check(
+        bool(publish.repo_id) or re.fullmatch(_ID, options.dataset or "", re.ASCII) is not None,
+        f"dataset={options.dataset or ''}: give the id on the Hub of the dataset that what is "
+        "published is of, such as user/labyrinth",
+    )
+    check(
+        not publish.model or options.protocol == "default",
+        f"protocol={options.protocol}: its pictures are not those that evaluate shows, so that "
+        "its policy is not published",
+    )
+
+
 def resolve(options: RunConfig) -> Run:
     """Return the run that options ask for.
 
@@ -297,10 +339,10 @@ def resolve(options: RunConfig) -> Run:
     if options.policy and stages & {"train", "evaluate"}:
         check("train" not in stages, f"policy={options.policy} is not trained: stages=[evaluate]")
         check_policy(options, options.evaluation)
-    elif stages & {"train", "evaluate", "results"}:
+    elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)
     if "environments" in stages:
         check_analysis(options.analysis)
     if "publish" in stages:
-        check_options(options.publish, PublishOptions, "publish.")
+        check_publish(options)
     return run

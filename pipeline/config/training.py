@@ -95,8 +95,8 @@ class TrainingOptions:
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
     policy: str = option(
         "",
-        "policy to evaluate instead of a run's: module:name, or a Stable-Baselines3 archive "
-        "such as ppo.zip",
+        "policy to evaluate instead of a run's: module:name, a published one such as "
+        "user/planner-5x5@1.0.0, or a Stable-Baselines3 archive such as ppo.zip",
     )
     results_dir: str = option(
         "results",
@@ -147,8 +147,9 @@ class EvaluationOptions:
 
 
 _POLICY = (
-    r"(?s).+\.zip|[\w.]+:[\w.]+|[\w.-]+/[\w.-]+",
-    "module:name, or a Stable-Baselines3 archive as a path that ends in .zip or an id on the Hub",
+    r"(?s).+\.zip|[\w.]+:[\w.]+|[\w.-]+/[\w.-]+(@[\w./-]+)?",
+    "module:name, a Stable-Baselines3 archive as a path that ends in .zip, or an id on the Hub, "
+    "with @ and a revision if it is not main",
 )
 
 

@@ -18,6 +18,8 @@ EVALUATION = "evaluation.json"
 """The name of the file."""
 RESULTS = "results.json"
 """The name of the file that the stage leaves of a policy that `policy=` names."""
+POLICY = "policy.safetensors"
+"""The name of the file of the policy that was evaluated, in the same folder."""
 FORMAT = 1
 
 CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")

@@ -81,6 +81,7 @@ def write_card(
     repo_id: str | None = None,
     version: str | None = None,
     *,
+    space: str | None = None,
     workers: int = 1,
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
@@ -92,6 +93,7 @@ def write_card(
         data_dir: The folder.
         repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
         version: The version of the release, if it is one.
+        space: The id of the Space with the report, if there is one.
         workers: The number of processes that read shards.
 
     Raises:
@@ -100,7 +102,7 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, Release(repo_id, version), workers)
+        return _write_card(data_dir, Release(repo_id, version, space=space), workers)
 
 
 def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:

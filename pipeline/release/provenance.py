@@ -32,6 +32,8 @@ class Release:
     repo_id: str | None = None
     """The id on the Hub, such as `user/labyrinth`."""
     version: str | None = None
+    space: str | None = None
+    """The id of the Space with the report."""
     licence: str = LICENCE
     """The licence that the card names, as the Hub spells it."""
 

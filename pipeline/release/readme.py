@@ -46,7 +46,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         release: What is known of the release.
     """
     sections = [
-        _introduction(datasets, default),
+        _introduction(datasets, default, release),
         _loading(datasets, default, release),
         _contents(datasets),
         _labyrinths(datasets, default, release),
@@ -60,10 +60,16 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
     return "\n\n".join(filter(None, sections))
 
 
-def _introduction(datasets: Sequence[DatasetStatistics], default: str) -> str:
+def _introduction(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
     names = ", ".join(f"`{dataset.name}`" for dataset in datasets)
     rows = sum(dataset.rows for dataset in datasets)
     named = f"{names}; `{default}` is the default" if len(datasets) > 1 else names
+    report = (
+        ""
+        if release.space is None
+        else "\n- **To look at:** [the report](https://huggingface.co/spaces/"
+        f"{release.space}) shows labyrinths, episodes and statistics."
+    )
     return f"""# Labyrinth
 
 ![A labyrinth of train, of validation and of test, each with a way from start to goal]({BANNER})
@@ -74,7 +80,7 @@ of `test`, and no structure is in both, not even as a mirror image.
 
 - **{rows:,} rows** in {count(len(datasets), "config")}: {named}.
 - **Counted, not assumed:** [which structures two splits share](#no-structure-in-two-splits): none.
-- **Self-sufficient rows:** `info` holds the labyrinth as a text that loads it again.
+- **Self-sufficient rows:** `info` holds the labyrinth as a text that loads it again.{report}
 
 The benchmark is that of *{PAPER_TITLE}*
 (Gavenski and Rodrigues, {PAPER_VENUE}, [arXiv:{ARXIV}]({PAPER_URL})).

@@ -13,17 +13,17 @@ from typing import Any
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.baselines import BASELINES, compare
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.evaluation_file import EVALUATION, FORMAT
+from pipeline.machinery.evaluation_file import EVALUATION, FORMAT, POLICY
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
-from pipeline.training.record import POLICY, current_versions, read_record
+from pipeline.training.record import current_versions, read_record
 from pipeline.training.train import choose_device, loader_of, spec_of
 
 
@@ -59,7 +59,11 @@ def run(run: Run) -> None:
             train = arrays
         scores[split] = score(policy, arrays)
         baselines[split] = compare(train, arrays)
-    computed = {"device": device.type, "versions": current_versions()}
+    computed = {
+        "device": device.type,
+        "versions": current_versions(),
+        "weights": file_sha256(folder / POLICY),
+    }
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
     for table in summaries(run.training_name, content):
@@ -75,7 +79,7 @@ def describe(
     """Return the content of `evaluation.json`, in plain types.
 
     `record` is the content of `run.json`; `scores` and the figures of `baselines` are by split;
-    `computed` tells the device and the versions of libraries.
+    `computed` tells the device, the versions of libraries and the SHA-256 of the weights.
     """
     solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
     return {

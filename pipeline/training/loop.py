@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import Protocol
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.method import Learner
-from pipeline.training.policy import NetworkPolicy
 
 CHECKPOINT_SECONDS = 30.0
 """The least time between two checkpoints."""

@@ -22,20 +22,20 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
 from pipeline.machinery.dataset import fingerprint_of
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
-    POLICY,
     draw_curves,
     open_board,
     read_record,

@@ -16,9 +16,10 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.policies.networks.assembly import make_network
+from labyrinth_core.policies.networks.symmetry import transform_examples
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods.method import BaseSettings, Learner, setting
-from pipeline.training.networks.network import Network, NetworkSpec
-from pipeline.training.networks.symmetry import Averaged, transform_examples
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,7 @@ class Method(Learner):
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
-        network = cls.plain(spec, settings)
-        return Averaged(network) if settings.average else network
-
-    @classmethod
-    def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network without the averaging over symmetries."""
-        return Network(spec)
+        return make_network(spec, average=settings.average)
 
     def epoch(self) -> dict[str, float]:
         if self.settings.augment or self.settings.relabel:

@@ -23,13 +23,14 @@ from torch.nn import functional
 from torch.optim import Adam
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.policies.networks.acting import outputs_of
+from labyrinth_core.policies.networks.network import ACTIONS, Network
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.option import check_options, frozen, option
 from pipeline.config.training import usual_settings
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
-from pipeline.training.networks.network import ACTIONS, Network, NetworkSpec
-from pipeline.training.policy import outputs_of
 
 
 def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
