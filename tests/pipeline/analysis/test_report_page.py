@@ -6,6 +6,7 @@ import base64
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from labyrinth_core.command.main import main
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.world.dynamics import initial, state_at, state_count, state_index
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import distances, optimal_actions
@@ -141,19 +143,23 @@ def answer_of_python(name, read):
         "text": dump(labyrinth),
         "distances": distance,
         "optimal": [np.flatnonzero(row).tolist() for row in optimal_actions(labyrinth)],
-        "moves": distance[labyrinth.start],
+        "moves": distance[state_index(labyrinth, initial(labyrinth))],
     }
 
 
 def sampled(count: int) -> list[Labyrinth]:
-    """Return labyrinths of all tasks, small and not so small."""
+    """Return labyrinths of all tasks, small and not so small, some with the agent anywhere."""
     rng = np.random.default_rng(7)
     labyrinths = []
     while len(labyrinths) < count:
         height, width = rng.integers(3, 9, 2).tolist()
         try:
             task = list(Task)[len(labyrinths) % len(Task)]
-            labyrinths.append(sample_labyrinth(height, width, task, rng))
+            labyrinth = sample_labyrinth(height, width, task, rng)
+            if rng.random() < 0.5:
+                agent = state_at(labyrinth, int(rng.integers(state_count(labyrinth))))
+                labyrinth = replace(labyrinth, agent=agent)
+            labyrinths.append(labyrinth)
         except LabyrinthError:
             continue
     return labyrinths
