@@ -101,7 +101,7 @@ def labyrinths_of(source: str, config: str | None) -> tuple[dict[str, list[Labyr
 
 def _read(read: Callable[[Source], Labyrinth], source: Source, where: str = "") -> Labyrinth:
     try:
-        return read(source)
+        return read(source).from_start()
     except ValueError as error:  # Its first line says what is wrong, those below show the place.
         raise DatasetError(f"{where}{error}".partition("\n")[0]) from error
 
