@@ -62,7 +62,7 @@ def best_route(train: LabyrinthArrays) -> tuple[int, ...]:
     from_start = np.isin(train.route_starts, train.initial).tolist()
     counts = Counter(tuple(route.tolist()) for route in compress(train.routes, from_start))
     routes = [route for route, _ in counts.most_common(500)]
-    return max(routes, key=lambda route: follow_route(train, route).solved.sum())
+    return max([*routes, ()], key=lambda route: follow_route(train, route).solved.sum())
 
 
 def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:

@@ -5,9 +5,8 @@ shortest route, so it demonstrates the way between its ends (hindsight: Kaelblin
 et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. With a door
 it is not: there nothing is reversed, and a part is taken only if it is a complete episode of the
 labyrinth with the new start and goal, from before the key to behind the door; an episode without
-such a part, like most pieces of a route, is taken as it is. The picture with the
-new start and goal is drawn from `info`, which adds nothing that the demonstration's own pictures do
-not show.
+such a part, like most pieces of a route, is taken as it is. The picture with the new start and goal
+is drawn from `info`, which adds nothing that the demonstration's own pictures do not show.
 """
 
 from __future__ import annotations

@@ -22,7 +22,14 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import State, is_terminal, reward, state_index, transition
+from labyrinth_core.world.dynamics import (
+    State,
+    initial,
+    is_terminal,
+    reward,
+    state_index,
+    transition,
+)
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import replay
@@ -255,6 +262,8 @@ def test_episodes_begin_where_the_text_says():
         assert info["labyrinth_id"] == labyrinth_id(labyrinth)
         rewards = [env.step(action)[1] for action in route[-2:]]
         assert sum(rewards) == pytest.approx(1)
+    env.reset(options={"start": labyrinth.position(labyrinth.start)})
+    assert env.state == initial(labyrinth)
 
 
 def test_the_options_given_are_not_changed():
