@@ -144,7 +144,9 @@ class Structure:
     @property
     def junctions(self) -> int:
         """The number of cells with three or four passages."""
-        return sum(ways.count(cell) < 2 for cell, ways in enumerate(self.moves))
+        up, right = self.up, self.right
+        down, left = up << self.width, right << 1
+        return (up & right & (down | left) | down & left & (up | right)).bit_count()
 
     def distances(self, source: int, blocked: Collection[int] = ()) -> list[int]:
         """Return the least number of moves from `source` to each cell, avoiding `blocked` cells.
@@ -152,6 +154,21 @@ class Structure:
         It is `UNREACHABLE` for cells that cannot be reached.
         """
         return breadth_first(self.moves, [source], blocked)
+
+    def least_moves(self, source: int, target: int) -> int:
+        """Return the least number of moves between two cells, or `UNREACHABLE`.
+
+        All cells are flooded at once, as a bit set, which is quicker than `distances`.
+        """
+        up, right, width = self.up, self.right, self.width
+        reached, moves = 1 << source, 0
+        while not reached >> target & 1:
+            beside = (reached & right) << 1 | reached >> 1 & right
+            flooded = reached | (reached & up) << width | reached >> width & up | beside
+            if flooded == reached:
+                return UNREACHABLE
+            reached, moves = flooded, moves + 1
+        return moves
 
     @property
     def is_connected(self) -> bool:

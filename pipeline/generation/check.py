@@ -45,7 +45,7 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import moves_and_routes
+from labyrinth_core.world.solver import moves_and_routes, moves_of
 from pipeline.generation.check_table import TablePart, table_problems
 from pipeline.generation.extremes import NO_EXTREMES, Extremes, shift_problem
 from pipeline.generation.relations import Relations
@@ -343,8 +343,10 @@ class _ShardCheck:
         self.labyrinth, self.pictures = labyrinth, Pictures(labyrinth)
         for message in labyrinth_problems(config, split, labyrinth):
             self.problem(row, "info", message)
-        if is_selected(split) and (no := shift_problem(split, labyrinth, self.job.extremes)):
-            self.problem(row, "info", no)
+        if is_selected(split):
+            moves, loops = moves_of(labyrinth), labyrinth.structure.loops
+            if no := shift_problem(split, moves, loops, self.job.extremes):
+                self.problem(row, "info", no)
         if self.relations is not None:
             for column, message in self.relations.of(self.number, labyrinth):
                 self.problem(row, column, message)

@@ -137,6 +137,13 @@ def test_distances_never_enter_blocked_cells(structure, data):
             assert distance == min(before - {UNREACHABLE}) + 1
 
 
+@given(structures(), st.data())
+def test_the_least_moves_between_two_cells_are_those_that_a_search_finds(structure, data):
+    cells = st.integers(0, structure.cells - 1)
+    source, target = data.draw(cells), data.draw(cells)
+    assert structure.least_moves(source, target) == structure.distances(source)[target]
+
+
 @given(connected_structures(), st.data())
 def test_a_search_from_several_sources_finds_the_nearest(structure, data):
     sources = data.draw(st.sets(st.integers(0, structure.cells - 1), min_size=1, max_size=4))
