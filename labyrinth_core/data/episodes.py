@@ -14,7 +14,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.source import RawRow
 from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.language.text import labyrinth_id, parse, without_agent
 from labyrinth_core.world.dynamics import initial, state_index, transition
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
@@ -61,8 +61,9 @@ def optimal_actions_of(rows: Iterable[RawRow]) -> NDArray[np.bool_]:
     """
     found = []
     for episode_rows in grouped(rows):
-        labyrinth, optimal = _solved(episode_rows[0].info)
-        state = initial(labyrinth)
+        info = episode_rows[0].info
+        labyrinth, optimal = _solved(without_agent(info))
+        state = initial(parse_info(info)[0])
         places = []
         for row in episode_rows[:-1]:
             places.append(state_index(labyrinth, state))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,10 +55,14 @@ def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
 
 
 def best_route(train: LabyrinthArrays) -> tuple[int, ...]:
-    """Return the demonstrated route, of the 500 most frequent, that solves most labyrinths."""
-    counts = Counter(tuple(route.tolist()) for route in train.routes)
+    """Return the demonstrated route, of the 500 most frequent, that solves most labyrinths.
+
+    Of routes in pieces it is one of the first pieces.
+    """
+    from_start = np.isin(train.route_starts, train.initial).tolist()
+    counts = Counter(tuple(route.tolist()) for route in compress(train.routes, from_start))
     routes = [route for route, _ in counts.most_common(500)]
-    return max(routes, key=lambda route: follow_route(train, route).solved.sum())
+    return max([*routes, ()], key=lambda route: follow_route(train, route).solved.sum())
 
 
 def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:

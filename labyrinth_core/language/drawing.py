@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from labyrinth_core.language.text import dump
+from labyrinth_core.language.text import dump, without_agent
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
@@ -41,8 +41,11 @@ def draw_text(
 
 
 def describe(labyrinth: Labyrinth, state: State) -> str:
-    """Return what the agent observes in words: the text of the language, with `draw_text` in it."""
-    text = dump(labyrinth)
+    """Return what the agent observes in words: the text of the language, with `draw_text` in it.
+
+    Where the episode began is none of it.
+    """
+    text = without_agent(dump(labyrinth))
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
 
 

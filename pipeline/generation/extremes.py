@@ -33,16 +33,16 @@ def extremes_of(labyrinths: Iterable[Labyrinth]) -> Extremes:
     return extremes
 
 
-def shift_problem(split: str, labyrinth: Labyrinth, train: Extremes) -> str | None:
+def shift_problem(split: str, moves: int, loops: int, train: Extremes) -> str | None:
     """Return why a labyrinth has not the property of a shift, None if it has.
 
     Args:
         split: A shift whose structures are selected.
-        labyrinth: The labyrinth.
+        moves: The moves of a shortest route through the labyrinth.
+        loops: Its loops.
         train: What train has the most of.
     """
-    loops = labyrinth.structure.loops
-    if split == "longer" and (moves := moves_of(labyrinth)) <= train.moves:
+    if split == "longer" and moves <= train.moves:
         return f"its shortest route has {moves} moves, and train has one of {train.moves}"
     if split == "trees" and loops:
         return f"it has {loops} loops"

@@ -18,7 +18,7 @@ from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.source import read_rows
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SPLITS, is_selected
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import parse, without_agent
 from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
 from pipeline.generation.check_table import table_file_problems, table_parts
@@ -115,7 +115,7 @@ def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[Che
     if any(map(is_selected, config.shifts)):
         with suppress(DatasetError, OSError, ValueError):  # The check of the shard says it.
             rows = read_rows(folder, manifest.of("train"), pictures=False)
-            extremes = extremes_of(map(parse, {row.info: None for row in rows}))
+            extremes = extremes_of(map(parse, {without_agent(row.info): None for row in rows}))
     shards_of = _shards_of(manifest)
     for split, shards in shards_of.items():
         parent = SPLITS[split].parent

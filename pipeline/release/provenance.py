@@ -72,6 +72,8 @@ def command(config: DatasetConfig) -> str:
         options["shifts"] = f"[{','.join(config.shifts)}]"
     if config.noise:
         options["demonstrations.noise"] = config.noise
+    if config.pieces:
+        options["demonstrations.pieces"] = config.pieces
     return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
 
 

@@ -292,12 +292,19 @@ p-values.
 
 
 def _statistics(datasets: Sequence[DatasetStatistics], default: str) -> str:
+    pieces = ""
+    if any(dataset.manifest.config.pieces for dataset in datasets):
+        pieces = (
+            "\n\nWith `demonstrations.pieces` an episode of any split but `random` is a piece of a "
+            "route: *moves*, *longest* and *return* are of pieces, most of which end before the "
+            "goal because they are cut there, and not because an agent failed."
+        )
     parts = [
-        """## Statistics
+        f"""## Statistics
 
 *Loops* is how many passages a structure has beyond those of a tree (passages - cells + 1), on
 average; *moves* and *return* are means over episodes. *Optimal* is the share of the actions that
-begin a shortest route; *choices* is how many actions do, in a state that is acted in."""
+begin a shortest route; *choices* is how many actions do, in a state that is acted in.{pieces}"""
     ]
     for dataset in sorted(datasets, key=lambda dataset: dataset.name != default):
         section = f"{_numbers(dataset)}\n\n{_pictures(dataset)}"

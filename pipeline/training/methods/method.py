@@ -73,7 +73,7 @@ class Problem:
     @cached_property
     def examples(self) -> ExampleSampler:
         """The source of pictures drawn from the demonstrations, as they are or relabelled."""
-        return ExampleSampler(self.arrays, self.demonstrations)
+        return ExampleSampler(self.arrays)
 
 
 class Learner(ABC):
