@@ -62,6 +62,8 @@ class LabyrinthArrays:
     """The ids in the order of the dataset, shape (L,); elsewhere they are `f"{id:016x}"`."""
     routes: tuple[NDArray[np.int64], ...]
     """The actions of each episode of the dataset, in its order."""
+    route_starts: NDArray[np.int64]
+    """The state in which each of these episodes begins, shape (episodes,)."""
     labyrinths: tuple[Labyrinth, ...]
     """The L labyrinths."""
     spec: ObservationSpec
@@ -160,6 +162,7 @@ def _stack(
         distance=np.array([each.distances[each.initial] for each in tables.values()]),
         labyrinth_ids=np.array(list(tables), np.int64),
         routes=tuple(actions for _, actions in episodes),
+        route_starts=np.array([initial[number] for number, _ in episodes]),
         labyrinths=labyrinths,
         spec=spec,
         cells=labyrinths[0].structure.cells,

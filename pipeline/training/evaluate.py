@@ -6,17 +6,22 @@ Nothing is selected or learnt here: the policy acts in one greedy episode per la
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import write_text
-from labyrinth_core.evaluation.baselines import BASELINES, compare
+from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.references import TrainMemory
+from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
+from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.dataset import manifest_of
@@ -25,6 +30,12 @@ from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import POLICY, current_versions, read_record
 from pipeline.training.train import choose_device, loader_of, spec_of
+
+CAPTION = (
+    "SPL: success weighted by path length. known: SR where train demonstrates an optimal route; "
+    "new: where it does not. optimal: share of optimal actions, in the states of the "
+    "demonstrations / in all others."
+)
 
 
 def run(run: Run) -> None:
@@ -51,14 +62,17 @@ def run(run: Run) -> None:
             f"are {record['run']['fingerprint']:.8} and {fingerprint:.8}"
         )
     scores: dict[str, Scores] = {}
-    baselines: dict[str, Any] = {}
+    baselines: dict[str, dict[str, dict[str, float]]] = {}
     load, splits = loader_of(run), (*EVALUATED_SPLITS, *manifest.config.shifts)
     for split in tracked(((1, split) for split in splits), "evaluate", len(splits)):
         arrays = load(split)
         if split == "train":
-            train = arrays
-        scores[split] = score(policy, arrays)
-        baselines[split] = compare(train, arrays)
+            train, memory = arrays, TrainMemory.of(arrays)
+        known, references = memory.figures(arrays)
+        scores[split] = replace(score(policy, arrays), known_route=known)
+        baselines[split] = compare(train, arrays) | references
+        if manifest.config.task is Task.PARTIAL_OBSERVABILITY:
+            baselines[split] |= replan(load(split, observation="vector"))
     computed = {"device": device.type, "versions": current_versions()}
     content = describe(record, scores, baselines, computed)
     write_text(folder / EVALUATION, as_text(content))
@@ -107,24 +121,39 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 def summaries(name: str, content: Mapping[str, Any]) -> Iterator[Table]:
     """Yield the tables of the policy's scores and of the baselines."""
-    right = partial(Column, justify="right")
-    headings = ("SR", "95%", "AER", "optimal*", "failures")
-    table = Table("split", *map(right, headings), title=f"{name}, one greedy episode per labyrinth")
+    headings = ("SR", "95%", "SPL", "known / new", "AER", "optimal", "failures")
+    table = _table(headings, f"{name}, one greedy episode per labyrinth", CAPTION)
     for split, figures in content["splits"].items():
         low, high = figures["sr_interval"]
-        shares = [figures[f"accuracy_{where}"] for where in ("on_demonstrations", "elsewhere")]
         table.add_row(
             split,
             f"{figures['sr']:.1%}",
             f"{100 * low:.0f}-{100 * high:.0f}",
-            f"{figures['aer']:.2f} ± {figures['aer_std']:.2f}",
-            " / ".join("-" if share is None else f"{share:.0%}" for share in shares),
+            f"{figures['spl']:.0%}",
+            _pair(figures["sr_known_route"], figures["sr_new_route"]),
+            f"{figures['aer']:.2f}",
+            _pair(figures["accuracy_on_demonstrations"], figures["accuracy_elsewhere"]),
             ", ".join(f"{count} {name}" for name, count in figures["failures"].items()) or "none",
         )
-    table.caption = "*share of optimal actions, in the demonstrations' states / in all others"
     yield table
-    named = (right(name.replace("_", " ")) for name in BASELINES)
-    table = Table("split", *named, title="SR without learning")
+    names = list(content["baselines"]["train"])
+    headings = tuple(name.replace("_", " ") for name in names)
+    table = _table(headings, "SR / SPL without learning, in percent")
     for split, figures in content["baselines"].items():
-        table.add_row(split, *(f"{figures[name]['sr']:.1%}" for name in BASELINES))
+        told = (_pair(figures[name]["sr"], figures[name]["spl"]) for name in names)
+        table.add_row(split, *told)
     yield table
+
+
+def _table(headings: Sequence[str], title: str, caption: str | None = None) -> Table:
+    columns = (Column(heading, justify="right") for heading in headings)
+    first = Column("split", no_wrap=True)
+    table = Table(first, *columns, title=title, caption=caption, box=SIMPLE_HEAD, pad_edge=False)
+    table.caption_justify = "left"
+    return table
+
+
+def _pair(first: float | None, second: float | None) -> str:
+    """Return two shares in percent."""
+    shares = (first, second)
+    return " / ".join("-" if share is None else f"{100 * share:.0f}" for share in shares)

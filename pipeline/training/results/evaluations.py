@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
@@ -23,7 +23,15 @@ from pipeline.machinery.schema import read_json
 from pipeline.training.results.paper import METHODS
 
 FAILURES = ("loop", "wall", "ice")
-AVERAGED = ("path_efficiency", "accuracy_on_demonstrations", "accuracy_elsewhere")
+AVERAGED = (
+    "sr_within_cells",
+    "spl",
+    "sr_known_route",
+    "sr_new_route",
+    "path_efficiency",
+    "accuracy_on_demonstrations",
+    "accuracy_elsewhere",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,17 +142,27 @@ def read(path: Path) -> Evaluation:
         if about.get("train_labyrinths") is not None:
             setup.append(f"labyrinths{int(about['train_labyrinths'])}")
         height, width = parse_size(about["config"].partition("-")[0])
+        episodes = {name: episodes_of(splits[name], height * width) for name in splits}
+        for name, found in episodes.items():
+            splits[name] = _recomputed(splits[name], found) | splits[name]
         return Evaluation(
             path=path,
             config=about["config"],
             setup="-".join(setup),
             method=about["method"],
             seed=about["seed"],
-            episodes={name: episodes_of(splits[name], height * width) for name in splits},
+            episodes=episodes,
             content=content,
         )
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
+
+
+def _recomputed(scores: Mapping[str, Any], episodes: Episodes) -> dict[str, float]:
+    """Return figures that older files do not have, as far as they follow from what these have."""
+    within = episodes.solved & (episodes.moves <= episodes.cells)
+    spl = scores["sr"] * (scores["path_efficiency"] or 0)
+    return {"sr_within_cells": float(within.mean()), "spl": spl}
 
 
 def summarise(evaluations: Sequence[Evaluation]) -> list[Figures]:
@@ -176,7 +194,7 @@ def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
         aer_std=float(returns.std(axis=1).mean()),
         aer_interval=interval(returns),
         failures={name: float((outcomes == name).mean()) for name in FAILURES},
-        averages={name: _mean(each[name] for each in told) for name in AVERAGED},
+        averages={name: _mean(each.get(name) for each in told) for name in AVERAGED},
         by_distance={
             int(moves): f"{sum(e['by_distance'][moves][0] for e in told)} of {len(told) * count}"
             for moves, (_, count) in told[0]["by_distance"].items()
