@@ -1,4 +1,4 @@
-"""What train has the most of, and the shifts that have more of it, or none."""
+"""What train has, and the shifts whose labyrinths have more of it, or none."""
 
 from __future__ import annotations
 
@@ -6,20 +6,25 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.solver import moves_of
 
 
 class Extremes(NamedTuple):
-    """The most that any labyrinth of train has."""
+    """The most that any labyrinth of train has, and the routes in all of them."""
 
     moves: int = 0
     """Moves of a shortest route."""
     loops: int = 0
+    memory: RouteMemory | None = None
+    """The demonstrated routes; None if no shift needs them."""
 
     def with_labyrinth(self, labyrinth: Labyrinth) -> Extremes:
         """Return the extremes with another labyrinth counted in."""
         loops = labyrinth.structure.loops
-        return Extremes(max(self.moves, moves_of(labyrinth)), max(self.loops, loops))
+        return self._replace(
+            moves=max(self.moves, moves_of(labyrinth)), loops=max(self.loops, loops)
+        )
 
 
 NO_EXTREMES = Extremes()
@@ -39,7 +44,7 @@ def shift_problem(split: str, labyrinth: Labyrinth, train: Extremes) -> str | No
     Args:
         split: A shift whose structures are selected.
         labyrinth: The labyrinth.
-        train: What train has the most of.
+        train: What train has.
     """
     loops = labyrinth.structure.loops
     if split == "longer" and (moves := moves_of(labyrinth)) <= train.moves:
@@ -48,4 +53,8 @@ def shift_problem(split: str, labyrinth: Labyrinth, train: Extremes) -> str | No
         return f"it has {loops} loops"
     if split == "open" and loops <= train.loops:
         return f"it has {loops} loops, and train has a labyrinth with {train.loops}"
+    if split == "test_new_routes" and train.memory is not None:
+        way = train.memory.best(labyrinth)
+        if way is not None and len(way) == moves_of(labyrinth):
+            return "train demonstrates one of its shortest routes"
     return None
