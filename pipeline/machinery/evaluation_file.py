@@ -85,6 +85,10 @@ def check_evaluation(content: Any) -> None:
         ValueError: It is none; the message says why.
     """
     check(content, _SHAPE)
+    names = content["baselines"]["train"].keys()
+    for split, baselines in content["baselines"].items():
+        if not isinstance(baselines, dict) or baselines.keys() != names:
+            raise ValueError(f"it.baselines.{split!s:.60} has not the names of it.baselines.train")
     for split, scores in content["splits"].items():
         if split not in SPLITS:
             raise ValueError(f"it.splits has {split!r:.60}, which is no split")

@@ -109,7 +109,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
-def loader_of(run: Run) -> Callable[..., LabyrinthArrays]:
+def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split, observed as the policy of a run observes it.
 
     Another observation can be its second argument.
@@ -125,7 +125,7 @@ def loader_of(run: Run) -> Callable[..., LabyrinthArrays]:
             run.dataset.name,
             split,
             observation=observation,
-            image_size=IMAGE_SIZE,
+            image_size=image_size,
             resize=PROTOCOLS[options.protocol].resize,
             revision=options.revision,
             labyrinths=options.train_labyrinths if is_of_train(split) else None,

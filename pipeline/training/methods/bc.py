@@ -16,7 +16,8 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipeline.training.methods.method import BaseSettings, Learner, setting
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from pipeline.training.methods.relabelling import require_shortest
 from pipeline.training.networks.network import Network, NetworkSpec
 from pipeline.training.networks.symmetry import Averaged, transform_examples
 
@@ -35,6 +36,11 @@ class Settings(BaseSettings):
 
 class Method(Learner):
     """Behavioural cloning; its only state is the policy and its optimizer."""
+
+    def __init__(self, problem: Problem, settings: Any) -> None:
+        super().__init__(problem, settings)
+        if settings.relabel:
+            require_shortest(problem.arrays)
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:

@@ -71,12 +71,14 @@ class Method(bc.Method):
 
     @classmethod
     def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
-        if settings.grid_prior and spec.height != spec.width:
-            raise ConfigError(
-                f"size={spec.height}x{spec.width}: method.grid_prior=true needs as many rows as "
-                "columns; give method.grid_prior=false"
-            )
+        _require_square(settings, spec.height, spec.width)
         return Planner(IMAGE_SIZE / max(spec.height, spec.width), settings)
+
+    @classmethod
+    def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:
+        """Return as many pixels for each cell as the planner was trained with."""
+        _require_square(settings, height, width)
+        return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
 
     def epoch(self) -> dict[str, float]:
         whole = self.settings.grid_prior and self.settings.colour_prior
@@ -100,3 +102,11 @@ class Method(bc.Method):
         loss.backward()
         clip_grad_norm_(weights, MAX_GRADIENT)
         optimizer.step()
+
+
+def _require_square(settings: Any, height: int, width: int) -> None:
+    if settings.grid_prior and height != width:
+        raise ConfigError(
+            f"size={height}x{width}: method.grid_prior=true needs as many rows as columns; give "
+            "method.grid_prior=false"
+        )

@@ -256,6 +256,7 @@ def test_without_evaluations_or_with_bad_ones_there_is_one_clear_line(evaluated,
         (("baselines",), {}),
         (("baselines", "test", "oracle", "aer"), float("nan")),
         (("baselines", "test", "route_memory"), {}),
+        (("baselines", "test", "stranger"), {}),
         (("baselines", "test", "random", "spl"), -0.1),
     ],
 )
