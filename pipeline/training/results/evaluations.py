@@ -179,7 +179,7 @@ def _splits_of(group: Sequence[Evaluation]) -> list[str]:
 
 def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
     told = [each.content["splits"][split] for each in group]
-    solved = _solved(group, split)
+    solved = solved_in(group, split)
     returns = np.stack([each.episodes[split].returns for each in group])
     outcomes = np.stack([each.episodes[split].outcomes for each in group])
     return Figures(
@@ -204,11 +204,11 @@ def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
 
 def gap(group: Sequence[Evaluation]) -> tuple[float, float, float]:
     """Return the difference of the SR on train and on test, over seeds, and its interval."""
-    train, test = (_solved(group, split) for split in ("train", "test"))
+    train, test = (solved_in(group, split) for split in ("train", "test"))
     return float(train.mean() - test.mean()), *interval(train, test)
 
 
-def _solved(group: Sequence[Evaluation], split: str) -> NDArray[np.float64]:
+def solved_in(group: Sequence[Evaluation], split: str) -> NDArray[np.float64]:
     """Return 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths)."""
     return np.stack([each.episodes[split].solved for each in group]).astype(np.float64)
 

@@ -26,7 +26,8 @@ from pipeline.training.results.evaluations import (
     Figures,
     gap,
 )
-from pipeline.training.results.paper import METHODS, PaperFigure, paper_figures
+from pipeline.training.results.paper import METHODS, PaperFigure, name_of, paper_figures
+from pipeline.training.results.ranking import across_sizes, pairs_of_methods
 
 MARK = "†"
 """Marks a figure of the paper that is impossible given its AER and SR."""
@@ -66,6 +67,7 @@ def write_tables(
             *(part + "\n" for part in markdown(group, runs)),
         ]
         tex.append(latex(group))
+    parts += across_sizes(evaluations)
     write_text(folder / "README.md", "\n".join(parts))
     write_text(folder / "results.csv", as_csv(figures))
     write_text(folder / "results.tex", "\n".join(tex))
@@ -76,6 +78,7 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     methods = methods_of(group)
     names = [name_of(method) for method in methods]
     yield table(["split", "", "", *names], compared(group, methods), "lll" + "r" * len(names))
+    yield from pairs_of_methods(runs)
     yield "What needs no learning:"
     without = [name for name in WITHOUT_LEARNING if name in runs[0].content["baselines"]["train"]]
     heading = ["split", "", *(name.replace("_", " ") for name in without)]
@@ -96,11 +99,6 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
     by_method = (list(group) for _, group in groupby(runs, BY_METHOD))
     yield table(heading, map(_effort, by_method), "lrrrrrl")
-
-
-def name_of(method: str) -> str:
-    """Return the name of a method in Markdown."""
-    return METHODS.get(method) or plain(method)
 
 
 def methods_of(group: Sequence[Figures]) -> list[str]:
