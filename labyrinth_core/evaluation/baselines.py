@@ -31,7 +31,7 @@ def compare(train: LabyrinthArrays, arrays: LabyrinthArrays) -> dict[str, dict[s
         "random": random_figures(arrays),
         "majority": summary_of(follow(arrays, majority_actions(train)[arrays.position]), arrays),
         "fixed_path": summary_of(follow_route(arrays, best_route(train)), arrays),
-        "oracle": summary_of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays),
+        "oracle": oracle_figures(arrays),
     }
 
 
@@ -65,6 +65,11 @@ def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
     ended = arrays.terminal[state]
     outcomes = np.select([arrays.goal[state], ended], ["solved", "ice"], "cut")
     return Episodes(outcomes, np.where(ended, moves, arrays.step_limit), arrays.cells)
+
+
+def oracle_figures(arrays: LabyrinthArrays) -> dict[str, float]:
+    """Return the figures of an optimal action in every state."""
+    return summary_of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays)
 
 
 def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:

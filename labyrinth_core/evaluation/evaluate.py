@@ -22,7 +22,7 @@ from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.evaluation.answers import PolicyError, decide
-from labyrinth_core.evaluation.baselines import random_figures
+from labyrinth_core.evaluation.baselines import oracle_figures, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.replanner import replan
@@ -89,11 +89,12 @@ def evaluate(
     looks_up = player.forgets and episodes is None
     manifest = Manifest.read(locate(source, config, [], revision))
     load = partial(load_arrays, source, config, revision=revision)
+    chosen = _chosen(splits, manifest)
     memory = TrainMemory.of(load("train", observation="vector"))
     judge = partial(_looked_up if looks_up else partial(_stepped, episodes=episodes or 1), player)
     scores: dict[str, Scores] = {}
     baselines: dict[str, dict[str, dict[str, float]]] = {}
-    for split in _chosen(splits, manifest):
+    for split in chosen:
         # No name is given to the arrays, so that those of one split are gone before the next ones.
         scores[split], beside = _compared(
             judge, memory, load(split, observation=observation, image_size=image_size)
@@ -132,9 +133,10 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
 def _compared(
     judge: Callable[[LabyrinthArrays], Scores], memory: TrainMemory, arrays: LabyrinthArrays
 ) -> tuple[Scores, dict[str, dict[str, float]]]:
-    """Return the scores on a split, and the figures of the references by name."""
+    """Return the scores on a split, and the figures of what needs no learning by name."""
     known, figures = memory.figures(arrays)
-    return replace(judge(arrays), known_route=known), figures | {"random": random_figures(arrays)}
+    figures |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
+    return replace(judge(arrays), known_route=known), figures
 
 
 def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:

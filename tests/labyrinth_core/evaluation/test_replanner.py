@@ -110,7 +110,7 @@ def test_it_stands_beside_the_results_under_partial_observability_alone(datasets
     results = evaluate(lambda seen: [0] * len(seen), datasets, config, image_size=8, splits="test")
     content = results.to_json(name="up")
     hidden = task is Task.PARTIAL_OBSERVABILITY
-    always = ["route_memory", "local_walls", "random"]
+    always = ["route_memory", "local_walls", "random", "oracle"]
     assert list(content["baselines"]) == always + [*REPLANNERS] * hidden
     assert ("replanner" in str(results)) == hidden
     if hidden:
