@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import runpy
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,8 @@ from pipeline.training.results.paper import METHODS, paper_figures
 from pipeline.training.results.result_tables import MARK, write_tables
 
 PAPER = paper_figures()
+
+complete = runpy.run_path(str(Path(__file__).parents[3] / "scripts/add_references.py"))["complete"]
 
 
 def test_the_paper_has_six_methods_on_five_splits_at_three_sizes():
@@ -273,22 +276,41 @@ def test_an_evaluation_that_is_none_is_refused_in_one_line(evaluated, tmp_path, 
         read(file)
 
 
+def older_content(path):
+    """Return the content of an evaluation, as it was before there were references."""
+    content = json.loads(path.read_bytes())
+    for scores in content["splits"].values():
+        for name in ("sr_within_cells", "spl", "sr_known_route", "sr_new_route", "known_route"):
+            del scores[name]
+    for baselines in content["baselines"].values():
+        for name in REFERENCES:
+            del baselines[name]
+        for figures in baselines.values():
+            del figures["sr_within_cells"], figures["spl"]
+    return content
+
+
+def test_an_older_file_is_completed_from_its_outcomes_if_all_else_follows_from_them(
+    evaluated, small_dataset
+):
+    path = evaluated / "3x3" / "mine-cnn-seed0" / "evaluation.json"
+    content = older_content(path)
+    complete(path, content, small_dataset.data_dir)
+    assert content == json.loads(path.read_bytes())
+    for place, figure in (("splits", "sr"), ("baselines", "oracle")):
+        wrong = older_content(path)
+        wrong[place]["test"][figure] = 0.123 if figure == "sr" else {"sr": 0.123}
+        with pytest.raises(SystemExit, match=r"test: sr is 0\.123, but follows as"):
+            complete(path, wrong, small_dataset.data_dir)
+
+
 def test_an_older_file_gives_what_follows_from_it_and_dashes_for_the_rest(
     evaluated, run_of, tmp_path
 ):
     newer = {figures.split: figures for figures in summarise([read(*evaluated.glob("*/mine-*/*"))])}
     runs = shutil.copytree(evaluated, tmp_path / "runs")
     for path in runs.glob("*/*/evaluation.json"):
-        content = json.loads(path.read_bytes())
-        for scores in content["splits"].values():
-            for name in ("sr_within_cells", "spl", "sr_known_route", "sr_new_route", "known_route"):
-                del scores[name]
-        for baselines in content["baselines"].values():
-            for name in REFERENCES:
-                del baselines[name]
-            for figures in baselines.values():
-                del figures["sr_within_cells"], figures["spl"]
-        path.write_text(json.dumps(content), encoding="utf-8")
+        path.write_text(json.dumps(older_content(path)), encoding="utf-8")
     older = {figures.split: figures for figures in summarise([read(*runs.glob("*/mine-*/*"))])}
     for split in EVALUATED_SPLITS:
         averages = newer[split].averages | {"sr_known_route": None, "sr_new_route": None}
