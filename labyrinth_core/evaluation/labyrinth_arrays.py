@@ -67,7 +67,9 @@ class LabyrinthArrays:
     routes: tuple[NDArray[np.int64], ...]
     """The actions of each episode of the dataset, in its order."""
     route_starts: NDArray[np.int64]
-    """The state in which each of these episodes begins; pieces of routes begin anywhere."""
+    """The state in which each of these episodes begins, shape (episodes,).
+
+    Pieces of routes begin anywhere."""
     labyrinths: tuple[Labyrinth, ...]
     """The L labyrinths."""
     spec: ObservationSpec

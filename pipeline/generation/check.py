@@ -47,7 +47,7 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_and_routes, moves_of
 from pipeline.generation.check_table import TablePart, table_problems
-from pipeline.generation.extremes import NO_EXTREMES, Extremes, shift_problem
+from pipeline.generation.extremes import NO_EXTREMES, Extremes, memory_problem, shift_problem
 from pipeline.generation.relations import Relations
 from pipeline.generation.render import Picture, Pictures, picture_names
 from pipeline.generation.rules import labyrinth_problems, pieces_problem, route_problem
@@ -345,7 +345,10 @@ class _ShardCheck:
             self.problem(row, "info", message)
         if is_selected(split):
             moves, loops = moves_of(labyrinth), labyrinth.structure.loops
-            if no := shift_problem(split, moves, loops, self.job.extremes):
+            no = shift_problem(split, moves, loops, self.job.extremes)
+            if no is None and split == "test_new_routes":
+                no = memory_problem(labyrinth, moves, self.job.extremes)
+            if no is not None:
                 self.problem(row, "info", no)
         if self.relations is not None:
             for column, message in self.relations.of(self.number, labyrinth):

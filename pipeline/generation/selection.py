@@ -18,14 +18,16 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import LabyrinthError, Structure
 from labyrinth_core.world.near_twins import Neighbourhood
+from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.config.errors import ConfigError
 from pipeline.generation.buckets import split_of
 from pipeline.generation.detours import stretched
-from pipeline.generation.extremes import NO_EXTREMES, shift_problem
+from pipeline.generation.extremes import NO_EXTREMES, memory_problem, shift_problem
 from pipeline.generation.key_set import KeySet
+from pipeline.generation.solve import solve
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, labyrinth_of
 
 
@@ -40,7 +42,10 @@ class Effort(NamedTuple):
     """The number looked at in vain after which there are taken to be no more."""
 
 
-EFFORTS = {"longer": Effort(pool=8, renewed=1, patience=200)}
+EFFORTS = {
+    "longer": Effort(pool=8, renewed=1, patience=200),
+    "test_new_routes": Effort(renewed=2, patience=1_000),
+}
 """Shift -> the effort where it is another, as each candidate takes long to make."""
 
 MEASURES = ("moves", "loops", "junctions")
@@ -50,6 +55,7 @@ FREE = {
     "longer": ("loops", "junctions"),
     "trees": ("moves", "junctions"),
     "open": ("moves",),
+    "test_new_routes": MEASURES,
     **dict.fromkeys(ALGORITHMS, ("moves", "loops")),
 }
 """Shift -> the measures of a labyrinth that it leaves free, and that follow those of test."""
@@ -71,6 +77,8 @@ class Selection:
             size = config.height, config.width
             self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
         self._train = NO_EXTREMES
+        self._routes: list[list[int]] = []
+        """The agent's cells in each episode of train, if a shift needs them."""
 
     def notice(self, split: str, structure: Structure) -> None:
         """Take note of a structure of train, validation or test."""
@@ -79,6 +87,11 @@ class Selection:
         if split == "train":
             labyrinth = labyrinth_of(self._config, split, structure)
             self._train = self._train.with_labyrinth(labyrinth)
+            if "test_new_routes" in self._config.shifts:
+                (solution,) = solve(self._config, split, [labyrinth])
+                self._routes += (
+                    [state.agent for state in episode.states] for episode in solution.episodes
+                )
         elif split == "test":
             self._seen.add(int(structure.structure_id, 16))
             measures = self._measures(split, structure)
@@ -91,6 +104,8 @@ class Selection:
         Raises:
             ConfigError: There are fewer.
         """
+        if split == "test_new_routes":
+            self._train = self._train._replace(memory=RouteMemory(self._routes))
         effort = EFFORTS.get(split, Effort())
         candidates = self._candidates(split)
         pool = list(islice(candidates, effort.pool))
@@ -142,9 +157,14 @@ class Selection:
             if measures is None:
                 continue
             moves, loops, _ = measures
-            if shift_problem(split, moves, loops, self._train) is None:
-                in_vain = 0
-                yield tuple(measures[place] for place in free), structure
+            if shift_problem(split, moves, loops, self._train) is not None:
+                continue
+            if split == "test_new_routes":
+                labyrinth = labyrinth_of(self._config, split, structure)
+                if memory_problem(labyrinth, moves, self._train) is not None:
+                    continue
+            in_vain = 0
+            yield tuple(measures[place] for place in free), structure
 
     def _measures(self, split: str, structure: Structure) -> tuple[int, int, int] | None:
         """Return the measures of a structure in a split, None if it cannot hold the task."""
@@ -173,6 +193,8 @@ class Selection:
         drawn = sample_structures(
             config.height, config.width, rng, algorithm=sampler, open_walls=open_walls
         )
+        if split == "test_new_routes":  # Most are refused, so that it is worth while to ask first.
+            return filter(self._in_bucket, drawn)
         if split != "longer":
             return drawn
 

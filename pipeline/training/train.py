@@ -109,21 +109,23 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
-def loader_of(run: Run) -> Callable[[str], LabyrinthArrays]:
+def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split, observed as the policy of a run observes it.
+
+    Another observation can be its second argument.
 
     Where the run learns from the first labyrinths of train alone, so do splits that are derived
     from train hold the first alone: the others have structures that are new to the policy.
     """
     options = run.options
 
-    def load(split: str) -> LabyrinthArrays:
+    def load(split: str, observation: str = options.observation) -> LabyrinthArrays:
         return load_arrays(
             run.source,
             run.dataset.name,
             split,
-            observation=options.observation,
-            image_size=IMAGE_SIZE,
+            observation=observation,
+            image_size=image_size,
             resize=PROTOCOLS[options.protocol].resize,
             revision=options.revision,
             labyrinths=options.train_labyrinths if is_of_train(split) else None,

@@ -19,7 +19,8 @@ from torch.nn import functional
 from labyrinth_core.policies.networks.assembly import make_network
 from labyrinth_core.policies.networks.symmetry import transform_examples
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.training.methods.method import BaseSettings, Learner, setting
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from pipeline.training.methods.relabelling import require_shortest
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,11 @@ class Settings(BaseSettings):
 
 class Method(Learner):
     """Behavioural cloning; its only state is the policy and its optimizer."""
+
+    def __init__(self, problem: Problem, settings: Any) -> None:
+        super().__init__(problem, settings)
+        if settings.relabel:
+            require_shortest(problem.arrays)
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:

@@ -21,6 +21,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
+from pipeline.config.errors import check
 
 NO_LABEL = -1
 
@@ -83,6 +84,20 @@ class ExampleSampler:
             if there[1:] == state[1:]:
                 labels[there.agent] = _action(episode, index, step)
         return picture, labels.reshape(structure.height, structure.width)[::-1]
+
+
+def require_shortest(arrays: LabyrinthArrays) -> None:
+    """Raise a ConfigError if the dataset's routes are not all shortest ones.
+
+    A part of a longer route may be no shortest way between its ends.
+    """
+    longer = int(arrays.demonstrated[~arrays.optimal].sum())
+    check(
+        not longer,
+        f"method.relabel=true: parts of routes are demonstrations only if the routes are shortest, "
+        f"but {longer} of {arrays.demonstrated.sum()} demonstrated actions are not on one; give "
+        "method.relabel=false",
+    )
 
 
 def _action(episode: Episode, index: int, step: int) -> int:

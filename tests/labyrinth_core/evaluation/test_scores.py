@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -104,6 +105,21 @@ def test_path_efficiency_is_of_the_labyrinths_that_were_solved():
     assert scores.path_efficiency == 0.75
 
 
+def test_long_ways_and_failures_count_less_weighted_by_path_length():
+    episodes = episodes_of({"outcomes": "sssli", "moves": [4, 8, 16, 360, 4]}, 9)
+    known = np.array([True, True, False, False, False])
+    scores = Scores(episodes, np.arange(5), np.full(5, 4), None, None, known)
+    assert scores.spl == pytest.approx((1 + 0.5 + 0.25) / 5)
+    assert scores.spl == pytest.approx(scores.sr * scores.path_efficiency)
+    assert scores.sr_within_cells == 0.4  # Nine cells, so of the solved not that in 16 moves.
+    assert (scores.sr_known_route, scores.sr_new_route) == (1, pytest.approx(1 / 3))
+    assert scores.figures()["known_route"] == "11000"
+    nowhere = replace(scores, known_route=np.zeros(5, np.bool_))
+    assert (nowhere.sr_known_route, nowhere.sr_new_route) == (None, 0.6)
+    unasked = replace(scores, known_route=None).figures()
+    assert {unasked[name] for name in ("sr_known_route", "sr_new_route", "known_route")} == {None}
+
+
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
     arrays = load_arrays(datasets, config, "train", image_size=8)
@@ -111,14 +127,19 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
     rng = np.random.default_rng(1)
     episodes = 1500
     state = np.tile(arrays.initial, episodes)
-    returns, solved = np.zeros(len(state)), np.zeros(len(state), np.bool_)
+    returns, moves = np.zeros(len(state)), np.zeros(len(state), np.int64)
     for _ in range(arrays.step_limit):
         action = rng.integers(4, size=len(state))
         alive = ~arrays.terminal[state]
+        moves += alive
         returns += arrays.rewards[state, action] * alive
         state = arrays.next_state[state, action]
     solved = arrays.goal[state]
     assert told["sr"] == pytest.approx(solved.mean(), abs=0.02)
+    within = solved & (moves <= arrays.cells)
+    assert told["sr_within_cells"] == pytest.approx(within.mean(), abs=0.01)
+    shares = solved * np.tile(arrays.distance, episodes) / moves
+    assert told["spl"] == pytest.approx(shares.mean(), abs=0.005)
     assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
     assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
 

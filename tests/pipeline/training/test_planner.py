@@ -228,3 +228,16 @@ def test_the_released_policy_solves_fresh_labyrinths() -> None:
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
     assert np.mean([each.solved for each in greedy_episodes(policy, labyrinths, 64)]) >= 0.9
+
+
+def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_refused() -> None:
+    spec, settings = NetworkSpec("planner", 1, 5, 5, "navigation"), settings_of("planner")
+    assert planner.Method.image_size(spec, settings, 5, 5) == 64
+    assert planner.Method.image_size(spec, settings, 10, 10) == 128
+    with pytest.raises(
+        ConfigError, match=r"\Asize=4x6: method\.grid_prior=true needs as many rows"
+    ):
+        planner.Method.image_size(spec, settings, 4, 6)
+    freely = settings_of("planner", grid_prior=False)
+    assert planner.Method.image_size(spec, freely, 4, 6) == 77
+    assert bc.Method.image_size(spec, settings_of("bc"), 4, 6) == 64

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from method_settings import settings_of
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.world.dynamics import initial, is_terminal, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import distances
 from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.training.methods import bc, planner
 from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem
 from pipeline.training.methods.relabelling import NO_LABEL, ExampleSampler
@@ -56,6 +60,23 @@ def test_a_part_of_a_shortest_route_is_one(problem_of: Callable[..., Problem]) -
             ends = (episode.states[first].agent, episode.states[last].agent)
             labyrinth = Labyrinth(episode.labyrinth.structure, *ends)
             assert distances(labyrinth)[ends[0]] == abs(last - first)
+
+
+@pytest.mark.parametrize("method", [bc, planner])
+def test_routes_that_are_not_shortest_are_not_relabelled(
+    problem_of: Callable[..., Problem], method: ModuleType
+) -> None:
+    problem = problem_of(encoder="cnn")
+    name = method.__name__.rpartition(".")[2]
+    method.Method(problem, settings_of(name, relabel=True))
+    arrays = problem.arrays
+    longer = arrays.demonstrated.copy()
+    longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
+    problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
+    words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
+    with pytest.raises(ConfigError, match=words):
+        method.Method(problem, settings_of(name, relabel=True))
+    method.Method(problem, settings_of(name, relabel=False))
 
 
 def test_without_relabelling_the_pictures_are_those_of_the_demonstrations(
