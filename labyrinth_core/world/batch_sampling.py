@@ -118,14 +118,10 @@ def sample_each(height: int, width: int, generators: Sequence[np.random.Generato
             # In a fraction of their time, what generator.bytes(BLOCK) and random(2 * cells) read.
             words.append(generator.bit_generator.random_raw(BLOCK // 8 + 2 * cells))
     raw = np.array(words, np.uint64).reshape(-1, BLOCK // 8 + 2 * cells)
-    blocks = raw[:, : limit // 8 + 4].astype("<u8")
-    draws = [twelfths_of(block.tobytes())[:limit] for block in blocks]
-    padded = b"".join(each.ljust(limit, b"\0") for each in draws)
-    steps = np.frombuffer(padded, np.uint8).reshape(-1, limit).T.copy()
+    steps, complete = _twelfths(raw[:, : limit // 8 + 4], limit)
     trees, growing = walk_together(
         height, width, len(fit), lambda step, numbers: steps[step].take(numbers), limit
     )
-    complete = np.array([len(each) == limit for each in draws], np.bool_)
     complete[growing] = False
     for row in np.flatnonzero(~complete).tolist():
         generators[fit[row]].bit_generator.state = before[row]
@@ -134,3 +130,19 @@ def sample_each(height: int, width: int, generators: Sequence[np.random.Generato
     structures = _opened(height, width, (up, right), coins < default_open_walls(height, width))
     rows = np.flatnonzero(complete)
     return Drawn(np.array(fit, np.int64)[rows], structures, [before[row] for row in rows.tolist()])
+
+
+def _twelfths(words: NDArray[np.uint64], limit: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the first integers from 0 to 11 that rows of words make, and which make enough.
+
+    Args:
+        words: Random words, shape (n, words).
+        limit: The number of integers wanted of each row.
+
+    Returns:
+        The integers, shape (limit, n), and whether each row made so many, shape (n,).
+    """
+    draws = [twelfths_of(row.tobytes())[:limit] for row in words.astype("<u8")]
+    padded = b"".join(each.ljust(limit, b"\0") for each in draws)
+    steps = np.frombuffer(padded, np.uint8).reshape(-1, limit).T
+    return steps.copy(), np.array([len(each) == limit for each in draws], np.bool_)

@@ -68,7 +68,6 @@ def walk_together(
     cells = height * width
     beside = _chosen_neighbours(height, width)
     bits = np.left_shift(np.uint64(1), np.arange(cells, dtype=np.uint64))
-    everything = bits.sum()
     onward = np.tile(np.arange(cells), count)
     routes = np.zeros(count * cells, np.uint64)
     growing = np.arange(count)
@@ -88,10 +87,7 @@ def walk_together(
         arrived = (tree & bit).nonzero()[0]
         if len(arrived):
             tree[arrived] |= route[arrived]
-            # The next walk begins in the first cell outside.
-            outside = everything & ~tree[arrived]
-            route[arrived] = outside & -outside
-            cell[arrived] = np.frexp(np.maximum(route[arrived], 1).astype(np.float64))[1] - 1
+            route[arrived], cell[arrived] = _first_outside(tree[arrived], cells)
             routes[first[arrived] + cell[arrived]] = route[arrived]
             if not route[arrived].all():
                 on = np.flatnonzero(route)
@@ -99,6 +95,13 @@ def walk_together(
                 cell, route = cell[on], route[on]
         step += 1
     return _passages(width, onward.reshape(count, cells)), growing
+
+
+def _first_outside(trees: NDArray[np.uint64], cells: int) -> tuple[NDArray[np.uint64], Integers]:
+    """Return the first cell that each tree lacks, as a set and as a number; none of all is 0."""
+    outside = ~trees & np.uint64((1 << cells) - 1)
+    first = outside & -outside
+    return first, np.frexp(np.maximum(first, 1).astype(np.float64))[1].astype(np.int64) - 1
 
 
 def _chosen_neighbours(height: int, width: int) -> Integers:
