@@ -11,6 +11,7 @@ from math import isqrt
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
@@ -49,8 +50,11 @@ class NextLabyrinths:
         return without_tiles and count >= FEWEST and shape.height * shape.width <= WORD
 
     def load(
-        self, stack: Stack, places: list[int], generator: Callable[[int], np.random.Generator]
-    ) -> list[int]:
+        self,
+        stack: Stack,
+        places: NDArray[np.int64],
+        generator: Callable[[int], np.random.Generator],
+    ) -> NDArray[np.int64]:
         """Load the next labyrinths into some places of a stack.
 
         Args:
@@ -64,20 +68,20 @@ class NextLabyrinths:
         if not self._there[places].all():
             empty = np.flatnonzero(~self._there)
             if len(empty) >= self._enough:
-                self._draw(empty.tolist(), generator)
-        without = [
-            place for place, there in zip(places, self._there[places], strict=True) if not there
-        ]
-        stack.adopt(self._stack, np.setdiff1d(places, without))
+                self._draw(empty, generator)
+        there = self._there[places]
+        stack.adopt(self._stack, places[there])
         self._there[places] = False
-        return without
+        return places[~there]
 
-    def _draw(self, places: list[int], generator: Callable[[int], np.random.Generator]) -> None:
+    def _draw(
+        self, places: NDArray[np.int64], generator: Callable[[int], np.random.Generator]
+    ) -> None:
         height, width, task = self._shape
-        drawn = sample_each(height, width, [generator(place) for place in places])
+        drawn = sample_each(height, width, [generator(place) for place in places.tolist()])
         ends = default_start_and_goal(height, width)
         tables = tabulate_many(drawn.structures, *ends, normalised=self._normalised)
-        filled = np.array(places)[drawn.numbers]
+        filled = places[drawn.numbers]
         self._stack.load_many(filled, tables, task)
         self._there[filled] = True
         for place, before in zip(filled.tolist(), drawn.before, strict=True):

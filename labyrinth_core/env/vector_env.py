@@ -165,9 +165,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
-        places = np.flatnonzero(mask).tolist()
+        begun = np.flatnonzero(mask)
         if self._next is not None and not options:
-            places = self._next.load(self._stack, places, self._generator)
+            begun = self._next.load(self._stack, begun, self._generator)
+        places = begun.tolist()
         # All are drawn before any is loaded, so that an impossible option changes nothing.
         drawn = [self._draw(place, options) for place in places]
         tables: dict[Labyrinth, LabyrinthTables] = {}
