@@ -124,8 +124,8 @@ def contestants(scale: int) -> dict[str, tuple[str, int, Rate]]:
         "10,000 kept 5x5, vector": (lone, 200, vector(5, 2 * batches, kept=True, **walls)),
         "10,000 kept 8x8, state": (lone, 1_000, vector(8, 4 * batches, kept=True, **fast)),
         "10,000 kept 8x8, vector": (lone, 200, vector(8, 2 * batches, kept=True, **walls)),
-        "10,000 fresh 5x5, state": (lone, 0, vector(5, batches, kept=False, **fast)),
-        "10,000 fresh 8x8, state": (lone, 0, vector(8, batches, kept=False, **fast)),
+        "10,000 fresh 5x5, state": (lone, 1_000, vector(5, 4 * batches, kept=False, **fast)),
+        "10,000 fresh 8x8, state": (lone, 1_000, vector(8, 4 * batches, kept=False, **fast)),
         easel: ("", 0, pictures(drawn, 3, 50 * scale)),
         "a picture of 600 x 600, 8x8": (easel, 0, pictures(make(size=8, **rgb), 4, 200 * scale)),
     }

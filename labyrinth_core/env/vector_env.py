@@ -27,6 +27,7 @@ from labyrinth_core.env.labyrinth_source import (
     chosen,
     step_limit,
 )
+from labyrinth_core.env.next_labyrinths import NextLabyrinths
 from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
@@ -109,6 +110,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._stack = Stack(num_envs, *self._shape)
+        self._next: NextLabyrinths | None = None
+        if self._sources[0].kept is None and NextLabyrinths.pay(num_envs, self._shape):
+            self._next = NextLabyrinths(num_envs, self._shape, normalised=self._normalised)
         self._begun = np.zeros(num_envs, np.bool_)
         self._over = np.zeros(num_envs, np.bool_)
         self._steps = np.zeros(num_envs, np.int64)
@@ -141,6 +145,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             raise ValueError(f"seed: give one, or {self.num_envs} of them, not {len(seeds)}")
         for place, number in enumerate(seeds):
             if mask[place] and number is not None:
+                if self._next is not None:
+                    self._next.forget(place, None)
                 self._generators[place], _ = seeding.np_random(number)
         self._restart(mask, options)
         return self._observe(), self._infos(mask)
@@ -159,7 +165,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
-        places = np.flatnonzero(mask).tolist()
+        begun = np.flatnonzero(mask)
+        if self._next is not None and not options:
+            begun = self._next.load(self._stack, begun, self._generator)
+        places = begun.tolist()
         # All are drawn before any is loaded, so that an impossible option changes nothing.
         drawn = [self._draw(place, options) for place in places]
         tables: dict[Labyrinth, LabyrinthTables] = {}
@@ -176,13 +185,19 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         source = self._sources[place]
         if source.kept is not None and not options:
             return source.kept
+        generator = self._generator(place)
+        if self._next is not None:
+            self._next.forget(place, generator)
+        labyrinth = source.draw(generator, options)
+        _check_shape(labyrinth, self._shape)
+        return labyrinth
+
+    def _generator(self, place: int) -> np.random.Generator:
         generator = self._generators[place]
         if generator is None:
             generator, _ = seeding.np_random()
             self._generators[place] = generator
-        labyrinth = source.draw(generator, options)
-        _check_shape(labyrinth, self._shape)
-        return labyrinth
+        return generator
 
     def step(self, actions: Batch) -> tuple[Batch, Batch, Batch, Batch, Infos]:
         """Take an action in each, and return observations, rewards, ends and infos.

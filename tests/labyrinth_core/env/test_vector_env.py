@@ -84,6 +84,30 @@ def test_every_step_is_that_of_single_environments(mode, task, kind):
     assert ended >= 2 * count, "the walk must see ends and new beginnings"
 
 
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
+def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(task):
+    count, rng = 70, np.random.default_rng(0)
+    envs = pair(count, size=(4, 3), task=task, observation="vector", max_episode_steps=9)
+    both(envs, lambda env: env.reset(seed=5))
+    for step in range(50):
+        action = rng.integers(4, size=count)
+        both(envs, lambda env, action=action: env.step(action))
+        mask = rng.random(count) < 0.3
+        if step % 12 == 5:  # What was drawn ahead must come back after an option.
+            options = {"reset_mask": mask, "goal": (1, 1)}
+            both(envs, lambda env, options=options: env.reset(options=dict(options)))
+        if step % 12 == 11:
+            options = {"reset_mask": mask}
+            both(envs, lambda env, options=options: env.reset(seed=9, options=dict(options)))
+
+
+def test_labyrinths_that_are_drawn_together_are_drawn_into_pictures():
+    envs = pair(64, "SameStep", size=3, image_size=8, max_episode_steps=5, reward="normalised")
+    both(envs, lambda env: env.reset(seed=0))
+    for action in np.random.default_rng(0).integers(4, size=(12, 64)):
+        both(envs, lambda env, action=action: env.step(action))
+
+
 def test_the_spaces_are_those_of_single_environments():
     for task in Task:
         for kind in ("image", "vector", "state"):

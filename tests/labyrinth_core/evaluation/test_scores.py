@@ -12,7 +12,7 @@ from policies import Table, mistaken
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.baselines import best_route, compare, follow_route, majority_actions
-from labyrinth_core.evaluation.following import follow, greedy_actions
+from labyrinth_core.evaluation.following import follow, greedy_actions, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores, episodes_of, score
 
@@ -63,6 +63,26 @@ def test_a_failed_episode_returns_minus_four_and_says_why(datasets):
     assert set(round_and_round.outcomes) == {"loop"}
     assert (round_and_round.returns == -4).all()
     assert (round_and_round.moves == arrays.step_limit).all()
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_success_rate_asks_the_policy_only_where_its_episodes_go(datasets, config, share):
+    arrays = load_arrays(datasets, config, "train", image_size=12)
+    actions, asked = mistaken(arrays, share), 0
+
+    def policy(observations):
+        nonlocal asked
+        asked += len(observations)
+        return Table(arrays, actions)(observations)
+
+    assert success_rate(policy, arrays) == follow(arrays, actions).solved.mean()
+    visited = set()
+    for state in arrays.initial.tolist():
+        while not arrays.terminal[state] and state not in visited:
+            visited.add(state)
+            state = arrays.next_state[state, actions[state]]
+    assert asked == len(visited)
 
 
 @pytest.mark.parametrize("cells", [9, 12, 16, 25, 100, 899])
