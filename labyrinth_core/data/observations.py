@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
-from labyrinth_core.pictures.renderer import Painter, style_of
 from labyrinth_core.pictures.resize import area_average, shrink
+from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -27,7 +27,7 @@ RESIZES = {
     "area": (None, "area"),
     "original": (2, "bilinear"),
 }
-"""Way of resizing -> the thickness of walls if it is not the look's, and the filter of `shrink`.
+"""Way of resizing -> the thickness of walls if it is not the look's, and one of `resize.RESIZES`.
 
 `original` is for comparison: walls are two pixels thick and are not antialiased, as in the authors'
 pictures, so that most walls vanish at 64 x 64. It is always drawn, since the walls of the pictures
@@ -88,17 +88,16 @@ class ObservationSpec:
 
     def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
         """Return the observations of states of a labyrinth; pictures are drawn."""
+        return self.look_around([(labyrinth, state) for state in states])
+
+    def look_around(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
+        """Return the observations of states of several labyrinths; pictures are drawn together."""
         if self.observation == "text":
-            return np.array([describe(labyrinth, state) for state in states])
+            return np.array([describe(labyrinth, state) for labyrinth, state in views])
         if self.observation == "vector":
-            return np.stack([vector_observation(labyrinth, state) for state in states])
-        wall_pixels, way = RESIZES[self.resize]
-        strips = _painter(labyrinth, style_of(labyrinth, wall_pixels)).strips
-        return np.stack([shrink(strips(state), self.image_size, way) for state in states])
-
-
-_painter = lru_cache(maxsize=1)(Painter)
-"""The painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
+            return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
+        wall_pixels, resize = RESIZES[self.resize]
+        return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
 
 
 @lru_cache(maxsize=1)

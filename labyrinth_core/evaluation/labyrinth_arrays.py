@@ -19,7 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.selection import Filter
-from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
+from labyrinth_core.world.dynamics import STEP_LIMIT, State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
 
@@ -137,14 +137,15 @@ def _stack(
     spec: ObservationSpec,
 ) -> LabyrinthArrays:
     parts: list[dict[str, NDArray[Any]]] = []
+    views: list[tuple[Labyrinth, State]] = []
     initial: dict[int, int] = {}
     count = 0
     for number, each in tables.items():
         states = _visitable(each)
         initial[number] = count + states.index(each.initial)
-        seen = spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
+        views += [(each.labyrinth, state_at(each.labyrinth, state)) for state in states]
         part = _columns(each, states, count)
-        parts.append(part | {"observations": seen, "labyrinth": np.full(len(states), len(parts))})
+        parts.append(part | {"labyrinth": np.full(len(states), len(parts))})
         count += len(states)
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     after, demonstrated = joined["next_state"].tolist(), np.zeros((count, 4), np.int64)
@@ -155,6 +156,7 @@ def _stack(
             state = after[state][action]
     labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
+        observations=spec.look_around(views),
         demonstrated=demonstrated,
         initial=np.array(list(initial.values())),
         distance=np.array([each.distances[each.initial] for each in tables.values()]),
