@@ -156,7 +156,7 @@ def _stack(
             state = after[state][action]
     labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
-        observations=spec.look_around(views),
+        observations=spec.look(views),
         demonstrated=demonstrated,
         initial=np.array(list(initial.values())),
         distance=np.array([each.distances[each.initial] for each in tables.values()]),

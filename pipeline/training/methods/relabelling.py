@@ -59,7 +59,7 @@ class ExampleSampler:
         """
         drawn = [self._example(rng, relabel, whole) for _ in range(count)]
         views, labels = zip(*drawn, strict=True)
-        return self._spec.look_around(views), np.stack(labels)
+        return self._spec.look(views), np.stack(labels)
 
     def _example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
