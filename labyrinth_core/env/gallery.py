@@ -14,15 +14,10 @@ import numpy as np
 
 from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
+from labyrinth_core.pictures.backdrops import Backdrops, Mask, Scene, backdrops_of
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import style_of
-from labyrinth_core.pictures.scenes import (
-    Backdrops,
-    Mask,
-    Scene,
-    backdrops_of,
-    draw,
-)
+from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.pictures.windows import Corners, Numbers, Pictures, cut, paste
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Look, Task

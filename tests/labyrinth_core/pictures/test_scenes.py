@@ -11,7 +11,7 @@ from known_labyrinths import KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.pictures import scenes
+from labyrinth_core.pictures import backdrops
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_of
 from labyrinth_core.pictures.resize import area_average
@@ -78,7 +78,7 @@ def test_scenes_drawn_a_few_at_a_time_are_those_drawn_at_once(monkeypatch):
     sampled = [sample_labyrinth(4, 4, Task.KEY_AND_DOOR, rng) for _ in range(3)]
     drawn = [(each, state_at(each, number)) for each in sampled for number in range(48)]
     at_once = draw(drawn, 32)
-    monkeypatch.setattr(scenes, "SUMS_BYTES", 1)
+    monkeypatch.setattr(backdrops, "SUMS_BYTES", 1)
     np.testing.assert_array_equal(draw(drawn, 32), at_once)
 
 
