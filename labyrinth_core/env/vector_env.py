@@ -19,6 +19,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.environment import REWARDS
+from labyrinth_core.env.gallery import Gallery
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
     LabyrinthSource,
@@ -41,6 +42,8 @@ Batch = NDArray[Any]
 Infos = dict[str, Any]
 
 RENDER_MODES = ("rgb_array", "ansi")
+PICTURE_MEMORY = 2**30
+"""The bytes for pictures that are kept by default; it holds 50,000 labyrinths of 5x5 at 64 x 64."""
 
 
 class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
@@ -66,6 +69,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        copy: bool = True,
+        picture_memory: int = PICTURE_MEMORY,
     ) -> None:
         """Make the environments; `reset` them before the first step.
 
@@ -83,6 +88,11 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             autoreset_mode: When a sub-environment begins its next episode: at the step after the
                 last of an episode, in that same step, or never by itself.
             render_mode: What `render` returns for each: `rgb_array` or `ansi`.
+            copy: Whether each step returns pictures in an array of its own. Otherwise it is always
+                the same, read-only array, which the next step changes.
+            picture_memory: The most bytes for pictures that are kept to be changed, some 20 KB
+                for each sub-environment of 5x5 at 64 x 64. Sub-environments for which there is no
+                room are drawn anew at every step. The arrays that are returned do not count.
 
         Raises:
             ValueError: An argument has a value that is impossible.
@@ -101,7 +111,12 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         }
         self._sources = _sources(num_envs, size, task, labyrinth, labyrinths)
         self._shape = self._sources[0].shape
-        self._observer = Observer(observation, image_size, num_envs)
+        self._observer = Observer(observation, image_size)
+        if picture_memory < 0:
+            raise ValueError(f"picture_memory={picture_memory}: give a number of bytes, 0 or more")
+        self._gallery: Gallery | None = None
+        if observation == "image":
+            self._gallery = Gallery(num_envs, self._shape, image_size, picture_memory, copy=copy)
         self._normalised = chosen("reward", reward, REWARDS) == "normalised"
         self._limit = step_limit(self._shape.height * self._shape.width, max_episode_steps)
         self.single_action_space = Discrete(4)
@@ -176,6 +191,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             if labyrinth is not self._stack.labyrinths[place]:
                 made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
                 self._stack.load(place, tables.setdefault(labyrinth, made))
+                if self._gallery is not None:
+                    self._gallery.forget(place)
         self._stack.restart(mask)
         self._steps[mask] = 0
         self._over[mask] = False
@@ -252,8 +269,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
     def _finish(self, over: Mask) -> Infos:
         """Return the last observations and infos of episodes, and begin the next ones."""
         observations = np.full(self.num_envs, None, object)
-        for place in np.flatnonzero(over).tolist():
-            observations[place] = self._observer.observe(*self._stack.at(place))
+        places = np.flatnonzero(over).tolist()
+        last = self._observer.batch([self._stack.at(place) for place in places])
+        for place, observation in zip(places, last, strict=True):
+            observations[place] = observation.copy()  # An array of its own.
         final = {
             "final_obs": observations,
             "_final_obs": over.copy(),
@@ -268,8 +287,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             return self._stack.states()
         if self._observer.kind == "vector":
             return self._stack.vectors()
-        places = range(self.num_envs)
-        return np.stack([self._observer.observe(*self._stack.at(place)) for place in places])
+        assert self._gallery is not None
+        return self._gallery.pictures(self._stack)
 
     def _infos(self, mask: Mask | None = None) -> Infos:
         """Return the infos of the sub-environments of a mask; the others' are empty."""

@@ -156,8 +156,8 @@ def greedy_episodes(
     while running:
         for begin in range(0, len(running), DRAWN_TOGETHER):
             some = running[begin : begin + DRAWN_TOGETHER]
-            pictures = [spec.look(each.labyrinth, each.states[-1:])[0] for each in some]
-            actions = decide(policy, np.stack(pictures))
+            pictures = spec.look([(each.labyrinth, each.states[-1]) for each in some])
+            actions = decide(policy, pictures)
             for each, action in zip(some, actions.tolist(), strict=True):
                 each.states.append(transition(each.labyrinth, each.states[-1], action))
         running = [

@@ -20,7 +20,7 @@ from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.selection import Filter
 from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.world.dynamics import STEP_LIMIT, initial, state_at, state_index
+from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
 
@@ -168,12 +168,13 @@ def _stack(
 ) -> LabyrinthArrays:
     parts: list[dict[str, NDArray[Any]]] = []
     places: dict[Place, int] = {}
+    views: list[tuple[Labyrinth, State]] = []
     for number, each in tables.items():
         states, count = _visitable(each), len(places)
         places |= {(number, state): count + place for place, state in enumerate(states)}
-        seen = spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
+        views += [(each.labyrinth, state_at(each.labyrinth, state)) for state in states]
         part = _columns(each, states, count)
-        parts.append(part | {"observations": seen, "labyrinth": np.full(len(states), len(parts))})
+        parts.append(part | {"labyrinth": np.full(len(states), len(parts))})
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     after, demonstrated = joined["next_state"].tolist(), np.zeros((len(places), 4), np.int64)
     starts = [number_of(place, places) for place, _ in episodes]
@@ -183,6 +184,7 @@ def _stack(
             state = after[state][action]
     labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
+        observations=spec.look(views),
         demonstrated=demonstrated,
         initial=np.array([places[number, each.initial] for number, each in tables.items()]),
         distance=np.array([each.distances[each.initial] for each in tables.values()]),

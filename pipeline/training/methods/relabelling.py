@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
 from pipeline.config.errors import check
@@ -58,12 +58,12 @@ class ExampleSampler:
                 actions taken with the key if the agent has it, else with those without it.
         """
         drawn = [self._example(rng, relabel, whole) for _ in range(count)]
-        pictures, labels = zip(*drawn, strict=True)
-        return np.stack(pictures), np.stack(labels)
+        views, labels = zip(*drawn, strict=True)
+        return self._spec.look(views), np.stack(labels)
 
     def _example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
         number = rng.integers(len(self._episodes))
         episode, parts = self._episodes[number], self._parts[number]
         first, last, labyrinth = 0, len(episode), episode.labyrinth
@@ -73,9 +73,8 @@ class ExampleSampler:
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
         state = episode.states[agent]
-        picture: NDArray[np.uint8] = self._spec.look(labyrinth, [state])[0]
         if not whole:
-            return picture, np.array(_action(episode, agent, step))
+            return (labyrinth, state), np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
         hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
@@ -83,7 +82,7 @@ class ExampleSampler:
             there = episode.states[index]
             if there[1:] == state[1:]:
                 labels[there.agent] = _action(episode, index, step)
-        return picture, labels.reshape(structure.height, structure.width)[::-1]
+        return (labyrinth, state), labels.reshape(structure.height, structure.width)[::-1]
 
 
 def require_shortest(arrays: LabyrinthArrays) -> None:

@@ -1,5 +1,7 @@
 """The vector environment: the same as single environments, only many at once."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from known_labyrinths import OPEN
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
 CLOSER = OPEN.replace("|     E |", "| E     |")
@@ -224,6 +229,40 @@ def test_what_was_returned_is_never_changed_later(kind):
             np.testing.assert_array_equal(infos[name], array)
 
 
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize("keeping", [{}, {"copy": False}, {"picture_memory": 40_000}])
+def test_pictures_are_those_of_the_renderer_whatever_is_kept(task, keeping):
+    rng = np.random.default_rng(0)
+    labyrinths = [replace(sample_labyrinth(4, 5, task, rng), look=look) for look in Look]
+    env = LabyrinthVectorEnv(
+        4, labyrinths=labyrinths, max_episode_steps=30, image_size=48, **keeping
+    )
+    copying = keeping.get("copy", True)
+    first, infos = env.reset(seed=0)
+    shown, phases = first, set()
+    for _ in range(40):
+        states = [env._stack.at(place) for place in range(4)]
+        for picture, (labyrinth, number) in zip(shown, states, strict=True):
+            phases.add(number // 20)
+            np.testing.assert_array_equal(
+                picture, render(labyrinth, state_at(labyrinth, number), 48)
+            )
+        optimal = infos["optimal_actions"].argmax(axis=1)
+        shown, *_, infos = env.step(np.where(rng.random(4) < 0.8, optimal, rng.integers(4, size=4)))
+        assert np.shares_memory(shown, first) is not copying
+        assert shown.flags.writeable is copying
+    assert phases == ({0, 1, 2} if task is Task.KEY_AND_DOOR else {0})
+
+
+def test_what_is_kept_of_pictures_takes_no_more_than_the_memory_given():
+    for task, number in ((Task.NAVIGATION, 3), (Task.PARTIAL_OBSERVABILITY, 5)):
+        env = LabyrinthVectorEnv(9, 5, task, picture_memory=5 * 3 * 64**2)
+        env.reset(seed=0)
+        gallery = env._gallery
+        assert len(gallery._shown) == len(gallery._patches) == number
+        assert gallery._shown.nbytes + gallery._patches.nbytes <= 5 * 3 * 64**2
+
+
 def test_changing_what_was_returned_changes_nothing_inside():
     ours, untouched = (LabyrinthVectorEnv(3, 3, observation="vector") for _ in range(2))
     for env in (ours, untouched):
@@ -291,6 +330,7 @@ def test_only_the_four_actions_are_actions(actions, message):
         ({"size": 1}, "size=1"),
         ({"task": "sand"}, "task=sand"),
         ({"observation": "sound"}, "observation=sound"),
+        ({"picture_memory": -1}, "picture_memory=-1: give a number of bytes, 0 or more"),
     ],
 )
 def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):
