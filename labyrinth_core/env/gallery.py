@@ -62,10 +62,9 @@ class Gallery:
         self._covered: tuple[Corners, Pictures] | None = None
         """What is under the patches that are shown, if they are put in place."""
 
-    def forget(self, place: int) -> None:
-        """Forget the labyrinth in a place, since another is there now."""
-        if place < self._kept:
-            self._drawn[place] = -1
+    def forget(self, places: Numbers) -> None:
+        """Forget the labyrinths in some places, since others are there now."""
+        self._drawn[places[places < self._kept]] = -1
 
     def pictures(self, stack: Stack) -> Pictures:
         """Return the pictures of all labyrinths, shape (count, image_size, image_size, 3)."""

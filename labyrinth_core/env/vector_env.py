@@ -187,12 +187,15 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         # All are drawn before any is loaded, so that an impossible option changes nothing.
         drawn = [self._draw(place, options) for place in places]
         tables: dict[Labyrinth, LabyrinthTables] = {}
+        same: list[int] = []
         for place, labyrinth in zip(places, drawn, strict=True):
             if labyrinth is not self._stack.labyrinths[place]:
                 made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
                 self._stack.load(place, tables.setdefault(labyrinth, made))
-                if self._gallery is not None:
-                    self._gallery.forget(place)
+            else:
+                same.append(place)
+        if self._gallery is not None:
+            self._gallery.forget(np.setdiff1d(np.flatnonzero(mask), same))
         self._stack.restart(mask)
         self._steps[mask] = 0
         self._over[mask] = False

@@ -11,6 +11,7 @@ from policies import Table
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
@@ -83,7 +84,7 @@ def test_they_stand_beside_anybodys_policy_and_split_its_success(datasets):
     known, figures = TrainMemory.of(train).figures(test)
     assert results.splits["test"].known_route.tolist() == known.tolist()
     assert {name: results.baselines[name]["test"] for name in figures} == figures
-    told = results.to_json(name="right")
+    told = results.to_json(Description("right"))
     assert told["baselines"]["route_memory"]["train"]["sr"] == 1
     assert told["splits"]["train"]["known_route"] == "11111"
     assert "route memory" in str(results)
