@@ -6,6 +6,7 @@ replayed there. Pictures are raw arrays: those of JPEG would not be the ones tha
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import warnings
@@ -29,6 +30,9 @@ NEEDS = ("minari", "h5py")
 BATCH_BYTES = 16 << 20
 """The bytes of pictures that are given to Minari at once."""
 
+EPISODE_BYTES = 1 << 17
+"""More than HDF5 takes for an episode, besides thrice the bytes of its pictures."""
+
 MOST_TEXT = 60_000
 """The bytes of a labyrinth's text that fit into an attribute of HDF5, which holds 64 KiB."""
 
@@ -38,9 +42,11 @@ def write(split: Split, folder: Path) -> None:
 
     Raises:
         DatasetError: The labyrinths are so large that an episode cannot keep its own.
+        OSError: The files cannot be written.
     """
     import minari
 
+    folder = folder.absolute()  # Minari adds up relative paths.
     with _placed_in(folder), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Of addresses and scores that we have none of.
         storage = minari.create_dataset_from_buffers(
@@ -55,6 +61,7 @@ def write(split: Split, folder: Path) -> None:
             jpeg_encoding=False,
         ).storage
     for batch in _batches(split):
+        _check_disk(folder, batch)
         storage.update_episodes(batch)
     storage.update_metadata({"licence": split.licence, "labyrinth": split.record()})
     (folder / split.id / "data").replace(folder / "data")
@@ -87,6 +94,13 @@ def _batches(split: Split) -> Iterator[list[EpisodeBuffer]]:
             batch, size = [], 0
     if batch:
         yield batch
+
+
+def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
+    """Raise OSError if a disk has no room for a batch: HDF5 would crash in the middle of it."""
+    pictures = sum(episode.observations.nbytes for episode in batch)
+    if shutil.disk_usage(folder).free < 3 * pictures + len(batch) * EPISODE_BYTES:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _options(episode: LoadedEpisode) -> dict[str, Any]:

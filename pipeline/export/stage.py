@@ -128,9 +128,10 @@ def _made_whole(target: Path) -> Iterator[Path]:
         move_into_place(folder, target)
     except DatasetError:
         raise
-    except (OSError, RuntimeError) as error:  # Of h5py, if a disk is full, either.
+    except (OSError, RuntimeError) as error:  # Of h5py, either.
         if lacks_memory(error):
             raise
-        raise DatasetError(f"{target} cannot be written: {one_line(error)}") from error
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise DatasetError(f"{target} cannot be written: {reason}") from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
