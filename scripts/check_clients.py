@@ -65,7 +65,7 @@ CLIENTS = (
         (
             *("datasets>=4,<5", "huggingface-hub>=0.34.2,<0.36", "jsonlines", "packaging", "torch"),
             *("einops", "av>=15,<16", "draccus==0.10.0", "termcolor", "deepdiff", "accelerate"),
-            *("gymnasium", "safetensors"),
+            *("gymnasium", "safetensors", "pillow"),
         ),
         bare="lerobot==0.4.4",
     ),

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +42,7 @@ FPS = 10
 CHUNK_FILES, FILE_MB, VIDEO_MB = 1000, 100, 200
 """The files of a folder, and the most megabytes of a file, as LeRobot has them."""
 
-PART_BYTES = 32 << 20
+PART_BYTES = 16 << 20
 """The bytes of PNG files that a file has at least, but for the last."""
 
 
@@ -67,7 +68,7 @@ def write(split: Split, folder: Path) -> None:
     import pyarrow.parquet as pq
 
     statistics = FrameStatistics()
-    schema, features = _frame_schema(), _features(split)
+    schema = _frame_schema()
     (folder / EPISODES).parent.mkdir(parents=True)
     with pq.ParquetWriter(folder / EPISODES, _episode_schema()) as episodes:
         for number, part in enumerate(_parts(split, statistics)):
@@ -82,22 +83,7 @@ def write(split: Split, folder: Path) -> None:
     task = str(split.manifest.config.task)
     pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
     write_text(folder / "meta/stats.json", json.dumps(statistics.values(), indent=4))
-    info = {
-        "codebase_version": "v3.0",
-        "robot_type": None,
-        "total_episodes": split.count,
-        "total_frames": split.rows,
-        "total_tasks": 1,
-        "chunks_size": CHUNK_FILES,
-        "data_files_size_in_mb": FILE_MB,
-        "video_files_size_in_mb": VIDEO_MB,
-        "fps": FPS,
-        "splits": {"train": f"0:{split.count}"},
-        "data_path": DATA,
-        "video_path": None,
-        "features": features,
-    }
-    write_text(folder / "meta/info.json", json.dumps(info, indent=4))
+    write_text(folder / "meta/info.json", json.dumps(_info(split), indent=4))
 
 
 def _parts(split: Split, statistics: FrameStatistics) -> Iterator[_Part]:
@@ -105,7 +91,8 @@ def _parts(split: Split, statistics: FrameStatistics) -> Iterator[_Part]:
     part = _Part()
     first = held = 0
     task = str(split.manifest.config.task)
-    pairs = zip(split.episodes(), _labyrinths(split), strict=True)
+    labyrinths = chain(_labyrinths(split), repeat({"labyrinth_id": ""}))  # It may be too short.
+    pairs = zip(split.episodes(), labyrinths, strict=False)
     for number, (episode, labyrinth) in enumerate(pairs):
         if labyrinth["labyrinth_id"] != f"{episode.labyrinth_id:016x}":
             raise DatasetError(
@@ -181,16 +168,31 @@ def _joined(frames: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:
     return pa.table(columns, schema)
 
 
-def _features(split: Split) -> dict[str, dict[str, Any]]:
-    """Return what LeRobot calls the features: the kind of each column of the frames."""
+def _info(split: Split) -> dict[str, Any]:
+    """Return what LeRobot has to know of a dataset: its counts, files, and columns of frames."""
     size = split.image_size
     picture = {
         "dtype": "image",
         "shape": [size, size, 3],
         "names": ["height", "width", "channels"],
     }
-    return {IMAGE: picture} | {
-        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in _SCALARS.items()
+    scalars = {
+        name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _SCALARS.items()
+    }
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": None,
+        "total_episodes": split.count,
+        "total_frames": split.rows,
+        "total_tasks": 1,
+        "chunks_size": CHUNK_FILES,
+        "data_files_size_in_mb": FILE_MB,
+        "video_files_size_in_mb": VIDEO_MB,
+        "fps": FPS,
+        "splits": {"train": f"0:{split.count}"},
+        "data_path": DATA,
+        "video_path": None,
+        "features": {IMAGE: picture, **scalars},
     }
 
 

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.version import __version__
 from pipeline.export.split import NAMESPACE, Split
@@ -31,17 +30,13 @@ BATCH_BYTES = 16 << 20
 """The bytes of pictures that are given to Minari at once."""
 
 EPISODE_BYTES = 1 << 17
-"""More than HDF5 takes for an episode, besides thrice the bytes of its pictures."""
-
-MOST_TEXT = 60_000
-"""The bytes of a labyrinth's text that fit into an attribute of HDF5, which holds 64 KiB."""
+"""More than HDF5 takes for an episode, besides its text and thrice the bytes of its pictures."""
 
 
 def write(split: Split, folder: Path) -> None:
     """Write a split into an empty folder, as Minari does.
 
     Raises:
-        DatasetError: The labyrinths are so large that an episode cannot keep its own.
         OSError: The files cannot be written.
     """
     import minari
@@ -98,23 +93,16 @@ def _batches(split: Split) -> Iterator[list[EpisodeBuffer]]:
 
 def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
     """Raise OSError if a disk has no room for a batch: HDF5 would crash in the middle of it."""
-    pictures = sum(episode.observations.nbytes for episode in batch)
-    if shutil.disk_usage(folder).free < 3 * pictures + len(batch) * EPISODE_BYTES:
+    needed = sum(
+        3 * each.observations.nbytes + len(each.options["labyrinth"].encode()) + EPISODE_BYTES
+        for each in batch
+    )
+    if shutil.disk_usage(folder).free < needed:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _options(episode: LoadedEpisode) -> dict[str, Any]:
-    """Return the options with which `LabyrinthEnv.reset` begins the episode, and ends it, too.
-
-    Raises:
-        DatasetError: The text of the labyrinth is too long for Minari.
-    """
-    length = len(episode.info.encode())
-    if length > MOST_TEXT:
-        raise DatasetError(
-            f"export.format=minari: a labyrinth whose text has {length:,} bytes, but Minari keeps "
-            f"{MOST_TEXT:,} with an episode at most"
-        )
+    """Return the options with which `LabyrinthEnv.reset` begins the episode, and ends it, too."""
     options: dict[str, Any] = {"labyrinth": episode.info}
     if not episode.terminated:
         options["max_episode_steps"] = len(episode)

@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import write_text
 from pipeline.config.errors import ConfigError, check, listed
@@ -29,6 +30,9 @@ from pipeline.machinery.whole_folder import move_into_place, recover, wait_for_d
 
 RECORD = "labyrinth.json"
 """The file in the folder of each export that says where it comes from; written last."""
+
+README = "README.md"
+"""The card of all datasets of a folder, which may name their licence."""
 
 
 def run(run: Run) -> None:
@@ -75,12 +79,12 @@ def _splits(run: Run) -> list[Split]:
     """Return the splits to export; raise as `run`."""
     asked, options = run.options.export, run.options
     manifest = manifest_of(run)
-    held = list(dict.fromkeys(shard.split for shard in manifest.shards))
-    unknown = [name for name in asked.splits if name not in held]
-    check(not unknown, f"export.splits={listed(asked.splits)}: choose from {listed(held)}")
-    files = ["labyrinths.parquet", "../README.md"]
+    names = list(dict.fromkeys(shard.split for shard in manifest.shards))
+    unknown = [name for name in asked.splits if name not in names]
+    check(not unknown, f"export.splits={listed(asked.splits)}: choose from {listed(names)}")
+    files = [TABLE, f"../{README}"]
     folder = locate(run.source, manifest.config.name, files, options.revision)
-    values, _ = front_matter.read(folder.parent / "README.md")
+    values, _ = front_matter.read(folder.parent / README)
     return [
         Split(
             source=run.source,
@@ -91,7 +95,7 @@ def _splits(run: Run) -> list[Split]:
             image_size=asked.image_size,
             licence=front_matter.licence_of(values),
         )
-        for name in held
+        for name in names
         if not asked.splits or name in asked.splits
     ]
 

@@ -160,15 +160,6 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_labyrinth_that_minari_cannot_keep_is_told_in_one_line(
-    small_dataset: Run, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(minari, "MOST_TEXT", 100)
-    with pytest.raises(DatasetError, match=r"a labyrinth whose text has \d+ bytes, but Minari"):
-        export(small_dataset, tmp_path, "minari", "train")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("format_", FORMATS)
 def test_a_dataset_from_elsewhere_is_refused_and_leaves_nothing(
     small_dataset: Run, tmp_path, format_
@@ -188,6 +179,18 @@ def test_a_dataset_from_elsewhere_is_refused_and_leaves_nothing(
     with pytest.raises(DatasetError, match=r"actions=None: every row needs int") as caught:
         export(small_dataset, tmp_path / "exports", format_, "train", dataset=str(theirs.parent))
     assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
+
+
+def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):
+    shutil.copytree(small_dataset.folder, tmp_path / "theirs" / "3x3")
+    path = tmp_path / "theirs" / "3x3" / TABLE
+    pq.write_table(pq.read_table(path).slice(1), path)
+    content = json.loads((path.parent / MANIFEST).read_bytes())
+    content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(DatasetError, match="the table of labyrinths is not of its episodes"):
+        export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
     assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
 
 
