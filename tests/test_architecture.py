@@ -59,6 +59,7 @@ ROOMS = {
     "pipeline.release": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline.training": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline.evaluation": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.export": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "run": ("pipeline.__main__",),
 }
@@ -69,8 +70,15 @@ HOMES = {
     "hydra": ("pipeline.command", "pipeline.config"),
     "omegaconf": ("pipeline.command", "pipeline.config"),
     "numpy": ("labyrinth_core", "pipeline"),
-    "pyarrow": ("labyrinth_core.data", "pipeline.generation"),
-    "datasets": ("labyrinth_core.data", "pipeline.generation", "pipeline.release.verify"),
+    "pyarrow": ("labyrinth_core.data", "pipeline.generation", "pipeline.export"),
+    "datasets": (
+        "labyrinth_core.data",
+        "pipeline.generation",
+        "pipeline.release.verify",
+        "pipeline.export",
+    ),
+    "pandas": ("pipeline.export.lerobot",),
+    "minari": ("pipeline.export.minari",),
     "filelock": ("labyrinth_core.data",),
     "fsspec": ("labyrinth_core.data",),
     "huggingface_hub": (
@@ -86,6 +94,7 @@ HOMES = {
         "labyrinth_core.data.observations",
         "pipeline.generation.check",
         "pipeline.release",
+        "pipeline.export.picture",
     ),
     "rich": ("pipeline",),
     "yaml": ("pipeline", "labyrinth_core.data.source"),  # There, what broken cards raise.
@@ -98,7 +107,11 @@ HOMES = {
         "pipeline.machinery.stable_baselines",  # Weights, read without pickle.
     ),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
-    "gymnasium": ("labyrinth_core.env", "pipeline.analysis.environments"),
+    "gymnasium": (
+        "labyrinth_core.env",
+        "pipeline.analysis.environments",
+        "pipeline.export.minari",
+    ),
     "mujoco": ("pipeline.analysis.environments",),
     "matplotlib": ("pipeline.analysis", "pipeline.training"),
     "tensorboard": ("pipeline.training.record",),

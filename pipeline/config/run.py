@@ -23,6 +23,7 @@ from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.export import ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import (
     EvaluationOptions,
@@ -38,6 +39,7 @@ STAGES = {
     "card": "pipeline.release.card",
     "report": "pipeline.analysis.report.stage",
     "publish": "pipeline.release.publish",
+    "export": "pipeline.export.stage",
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
     "results": "pipeline.training.results.stage",
@@ -63,7 +65,7 @@ class PlaceOptions:
         "runs", "folder of what is trained; each size and task is a folder in it", like=LOCAL_FOLDER
     )
     overwrite: bool = option(
-        False, "replace a finished dataset or run that was made with other options"
+        False, "replace a finished dataset, run or export that was made with other options"
     )
     workers: int = option(1, "processes", at_least=1, at_most=1_000)
     executor: str = option(
@@ -128,6 +130,7 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     leakage: LeakageOptions = field(default_factory=LeakageOptions)
     analysis: AnalysisOptions = field(default_factory=AnalysisOptions)
     publish: PublishOptions = field(default_factory=PublishOptions)
+    export: ExportOptions = field(default_factory=ExportOptions)
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 
 
@@ -141,6 +144,7 @@ SECTIONS = {
         **meanings(AnalysisOptions, "analysis."),
     },
     "Where it is published, by stages=[publish]": meanings(PublishOptions, "publish."),
+    "In which format it is exported, by stages=[export]": meanings(ExportOptions, "export."),
 }
 """What each option means, in the order of `--help`, under its headings."""
 
@@ -345,4 +349,6 @@ def resolve(options: RunConfig) -> Run:
         check_analysis(options.analysis)
     if "publish" in stages:
         check_publish(options)
+    if "export" in stages:
+        check_options(options.export, ExportOptions, "export.")
     return run

@@ -12,7 +12,7 @@ from labyrinth_core.policies.spec import PolicySpec
 from pipeline.machinery import front_matter
 from pipeline.machinery.markdown import count, table
 from pipeline.release.citation import paper_bibtex, software_bibtex
-from pipeline.release.provenance import ARXIV, LICENCE, code
+from pipeline.release.provenance import ARXIV, code
 
 LIBRARY = "labyrinth-datasets"
 
@@ -50,7 +50,7 @@ class Trained:
 def text(trained: Trained) -> str:
     """Return the whole README.md."""
     values = {
-        "license": LICENCE,
+        "license": front_matter.LICENCE,
         "library_name": LIBRARY,
         "pipeline_tag": "reinforcement-learning",
         "datasets": [trained.dataset],

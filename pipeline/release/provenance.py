@@ -8,6 +8,7 @@ from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.version import __version__
+from pipeline.machinery.front_matter import LICENCE
 
 DATE = "2026-11-21"
 """The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
@@ -19,8 +20,6 @@ PAPER_VENUE = "NeurIPS 2025 Datasets and Benchmarks"
 PAPER_YEAR = 2025
 ARXIV = "2509.24784"
 PAPER_URL = f"https://arxiv.org/abs/{ARXIV}"
-LICENCE = "mit"
-"""The licence of a dataset whose card names no other, as the Hub spells it."""
 LICENCE_URL = "https://spdx.org/licenses/MIT.html"
 """https://spdx.org/licenses/, which Croissant recommends for licences."""
 

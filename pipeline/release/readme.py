@@ -19,7 +19,6 @@ from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
     ARXIV,
-    LICENCE,
     PAPER_TITLE,
     PAPER_URL,
     PAPER_VENUE,
@@ -380,7 +379,7 @@ the grammar; the [paper]({PAPER_URL}) introduces it."""
 def _ending(release: Release) -> str:
     licence = (
         "[MIT](https://opensource.org/license/mit)."
-        if release.licence == LICENCE
+        if release.licence == front_matter.LICENCE
         else f"`{release.licence}`, as the head of this file says."
     )
     return f"""## Licence

@@ -14,7 +14,7 @@ from pipeline.config.run import Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.own_files import OwnFiles
 from pipeline.release.plan import SPACE
-from pipeline.release.provenance import LICENCE, code
+from pipeline.release.provenance import code
 
 FOLDER, PAGE = "report", "index.html"
 """Where the stage `report` leaves its page, in the data_dir."""
@@ -56,7 +56,7 @@ def _card(dataset: str) -> str:
         "sdk": "static",
         "app_file": PAGE,
         "pinned": False,
-        "license": LICENCE,
+        "license": front_matter.LICENCE,
         "short_description": "Labyrinths, episodes and statistics to look at",
         "datasets": [dataset],
     }

@@ -267,9 +267,16 @@ def test_episodes_begin_where_the_text_says():
 
 
 def test_the_options_given_are_not_changed():
-    options = {"labyrinth": OPEN, "start": (0, 1)}
+    options = {"labyrinth": OPEN, "start": (0, 1), "max_episode_steps": 2}
     LabyrinthEnv().reset(options=options)
-    assert options == {"labyrinth": OPEN, "start": (0, 1)}
+    assert options == {"labyrinth": OPEN, "start": (0, 1), "max_episode_steps": 2}
+
+
+def test_a_limit_given_to_reset_is_that_of_one_episode():
+    env = LabyrinthEnv(labyrinth=KEY_AND_DOOR, max_episode_steps=3)
+    for options, steps in [({"max_episode_steps": 5}, 5), (None, 3), ({"max_episode_steps": 1}, 1)]:
+        env.reset(options=options)
+        assert [env.step(LEFT)[3] for _ in range(steps)] == [False] * (steps - 1) + [True]
 
 
 IMPOSSIBLE = [
@@ -280,6 +287,8 @@ IMPOSSIBLE = [
     ({"goal": (1.5, 0)}, r"goal=\(1.5, 0\): give \(row, column\)"),
     ({"goal": (1, 2, 3)}, r"goal=\(1, 2, 3\): give \(row, column\)"),
     ({"goal": (0, 0)}, r"goal=\(0, 0\): start and goal must be two different cells"),
+    ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
+    ({"max_episode_steps": "5"}, "max_episode_steps=5: give a whole number from 1 on"),
     ({"labyrinth": OPEN, "goal": (0, 0)}, "start and goal must be two different cells"),
     ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; ice would not matter"),
     ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the path of a file"),
