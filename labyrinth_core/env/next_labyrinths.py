@@ -21,7 +21,7 @@ from labyrinth_core.world.batch_trees import WORD
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.tasks import default_start_and_goal
 
-FEWEST = 64
+FEWEST = 128
 """The number of sub-environments from which on this takes less time."""
 
 
@@ -39,6 +39,8 @@ class NextLabyrinths:
         self._shape, self._normalised = shape, normalised
         self._stack = Stack(count, *shape)
         self._there = np.zeros(count, np.bool_)
+        self._left_out = np.zeros(count, np.bool_)
+        """Whether the labyrinth is one that has to be drawn alone; it is not tried again."""
         self._before: list[Any] = [None] * count
         """The state that each generator was in when the labyrinth was drawn."""
         self._enough = 8 * isqrt(count)
@@ -66,12 +68,12 @@ class NextLabyrinths:
             The places for which there is none; their generators are ready to draw it.
         """
         if not self._there[places].all():
-            empty = np.flatnonzero(~self._there)
+            empty = np.flatnonzero(~(self._there | self._left_out))
             if len(empty) >= self._enough:
                 self._draw(empty, generator)
         there = self._there[places]
         stack.adopt(self._stack, places[there])
-        self._there[places] = False
+        self._there[places] = self._left_out[places] = False
         return places[~there]
 
     def _draw(
@@ -83,6 +85,8 @@ class NextLabyrinths:
         tables = tabulate_many(drawn.structures, *ends, normalised=self._normalised)
         filled = places[drawn.numbers]
         self._stack.load_many(filled, tables, task)
+        self._left_out[places] = True
+        self._left_out[filled] = False
         self._there[filled] = True
         for place, before in zip(filled.tolist(), drawn.before, strict=True):
             self._before[place] = before
@@ -96,4 +100,4 @@ class NextLabyrinths:
         """
         if self._there[place] and generator is not None:
             generator.bit_generator.state = self._before[place]
-        self._there[place] = False
+        self._there[place] = self._left_out[place] = False

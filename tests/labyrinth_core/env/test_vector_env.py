@@ -9,10 +9,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from known_labyrinths import OPEN
 
-from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.env import LabyrinthEnv, next_labyrinths
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Look, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
@@ -91,7 +92,7 @@ def test_every_step_is_that_of_single_environments(mode, task, kind):
 
 @pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
 def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(task):
-    count, rng = 70, np.random.default_rng(0)
+    count, rng = 130, np.random.default_rng(0)
     envs = pair(count, size=(4, 3), task=task, observation="vector", max_episode_steps=9)
     both(envs, lambda env: env.reset(seed=5))
     for step in range(50):
@@ -106,10 +107,28 @@ def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(tas
             both(envs, lambda env, options=options: env.reset(seed=9, options=dict(options)))
 
 
-def test_labyrinths_that_are_drawn_together_are_drawn_into_pictures():
-    envs = pair(64, "SameStep", size=3, image_size=8, max_episode_steps=5, reward="normalised")
+def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkeypatch):
+    tried = 0
+
+    def none(height, width, generators):
+        nonlocal tried
+        tried += len(generators)
+        return sample_each(height, width, generators[:0])
+
+    monkeypatch.setattr(next_labyrinths, "sample_each", none)
+    envs = pair(128, "SameStep", size=3, observation="state", max_episode_steps=20)
     both(envs, lambda env: env.reset(seed=0))
-    for action in np.random.default_rng(0).integers(4, size=(12, 64)):
+    begun = 128
+    for action in np.random.default_rng(0).integers(4, size=(50, 128)):
+        *_, infos = both(envs, lambda env, action=action: env.step(action))
+        begun += infos["_final_info"].sum() if "_final_info" in infos else 0
+    assert 128 < tried <= begun + 128
+
+
+def test_labyrinths_that_are_drawn_together_are_drawn_into_pictures():
+    envs = pair(128, "SameStep", size=3, image_size=8, max_episode_steps=5, reward="normalised")
+    both(envs, lambda env: env.reset(seed=0))
+    for action in np.random.default_rng(0).integers(4, size=(12, 128)):
         both(envs, lambda env, action=action: env.step(action))
 
 
