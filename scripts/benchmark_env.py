@@ -199,13 +199,13 @@ def contestants(scale: int) -> dict[str, tuple[str, float, Rate]]:
 
 def report(rates: dict[str, list[float]], against: dict[str, tuple[str, float, Rate]]) -> None:
     """Print the table: the median rate, the median ratio, its range, and the target."""
-    print(f"{'':36}{'a second':>14}{'times':>16}{'range':>18}{'to reach':>10}")
+    print(f"{'':36}{'a second':>14}{'times':>16}{'range':>18}{'to reach':>12}")
     for name, measured in rates.items():
         rival, aim, _ = against[name]
         line = f"{name:36}{median(measured):>14,.0f}"
         if rival:
             middle, extent, verdict = ratio(measured, rates[rival], aim)
-            line += f"{middle:>16}{extent:>18}{verdict:>10}"
+            line += f"{middle:>16}{extent:>18}{verdict:>12}"
         print(line)
 
 

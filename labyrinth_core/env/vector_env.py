@@ -51,8 +51,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     Observations, rewards, ends and infos are those of `LabyrinthEnv`, batched as Gymnasium's
     `SyncVectorEnv` batches them; sub-environment i of a vector seeded with s is a `LabyrinthEnv`
-    seeded with s + i. The caller may keep and change the arrays returned, except that those of
-    strings in the infos are read-only, and the same ones until a labyrinth changes.
+    seeded with s + i. The caller may keep and change the arrays returned, except pictures with
+    `copy=False`, and except that those of strings in the infos are read-only, and the same ones
+    until a labyrinth changes.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Pictures at another size, computed directly from their strips.
+"""Pictures at another size: the weights of pixels, and decoded pictures from their strips.
 
 By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
 `area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
@@ -76,11 +76,11 @@ def area_average(picture: NDArray[np.uint8], image_size: int) -> NDArray[np.uint
     side = len(picture)
     if side == image_size:
         return picture
-    shares = weights(image_size, side=side)
+    weight_of = weights(image_size, side=side)
     # Sums of whole numbers below 2 ** 53, so floats hold them exactly.
-    rows = shares @ picture.reshape(side, -1).astype(np.float64)
-    sums = shares @ rows.reshape(image_size, side, 3)
-    unit = int(shares[0].sum()) ** 2
+    rows = weight_of @ picture.reshape(side, -1).astype(np.float64)
+    sums = weight_of @ rows.reshape(image_size, side, 3)
+    unit = int(weight_of[0].sum()) ** 2
     return ((2 * sums + unit) // (2 * unit)).astype(np.uint8)
 
 
@@ -101,13 +101,13 @@ def _remembering_shares(image_size: int) -> Callable[[Strip, int], _Share]:
 
 def _share(strip: Strip, top: int, *, image_size: int) -> _Share:
     height = sum(count for _, count in strip)
-    shares = weights(image_size)
-    touched = np.flatnonzero(shares[:, top : top + height].any(axis=1))
+    weight_of = weights(image_size)
+    touched = np.flatnonzero(weight_of[:, top : top + height].any(axis=1))
     first, end = (int(touched[0]), int(touched[-1]) + 1) if touched.size else (0, 0)
     sums = np.zeros((end - first, 3 * image_size), np.int32)
     narrow = _remembering_narrow(image_size)
     for row, count in strip:
-        weight = shares[first:end, top : top + count].sum(axis=1, keepdims=True)
+        weight = weight_of[first:end, top : top + count].sum(axis=1, keepdims=True)
         sums += weight.astype(np.int32) * narrow(row)
         top += count
     return _Share(first, end, sums, height)
