@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.language.text import dump as dump
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
+    from labyrinth_core.policies.load import load_policy as load_policy
     from labyrinth_core.world.grid import Action as Action
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.labyrinth import LabyrinthError as LabyrinthError
@@ -49,6 +50,7 @@ _HOMES = {
     "evaluate": "evaluation.evaluate",
     "load_arrays": "evaluation.labyrinth_arrays",
     "load_episodes": "data.loader",
+    "load_policy": "policies.load",
     "load_transitions": "data.loader",
     "optimal_actions": "world.solver",
     "parse": "language.text",

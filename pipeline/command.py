@@ -28,7 +28,6 @@ from pipeline.config.run import options_of, refusal, register, resolve, with_bra
 from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
 
-
 INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
 
   labyrinth-datasets size=5                                    make, check, analyse, describe it

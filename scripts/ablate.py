@@ -28,17 +28,18 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
 from pipeline.generation import build
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import fit
 from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.networks.network import NetworkSpec
-from pipeline.training.policy import NetworkPolicy, save_policy
-from pipeline.training.record import POLICY
+from pipeline.training.policy import save_policy
 
 INGREDIENTS = ("augment", "relabel", "average", "path_prior", "grid_prior", "colour_prior")
 

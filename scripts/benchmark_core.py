@@ -11,6 +11,8 @@ maze-dataset by `LatticeMazeGenerators.gen_wilson` or `gen_dfs`, then `find_shor
 `sample_structures` with the same algorithm, then `Labyrinth`, which checks that there is a path,
 and `shortest_route`. Their mazes are spanning trees. So are ours labelled "tree"; "opened" means
 that further walls are opened, as in the datasets, so that there are several shortest routes.
+"Together" are a thousand labyrinths at once: `sample_many`, then `tabulate_many`, which finds the
+distance and the optimal actions of every cell, and `shortest_routes`.
 Before the measurement, their solver has to find routes as long as ours in our labyrinths.
 
 In each round everyone is timed once, so that a busy machine slows all of them alike. Figures are
@@ -31,6 +33,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from measuring import machine, ratio, take_turns
 
+from labyrinth_core.world.batch_sampling import sample_many
+from labyrinth_core.world.batch_tables import tabulate_many
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
@@ -55,6 +59,9 @@ class Turn(NamedTuple):
         return self.sample + self.solve
 
 
+TOGETHER = 1_000
+"""The number of labyrinths that are sampled and solved at once."""
+
 Contestant = Callable[[], Turn]
 
 
@@ -66,6 +73,15 @@ def ours(size: int, count: int, rng: np.random.Generator, **options: Any) -> Tur
     for structure in structures:
         shortest_route(Labyrinth(structure, 0, size * size - 1), rng)
     return Turn((sampled - begin) / count, (time.perf_counter() - sampled) / count)
+
+
+def ours_together(size: int, rng: np.random.Generator, **options: Any) -> Turn:
+    """Sample and solve our labyrinths, all at once."""
+    begin = time.perf_counter()
+    structures = sample_many(size, size, TOGETHER, rng, **options)
+    sampled = time.perf_counter()
+    tabulate_many(structures, 0, size * size - 1).shortest_routes()
+    return Turn((sampled - begin) / TOGETHER, (time.perf_counter() - sampled) / TOGETHER)
 
 
 def theirs(size: int, count: int, generate: Callable[[tuple[int, int]], Any]) -> Turn:
@@ -107,13 +123,16 @@ def contestants(size: int) -> dict[tuple[str, str], Contestant]:
         measured[rival, "maze-dataset"] = partial(theirs, size, count, generate)
         measured[rival, f"{algorithm}, tree"] = partial(run, algorithm=algorithm, open_walls=0)
         measured[rival, f"{algorithm}, opened"] = partial(run, algorithm=algorithm)
+        together = partial(ours_together, size, rng, algorithm=algorithm)
+        measured[rival, f"{algorithm}, tree, together"] = partial(together, open_walls=0)
+        measured[rival, f"{algorithm}, opened, together"] = together
     return measured
 
 
 def measure(size: int, rounds: int) -> None:
     """Time everyone at a size, and print the table."""
     turns = take_turns(contestants(size), rounds)
-    print(f"\n{f'size {size}':24}{'us to sample':>14}{'to solve':>10}{'a second':>10}", end="")
+    print(f"\n{f'size {size}':31}{'us to sample':>14}{'to solve':>10}{'a second':>10}", end="")
     print(f"{'times theirs':>14}{'range':>16}{'to reach':>12}")
     for (rival, name), measured in turns.items():
         report(name, rival, measured, turns[rival, "maze-dataset"])
@@ -126,7 +145,7 @@ def report(name: str, rival: str, measured: list[Turn], yardstick: list[Turn]) -
     )
     is_rival = measured == yardstick
     label = f"maze-dataset, {rival}" if is_rival else f"  {name}"
-    line = f"{label:24}{1e6 * sample:14,.1f}{1e6 * solve:10,.1f}{1 / both:10,.0f}"
+    line = f"{label:31}{1e6 * sample:14,.1f}{1e6 * solve:10,.1f}{1 / both:10,.0f}"
     if not is_rival:
         seconds = ([turn.both for turn in turns] for turns in (yardstick, measured))
         middle, extent, verdict = ratio(*seconds, AIM)

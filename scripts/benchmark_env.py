@@ -1,30 +1,37 @@
-"""Measure how fast the environments are, beside MiniGrid in the same run.
+"""Measure how fast the environments are, beside MiniGrid and mazes of JAX in the same run.
 
     pip install minigrid
-    python scripts/benchmark_env.py [--rounds N] [--quick]
+    python scripts/benchmark_env.py [--rounds N] [--quick] [--jax FOLDER]
 
-MiniGrid brings pygame-ce, which takes the place of pygame: give it a virtual environment.
+MiniGrid brings pygame-ce, which takes the place of pygame: give it a virtual environment. With
+`--jax`, Navix, XLand-MiniGrid and Jumanji's Maze are measured as well, by `jax_mazes.py` in another
+virtual environment, which is made in that folder if it is not there.
 
 In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
-median of the rounds' ratios. All take random actions and reset when an episode ends, which is part
+median of the rounds' ratios to the last row above that has none. Rates are per second of CPU time,
+that of all threads together. All take random actions and reset when an episode ends, which is part
 of the time. Vector environments first run for as long as an episode can last, so that their
-episodes no longer begin and end together. "Kept" labyrinths stay the same from episode to episode,
-"fresh" ones are sampled anew for each.
+episodes no longer begin and end together. "Kept" labyrinths, all different, stay the same from
+episode to episode, "fresh" ones are sampled anew for each.
 
 MiniGrid is `MiniGrid-Empty-8x8-v0` as `gymnasium.make` returns it, with its own observation, a
-7 x 7 x 3 array of symbols, which is the cheapest that it has and the most similar to a vector. Its
-actions are turning left, turning right and going forward. Labyrinths are 8 x 8 as well, except
-those of 5x5, the size of the datasets.
+7 x 7 x 3 array of symbols, which is the cheapest that it has and the most similar to a vector, or
+with its RGB wrapper, pictures of 64 x 64. Its actions are turning left, turning right and going
+forward. Labyrinths are 8 x 8 as well, except those of 5x5, the size of the datasets.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
 import sys
 import time
+import venv
 import warnings
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -32,6 +39,8 @@ import gymnasium
 import numpy as np
 from measuring import machine, ratio, take_turns
 
+from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
@@ -39,6 +48,16 @@ MINIGRID = "MiniGrid-Empty-8x8-v0"
 LABYRINTH = "labyrinth_core.env:Labyrinth-v0"
 NUM_ENVS = 10_000
 PICTURE_SIZE = 600
+OBSERVED_SIZE = 64
+PICTURED_ENVS = 1_024
+
+JAX_MAZES = ("jax==0.10.2", "navix==0.7.4", "xminigrid==0.9.3", "jumanji==1.1.2")
+BESIDE_JAX = {
+    "Navix": "10,000 kept 8x8, vector",
+    "XLand-MiniGrid": "10,000 kept 8x8, vector",
+    "Jumanji": "10,000 fresh 8x8, state",
+}
+"""Library, as its mazes' names begin -> which of ours is most like it."""
 
 Rate = Callable[[], float]
 """Measures something, and returns how many there are per second."""
@@ -51,37 +70,67 @@ def single(env: gymnasium.Env[Any, Any], actions: int, steps: int) -> Rate:
 
     def rate() -> float:
         env.reset()
-        start = time.perf_counter()
+        start = time.process_time()
         for action in choices:
             _, _, terminated, truncated, _ = env.step(action)
             if terminated or truncated:
                 env.reset()
-        return steps / (time.perf_counter() - start)
+        return steps / (time.process_time() - start)
 
     return rate
 
 
-def vector(size: int, steps: int, *, kept: bool, **arguments: Any) -> Rate:
+def vector(size: int, steps: int, *, kept: bool, count: int = NUM_ENVS, **arguments: Any) -> Rate:
     """Return a function that measures the steps per second of a vector, over all labyrinths."""
     rng = np.random.default_rng(0)
-    labyrinths = [sample_labyrinth(size, size, Task.NAVIGATION, rng) for _ in range(NUM_ENVS)]
+    labyrinths = [sample_labyrinth(size, size, Task.NAVIGATION, rng) for _ in range(count)]
     env = gymnasium.make_vec(
         LABYRINTH,
-        num_envs=NUM_ENVS,
+        num_envs=count,
         size=size,
         labyrinths=labyrinths if kept else None,
         **arguments,
     )
     env.reset(seed=0)
-    choices = rng.integers(4, size=(steps, NUM_ENVS))
+    choices = rng.integers(4, size=(steps, count))
     for step in range(40 * size * size + 2):
         env.step(choices[step % steps])
 
     def rate() -> float:
-        start = time.perf_counter()
+        start = time.process_time()
         for actions in choices:
-            env.step(actions)
-        return steps * NUM_ENVS / (time.perf_counter() - start)
+            kept_until_the_next = env.step(actions)
+        del kept_until_the_next
+        return steps * count / (time.process_time() - start)
+
+    return rate
+
+
+def copying(steps: int) -> Rate:
+    """Return a function that measures how many pictures a second are copied, a batch at a time."""
+    batch = np.ones((PICTURED_ENVS, OBSERVED_SIZE, OBSERVED_SIZE, 3), np.uint8)
+
+    def rate() -> float:
+        start = time.process_time()
+        for _ in range(steps):
+            kept_until_the_next = batch.copy()
+        del kept_until_the_next
+        return steps * PICTURED_ENVS / (time.process_time() - start)
+
+    return rate
+
+
+def all_states(count: int) -> Rate:
+    """Return a function that measures of how many labyrinths a second all states are drawn."""
+    rng = np.random.default_rng(0)
+    labyrinths = [sample_labyrinth(5, 5, Task.NAVIGATION, rng) for _ in range(count)]
+    views = [[(each, state_at(each, number)) for number in range(25)] for each in labyrinths]
+
+    def rate() -> float:
+        start = time.process_time()
+        for of_one in views:
+            draw(of_one, OBSERVED_SIZE)
+        return count / (time.process_time() - start)
 
     return rate
 
@@ -95,9 +144,9 @@ def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
         spent = 0.0
         for action in choices:
             _, _, terminated, truncated, _ = env.step(action)
-            start = time.perf_counter()
+            start = time.process_time()
             env.render()
-            spent += time.perf_counter() - start
+            spent += time.process_time() - start
             if terminated or truncated:
                 env.reset()
         return count / spent
@@ -105,14 +154,20 @@ def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
     return rate
 
 
-def contestants(scale: int) -> dict[str, tuple[str, int, Rate]]:
+def contestants(scale: int) -> dict[str, tuple[str, float, Rate]]:
     """Return by name: what is compared with, the target ratio, and the measurement."""
+    from minigrid.wrappers import RGBImgObsWrapper
+
     make = partial(gymnasium.make, LABYRINTH)
     steps, batches = 2_000 * scale, 10 * scale
     minigrid = gymnasium.make(MINIGRID)
     drawn = gymnasium.make(MINIGRID, render_mode="rgb_array", tile_size=PICTURE_SIZE // 8)
+    framed = RGBImgObsWrapper(gymnasium.make(MINIGRID), tile_size=OBSERVED_SIZE // 8)
     lone = "MiniGrid, one environment"
+    camera = "MiniGrid, one, pictures of 64 x 64"
+    copies = "copying batches of 1,024 pictures"
     easel = "MiniGrid, a picture of 600 x 600"
+    shown: dict[str, Any] = {"count": PICTURED_ENVS, "observation": "image"}
     fast: dict[str, Any] = {"observation": "state"}
     walls: dict[str, Any] = {"observation": "vector"}
     rgb: dict[str, Any] = {"observation": "state", "render_mode": "rgb_array"}
@@ -124,23 +179,69 @@ def contestants(scale: int) -> dict[str, tuple[str, int, Rate]]:
         "10,000 kept 5x5, vector": (lone, 200, vector(5, 2 * batches, kept=True, **walls)),
         "10,000 kept 8x8, state": (lone, 1_000, vector(8, 4 * batches, kept=True, **fast)),
         "10,000 kept 8x8, vector": (lone, 200, vector(8, 2 * batches, kept=True, **walls)),
-        "10,000 fresh 5x5, state": (lone, 0, vector(5, batches, kept=False, **fast)),
-        "10,000 fresh 8x8, state": (lone, 0, vector(8, batches, kept=False, **fast)),
+        "10,000 fresh 5x5, state": (lone, 1_000, vector(5, 4 * batches, kept=False, **fast)),
+        "10,000 fresh 8x8, state": (lone, 1_000, vector(8, 4 * batches, kept=False, **fast)),
+        camera: ("", 0, single(framed, 3, steps // 2)),
+        "one fresh 5x5, pictures": (camera, 0, single(make(size=5), 4, 4 * steps)),
+        "all 25 states of a 5x5, times": ("", 0, all_states(40 * scale)),
+        copies: ("", 0, copying(4 * batches)),
+        "1,024 kept 5x5, pictures": (copies, 0.6, vector(5, 4 * batches, kept=True, **shown)),
+        "1,024 kept, copy=False": (
+            copies,
+            0,
+            vector(5, 4 * batches, kept=True, copy=False, **shown),
+        ),
+        "1,024 fresh 5x5, pictures": (copies, 0, vector(5, 4 * batches, kept=False, **shown)),
         easel: ("", 0, pictures(drawn, 3, 50 * scale)),
         "a picture of 600 x 600, 8x8": (easel, 0, pictures(make(size=8, **rgb), 4, 200 * scale)),
     }
 
 
-def report(rates: dict[str, list[float]], against: dict[str, tuple[str, int, Rate]]) -> None:
+def report(rates: dict[str, list[float]], against: dict[str, tuple[str, float, Rate]]) -> None:
     """Print the table: the median rate, the median ratio, its range, and the target."""
-    print(f"{'':36}{'a second':>14}{'times MiniGrid':>16}{'range':>18}{'to reach':>10}")
+    print(f"{'':36}{'a second':>14}{'times':>16}{'range':>18}{'to reach':>12}")
     for name, measured in rates.items():
         rival, aim, _ = against[name]
         line = f"{name:36}{median(measured):>14,.0f}"
         if rival:
             middle, extent, verdict = ratio(measured, rates[rival], aim)
-            line += f"{middle:>16}{extent:>18}{verdict:>10}"
+            line += f"{middle:>16}{extent:>18}{verdict:>12}"
         print(line)
+
+
+def jax_mazes(folder: Path) -> dict[str, tuple[str, float, Rate]]:
+    """Return the mazes of JAX as `contestants` does; the environment is made if it is missing."""
+    python = folder / "bin" / "python"
+    if not python.exists():
+        venv.create(folder, with_pip=True)
+        subprocess.run([python, "-m", "pip", "install", "--quiet", *JAX_MAZES], check=True)
+    worker = subprocess.Popen(
+        [python, Path(__file__).with_name("jax_mazes.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"JAX_PLATFORMS": "cpu"},
+    )
+    asked, answered = worker.stdin, worker.stdout
+    assert asked is not None
+    assert answered is not None
+
+    def rate(name: str) -> float:
+        print(name, file=asked, flush=True)
+        return float(answered.readline())
+
+    names = answered.readline().rstrip("\n").split("\t")
+    return {name: ("", 0, partial(rate, name)) for name in names}
+
+
+def report_beside_jax(rates: dict[str, list[float]]) -> None:
+    """Print how many times as fast as each maze of JAX ours are that are most like it."""
+    for name, measured in rates.items():
+        ours = BESIDE_JAX.get(name.partition(",")[0])
+        if ours is not None:
+            middle, extent, verdict = ratio(rates[ours], measured, 1)
+            behind = ", BEHIND" if "MISSED" in verdict else ""
+            print(f"{ours}: {middle} times {name} ({extent}){behind}")
 
 
 def main() -> None:
@@ -148,6 +249,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=7, help="rounds; each times everyone once")
     parser.add_argument("--quick", action="store_true", help="short rounds, for a first look")
+    parser.add_argument("--jax", type=Path, metavar="FOLDER", help="measure mazes of JAX, too")
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error(f"--rounds {arguments.rounds}: give a whole number from 1 on")
@@ -158,9 +260,13 @@ def main() -> None:
     gymnasium.register_envs(minigrid)
     warnings.filterwarnings("ignore", module="gymnasium")
     against = contestants(1 if arguments.quick else 5)
+    if arguments.jax is not None:
+        against |= jax_mazes(arguments.jax)
     print(f"{machine('numpy', 'gymnasium', 'minigrid')}; {arguments.rounds} rounds")
     rates = {name: rate for name, (_, _, rate) in against.items()}
-    report(take_turns(rates, arguments.rounds), against)
+    measured = take_turns(rates, arguments.rounds)
+    report(measured, against)
+    report_beside_jax(measured)
 
 
 if __name__ == "__main__":

@@ -41,8 +41,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arr
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.resize import area_average
-from pipeline.training.networks.network import Network, NetworkSpec
-from pipeline.training.policy import NetworkPolicy
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.network import Network
+from labyrinth_core.policies.spec import NetworkSpec
 
 CONFIG = "5x5"
 

@@ -42,7 +42,7 @@ from measuring import machine, ratio, take_turns
 
 from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
-from labyrinth_core.pictures import png, renderer
+from labyrinth_core.pictures import png, vector
 from labyrinth_core.pictures import resize as shrinking
 from pipeline.config.run import RunConfig, resolve
 
@@ -113,8 +113,7 @@ def forget() -> None:
         png._unpack,
         shrinking._remembering_shares,
         shrinking._remembering_narrow,
-        renderer._tiles,
-        renderer._line,
+        vector.initial_vector,
     ):
         remembered.cache_clear()
 

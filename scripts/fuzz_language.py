@@ -14,12 +14,14 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.sampling import sample_structure
 from labyrinth_core.world.tasks import place
@@ -37,6 +39,8 @@ PHRASES = [
     "icy_floor: True",
     "key_and_lock: true",
     "occlusion:True",
+    "agent: (1, 0)",
+    "agent:(0,1) with open door",
     '"""',
     "",
 ]
@@ -56,7 +60,10 @@ class Summary:
 
 
 def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
-    """Return a labyrinth of a random size and task, not always with a connected structure."""
+    """Return a labyrinth of a random size and task, not always with a connected structure.
+
+    In every fourth one the agent begins elsewhere than on the start, if it can.
+    """
     height, width = (int(side) for side in rng.integers(2, 8, size=2))
     structure = sample_structure(height, width, rng, open_walls=float(rng.choice([0.0, 0.1, 0.7])))
     start, goal = (int(cell) for cell in rng.choice(structure.cells, size=2, replace=False))
@@ -64,9 +71,14 @@ def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
         up = structure.up & int.from_bytes(rng.bytes(8), "little")
         structure = Structure(height, width, up, structure.right)
     try:
-        return place(structure, start, goal, list(Task)[rng.integers(4)], rng)
+        labyrinth = place(structure, start, goal, list(Task)[rng.integers(4)], rng)
     except LabyrinthError:
         return random_labyrinth(rng)
+    if rng.random() < 0.25:
+        agent = state_at(labyrinth, int(rng.integers(state_count(labyrinth))))
+        with suppress(LabyrinthError):
+            return replace(labyrinth, agent=agent)
+    return labyrinth
 
 
 def edge_list(labyrinth: Labyrinth) -> str:

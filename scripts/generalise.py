@@ -24,12 +24,14 @@ from labyrinth_core.evaluation.following import GreedyEpisode, greedy_episodes
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.symmetry import Averaged
 from pipeline.config.run import RunConfig, resolve
 from pipeline.config.training import IMAGE_SIZE
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.methods.method import find
-from pipeline.training.networks.symmetry import Averaged
-from pipeline.training.policy import NetworkPolicy, load_policy
-from pipeline.training.record import POLICY, read_record
+from pipeline.training.policy import load_policy
+from pipeline.training.record import read_record
 from pipeline.training.train import spec_of
 
 

@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -22,6 +23,7 @@ from report_ablation import STYLE, save
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.references import REFERENCES
 from pipeline.machinery.markdown import table
 from pipeline.training.results.evaluations import Evaluation, read_all
 from pipeline.training.results.paper import METHODS
@@ -59,8 +61,10 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("docs/results/shifts"))
     parser.add_argument("--figures", type=Path, help="folder for the figure")
     given = parser.parse_args()
-    methods = by_method(read_all(given.results))
-    print(rates(methods), effects(methods), sep="\n\n")
+    evaluations = read_all(given.results)
+    methods = by_method(evaluations)
+    baselines = evaluations[0].content["baselines"]
+    print(rates(methods, baselines), effects(methods), sep="\n\n")
     if given.figures is not None:
         with mpl.rc_context(STYLE):
             save(draw(methods), given.figures / "shifts")
@@ -81,18 +85,23 @@ def by_method(evaluations: Sequence[Evaluation]) -> dict[str, Solved]:
     }
 
 
-def rates(methods: Mapping[str, Solved]) -> str:
-    """Return a table of success rates in percent, with a row for each split."""
+def rates(methods: Mapping[str, Solved], baselines: Mapping[str, Any]) -> str:
+    """Return a table of success rates in percent, with a row for each split.
+
+    `baselines` are those of any of the evaluations, which are of one dataset.
+    """
     rows = []
     for split in splits_of(methods):
         cells = [
             percent(solved[split].mean(), *interval(solved[split])) for solved in methods.values()
         ]
         labyrinths = next(iter(methods.values()))[split].shape[1]
-        rows.append([f"`{split}`", str(labyrinths), *cells])
+        beside = [f"{100 * baselines[split][name]['sr']:.0f}" for name in REFERENCES]
+        rows.append([f"`{split}`", str(labyrinths), *cells, *beside])
     seeds = [str(len(solved["test"])) for solved in methods.values()]
-    rows.append(["seeds", "", *seeds])
-    return table(["split", "labyrinths", *methods], rows, "l" + "r" * (len(methods) + 1))
+    rows.append(["seeds", "", *seeds, *("" for _ in REFERENCES)])
+    heading = ["split", "labyrinths", *methods, *(name.replace("_", " ") for name in REFERENCES)]
+    return table(heading, rows, "l" + "r" * (len(heading) - 1))
 
 
 def splits_of(methods: Mapping[str, Solved]) -> list[str]:

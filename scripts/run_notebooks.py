@@ -33,7 +33,9 @@ def run(path: Path, write: bool) -> None:
     notebook = nbformat.read(path, 4)
     with tempfile.TemporaryDirectory() as folder:
         resources = {"metadata": {"path": folder}}
-        NotebookClient(notebook, timeout=SECONDS, record_timing=False, resources=resources).execute()
+        NotebookClient(
+            notebook, timeout=SECONDS, record_timing=False, resources=resources
+        ).execute()
     if write:
         nbformat.write(notebook, path)
 

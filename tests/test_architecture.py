@@ -40,6 +40,12 @@ ROOMS = {
         "labyrinth_core.pictures",
         "labyrinth_core.data",
     ),
+    "labyrinth_core.policies": (
+        "labyrinth_core.world",
+        "labyrinth_core.pictures",
+        "labyrinth_core.data",
+        "labyrinth_core.evaluation",
+    ),
     "labyrinth_core.command": (
         "labyrinth_core.world",
         "labyrinth_core.language",
@@ -53,6 +59,7 @@ ROOMS = {
     "pipeline.release": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline.training": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline.evaluation": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.export": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "run": ("pipeline.__main__",),
 }
@@ -63,12 +70,20 @@ HOMES = {
     "hydra": ("pipeline.command", "pipeline.config"),
     "omegaconf": ("pipeline.command", "pipeline.config"),
     "numpy": ("labyrinth_core", "pipeline"),
-    "pyarrow": ("labyrinth_core.data", "pipeline.generation"),
-    "datasets": ("labyrinth_core.data", "pipeline.generation", "pipeline.release.verify"),
+    "pyarrow": ("labyrinth_core.data", "pipeline.generation", "pipeline.export"),
+    "datasets": (
+        "labyrinth_core.data",
+        "pipeline.generation",
+        "pipeline.release.verify",
+        "pipeline.export",
+    ),
+    "pandas": ("pipeline.export.lerobot",),
+    "minari": ("pipeline.export.minari",),
     "filelock": ("labyrinth_core.data",),
     "fsspec": ("labyrinth_core.data",),
     "huggingface_hub": (
         "labyrinth_core.data",
+        "labyrinth_core.policies",
         "pipeline.release",
         "pipeline.machinery.stable_baselines",  # By id.
     ),
@@ -79,6 +94,7 @@ HOMES = {
         "labyrinth_core.data.observations",
         "pipeline.generation.check",
         "pipeline.release",
+        "pipeline.export.picture",
     ),
     "rich": ("pipeline",),
     "yaml": ("pipeline", "labyrinth_core.data.source"),  # There, what broken cards raise.
@@ -86,11 +102,16 @@ HOMES = {
     "distributed": ("pipeline.machinery.executor",),
     "ray": ("pipeline.machinery.executor",),
     "torch": (
+        "labyrinth_core.policies",
         "pipeline.training",
         "pipeline.machinery.stable_baselines",  # Weights, read without pickle.
     ),
-    "safetensors": ("pipeline.training",),
-    "gymnasium": ("labyrinth_core.env", "pipeline.analysis.environments"),
+    "safetensors": ("labyrinth_core.policies", "pipeline.training"),
+    "gymnasium": (
+        "labyrinth_core.env",
+        "pipeline.analysis.environments",
+        "pipeline.export.minari",
+    ),
     "mujoco": ("pipeline.analysis.environments",),
     "matplotlib": ("pipeline.analysis", "pipeline.training"),
     "tensorboard": ("pipeline.training.record",),
@@ -109,6 +130,7 @@ AT_ONCE_IN_THE_LIBRARY = {
     "labyrinth_core": ("numpy",),
     "labyrinth_core.env": ("numpy", "gymnasium"),
     "labyrinth_core.env.window": ("numpy", "pygame"),
+    "labyrinth_core.policies.networks": ("numpy", "torch"),
 }
 """Room or module of the library -> what importing it may import; the rest waits in functions."""
 
@@ -284,6 +306,8 @@ def test_every_package_of_the_project_is_a_room():
         ("labyrinth_core/env/environment", "from . import window"),
         ("labyrinth_core/command/main", "from PIL import Image"),
         ("labyrinth_core/evaluation/scores", "def f():\n    import torch"),
+        ("labyrinth_core/policies/load", "import torch"),
+        ("labyrinth_core/evaluation/scores", "from labyrinth_core.policies import load"),
         ("pipeline/config/run", "import pipeline.generation.build"),
         ("pipeline/config/run", "from pipeline import generation"),
         ("pipeline/config/run", "from ..machinery import executor"),
@@ -321,6 +345,11 @@ def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source)
         ("labyrinth_core/env/environment", "def f():\n    import pygame, PIL.Image"),
         ("labyrinth_core/env/environment", "def f():\n    from .window import Window"),
         ("labyrinth_core/env/window", "import pygame"),
+        ("labyrinth_core/policies/networks/network", "import torch"),
+        (
+            "labyrinth_core/policies/load",
+            "def f():\n    import torch, safetensors, huggingface_hub",
+        ),
         (
             "labyrinth_core/env/environment",
             "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .window import Window",
@@ -370,11 +399,12 @@ OURS = {"labyrinth_core", "pipeline"}
 LIBRARIES = {*packages_distributions(), *HOMES, "cv2", "pandas"} - sys.stdlib_module_names - OURS
 
 
-def test_the_library_needs_numpy_alone_but_for_its_environments():
+def test_the_library_needs_numpy_alone_but_for_its_environments_and_networks():
+    others = ("labyrinth_core.env", "labyrinth_core.policies.networks")
     modules = [
         name
         for name in modules_of(ROOT)
-        if within(name, "labyrinth_core") and not within(name, "labyrinth_core.env")
+        if within(name, "labyrinth_core") and not within(name, *others)
     ]
     assert {"labyrinth_core.world.solver", "labyrinth_core.data.loader"} <= set(modules)
     loaded = loaded_by("\n".join(f"importlib.import_module({name!r})" for name in modules))

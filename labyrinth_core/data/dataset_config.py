@@ -45,6 +45,8 @@ class DatasetConfig:
     """The splits besides the six that every dataset has, in the order of `SHIFTS`."""
     noise: float = 0.0
     """The probability with which a demonstrator takes a uniformly random action."""
+    pieces: int = 0
+    """The number of steps of the pieces that routes are handed out in; 0 for whole routes."""
 
     def __post_init__(self) -> None:
         size = f"{self.height}x{self.width}"
@@ -69,6 +71,11 @@ class DatasetConfig:
         if self.noise and self.solutions != "shortest":
             raise ValueError(
                 f"demonstrations.noise={self.noise}: give solutions=shortest, not {self.solutions}"
+            )
+        if self.pieces < 0:
+            raise ValueError(
+                f"demonstrations.pieces={self.pieces}: give a number of steps, or 0 for whole "
+                "routes"
             )
         check_open_walls(self.task, self.open_walls)
         if min(self.buckets) < 1 or sum(self.buckets) != 100:
@@ -116,6 +123,10 @@ class DatasetConfig:
         """The names of all splits, in order."""
         return BASE_SPLITS + self.shifts
 
+    def is_in_pieces(self, split: str) -> bool:
+        """Return whether the episodes of a split are pieces of routes."""
+        return self.pieces > 0 and split != "random"
+
     @property
     def name(self) -> str:
         """The name of the config on the Hub and of the folder, such as `5x5-key_and_door`."""
@@ -151,7 +162,7 @@ class DatasetConfig:
         return cls(task=Task(task), buckets=buckets, shifts=tuple(shifts), **plain)
 
 
-_NEWER: dict[str, Any] = {"min_walls": 1, "shifts": [], "noise": 0.0}
+_NEWER: dict[str, Any] = {"min_walls": 1, "shifts": [], "noise": 0.0, "pieces": 0}
 """The options that datasets of earlier versions lack, with what they stand for there."""
 
 _IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}

@@ -14,15 +14,19 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.source import RawRow
 from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.language.text import labyrinth_id, parse, without_agent
 from labyrinth_core.world.dynamics import initial, state_index, transition
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.rollout import Episode, replay
 from labyrinth_core.world.solver import optimal_actions
 
 
 def episodes_of(
-    rows: Iterable[RawRow], spec: ObservationSpec, part: int = 0, parts: int = 1
+    rows: Iterable[RawRow],
+    spec: ObservationSpec,
+    part: int = 0,
+    parts: int = 1,
+    together: int = 1,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of rows in order, which may cross the ends of shards and batches.
 
@@ -31,26 +35,37 @@ def episodes_of(
         spec: What is observed.
         part: Which of the parts to yield, from 0.
         parts: The number of parts that the episodes are dealt out to, one after the other.
+        together: How many episodes are read and observed before the first of them is yielded.
 
     Raises:
         DatasetError: The rows do not make episodes.
     """
-    for episode_rows in islice(grouped(rows), part, None, parts):
-        info, actions = episode_rows[0].info, [row.actions for row in episode_rows[:-1]]
-        try:
-            labyrinth, number = parse_info(info)
-            episode = replay(labyrinth, actions)
-        except ValueError as error:
-            reason = str(error).partition("\n")[0]
-            raise DatasetError(f"an episode cannot be replayed: {reason}") from error
-        yield LoadedEpisode(
-            labyrinth_id=number,
-            info=info,
-            observations=spec.observe(episode, [row.png for row in episode_rows]),
-            actions=np.array(actions, np.int64),
-            rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
-            terminated=episode.terminated,
-        )
+    chosen = islice(grouped(rows), part, None, parts)
+    while some := list(islice(chosen, together)):
+        numbers, episodes = zip(*map(_replayed, some), strict=True)
+        pngs = [[row.png for row in episode_rows] for episode_rows in some]
+        observations = spec.observe(episodes, pngs)
+        for number, episode_rows, episode, seen in zip(
+            numbers, some, episodes, observations, strict=True
+        ):
+            yield LoadedEpisode(
+                labyrinth_id=number,
+                info=episode_rows[0].info,
+                observations=seen,
+                actions=np.array([row.actions for row in episode_rows[:-1]], np.int64),
+                rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
+                terminated=episode.terminated,
+            )
+
+
+def _replayed(rows: list[RawRow]) -> tuple[int, Episode]:
+    """Return the labyrinth id and the episode of rows; raise DatasetError if they make none."""
+    try:
+        labyrinth, number = parse_info(rows[0].info)
+        return number, replay(labyrinth, [row.actions for row in rows[:-1]])
+    except ValueError as error:
+        reason = str(error).partition("\n")[0]
+        raise DatasetError(f"an episode cannot be replayed: {reason}") from error
 
 
 def optimal_actions_of(rows: Iterable[RawRow]) -> NDArray[np.bool_]:
@@ -61,8 +76,9 @@ def optimal_actions_of(rows: Iterable[RawRow]) -> NDArray[np.bool_]:
     """
     found = []
     for episode_rows in grouped(rows):
-        labyrinth, optimal = _solved(episode_rows[0].info)
-        state = initial(labyrinth)
+        info = episode_rows[0].info
+        labyrinth, optimal = _solved(without_agent(info))
+        state = initial(parse_info(info)[0])
         places = []
         for row in episode_rows[:-1]:
             places.append(state_index(labyrinth, state))

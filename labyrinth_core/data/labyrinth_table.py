@@ -47,7 +47,7 @@ TABLE_COLUMNS = (
     _column("goal", "int32", "cell of the goal, likewise"),
     _column("moves", "int32", "moves on a shortest route"),
     _column("optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"),
-    _column("turns", "int32", "changes of direction in its first episode; null in random"),
+    _column("turns", "int32", "changes of direction on its first route; null in random"),
     _column("loops", "int32", "passages beyond those of a tree"),
     _column("branching", "int32", "cells with three or four passages"),
     _column("dead_ends", "int32", "cells with one passage"),

@@ -96,7 +96,7 @@ def _transitions(
     part: Part, split: str, spec: ObservationSpec, cache_dir: str | Path | bool | None
 ) -> Transitions:
     def episodes() -> Generator[LoadedEpisode]:
-        return episodes_of(part.rows(pictures=spec.decodes), spec)
+        return episodes_of(part.rows(pictures=spec.decodes), spec, together=spec.together)
 
     if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
         try:

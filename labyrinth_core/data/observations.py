@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
-from labyrinth_core.pictures.renderer import Painter, style_of
 from labyrinth_core.pictures.resize import area_average, shrink
+from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -27,7 +27,7 @@ RESIZES = {
     "area": (None, "area"),
     "original": (2, "bilinear"),
 }
-"""Way of resizing -> the thickness of walls if it is not the look's, and the filter of `shrink`.
+"""Way of resizing -> the thickness of walls if it is not the look's, and one of `resize.RESIZES`.
 
 `original` is for comparison: walls are two pixels thick and are not antialiased, as in the authors'
 pictures, so that most walls vanish at 64 x 64. It is always drawn, since the walls of the pictures
@@ -39,6 +39,9 @@ PICTURES_VERSION = 1
 
 Any change of a pixel increases it.
 """
+
+DRAWN_BYTES = 2**20
+"""The bytes of pictures, one for each of the episodes that are drawn together."""
 
 CACHED_BYTES = 64 * 2**20
 """The size of the cache of decoded pictures."""
@@ -74,31 +77,44 @@ class ObservationSpec:
         """Whether the pictures in `obs` are needed."""
         return self.observation == "image" and not self.draw and self.resize == "area"
 
-    def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
-        """Return the observations of an episode, whose pictures are used only if it `decodes`.
+    @property
+    def together(self) -> int:
+        """How many episodes are best observed together, if all of them are needed."""
+        if self.observation != "image" or self.decodes:
+            return 1
+        return max(1, min(64, DRAWN_BYTES // (3 * self.image_size**2)))
+
+    def observe(
+        self, episodes: Sequence[Episode], pngs: Sequence[Sequence[bytes | None]]
+    ) -> list[NDArray[Any]]:
+        """Return the observations of episodes, whose pictures are used only if it `decodes`.
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
         if self.decodes:
             decode = _remembering_decoder(self.image_size)
-            return np.stack([decode(png) for png in pngs])
-        place = {state: number for number, state in enumerate(dict.fromkeys(episode.states))}
-        return self.look(episode.labyrinth, place)[[place[state] for state in episode.states]]
+            return [np.stack([decode(png) for png in of_one]) for of_one in pngs]
+        places = [
+            {state: place for place, state in enumerate(dict.fromkeys(episode.states))}
+            for episode in episodes
+        ]
+        both = list(zip(episodes, places, strict=True))
+        seen = self.look([(episode.labyrinth, state) for episode, place in both for state in place])
+        parts = np.split(seen, np.cumsum(list(map(len, places)))[:-1])
+        return [
+            part[[place[state] for state in episode.states]]
+            for (episode, place), part in zip(both, parts, strict=True)
+        ]
 
-    def look(self, labyrinth: Labyrinth, states: Iterable[State]) -> NDArray[Any]:
-        """Return the observations of states of a labyrinth; pictures are drawn."""
+    def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
+        """Return the observations of states of several labyrinths; pictures are drawn together."""
         if self.observation == "text":
-            return np.array([describe(labyrinth, state) for state in states])
+            return np.array([describe(labyrinth, state) for labyrinth, state in views])
         if self.observation == "vector":
-            return np.stack([vector_observation(labyrinth, state) for state in states])
-        wall_pixels, way = RESIZES[self.resize]
-        strips = _painter(labyrinth, style_of(labyrinth, wall_pixels)).strips
-        return np.stack([shrink(strips(state), self.image_size, way) for state in states])
-
-
-_painter = lru_cache(maxsize=1)(Painter)
-"""The painter of a labyrinth; cached, as consecutive episodes may share a labyrinth."""
+            return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
+        wall_pixels, resize = RESIZES[self.resize]
+        return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
 
 
 @lru_cache(maxsize=1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -16,6 +15,7 @@ from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.source import RawRow, locate, read_rows
 from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.language.text import without_agent
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
@@ -145,6 +145,6 @@ def rows_of(rows: Iterable[RawRow], numbers: Numbers | None) -> Iterator[RawRow]
     if numbers is None:
         yield from rows
         return
-    labyrinths = enumerate(groupby(rows, attrgetter("info")))
+    labyrinths = enumerate(groupby(rows, lambda row: without_agent(row.info)))
     for wanted in numbers.tolist():
         yield from next((own for number, (_, own) in labyrinths if number == wanted), ())

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import chain, groupby
 from pathlib import Path
+from posixpath import normpath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labyrinth_core.data.columns import footer_problem, open_shard, tables_of, texts
@@ -17,7 +18,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_c
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 _TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 
 
@@ -37,7 +38,7 @@ def locate(
 ) -> AnyPath:
     """Return the folder with a dataset's manifest and other files, given by names or patterns.
 
-    For an id on the Hub they are downloaded to its cache first.
+    For an id on the Hub they are downloaded to its cache first; `../README.md` is that of all.
 
     Raises:
         DatasetError: There is no such folder, or the Hub does not give it.
@@ -67,7 +68,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
                 )
             raise _not_held(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
         return folder / config
-    if not _HUB_ID.fullmatch(str(source)):
+    if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
     return None
 
@@ -75,7 +76,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
 def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
     from huggingface_hub import HfApi, snapshot_download
 
-    patterns = [f"{config}/{name}" for name in (MANIFEST, *files)]
+    patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
     with _had(source):
         snapshot = snapshot_download(
             source, repo_type="dataset", revision=revision, allow_patterns=patterns

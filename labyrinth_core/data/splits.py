@@ -78,6 +78,9 @@ SPLITS = {
     "thin_walls": Split(
         "the labyrinths and routes of test with thin walls", "test", "test", look=Look.THIN_WALLS
     ),
+    "test_new_routes": Split(
+        "other structures, none with an optimal route that train demonstrates", "test"
+    ),
 }
 """Split -> what it holds."""
 

@@ -100,20 +100,21 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         self._observer = Observer(observation, image_size)
         self._normalised = chosen("reward", reward, REWARDS) == "normalised"
         self._max_episode_steps = max_episode_steps
+        shape = self.source.shape
+        self._limit = step_limit(shape.height * shape.width, max_episode_steps)
         if render_mode is not None:
             chosen("render_mode", render_mode, RENDER_MODES)
         self.render_mode = render_mode
         self.action_space = Discrete(4)
-        self._set_shape(self.source.shape)
+        self._set_shape(shape)
         self._labyrinth: Labyrinth | None = None
         self._window: Window | None = None
         self._over = True
 
     def _set_shape(self, shape: Shape) -> None:
-        """Adapt the observation space and the step limit to the shape of a labyrinth."""
+        """Adapt the observation space to the shape of a labyrinth."""
         self._shape = shape
         self.observation_space = self._observer.space(*shape)
-        self._limit = step_limit(shape.height * shape.width, self._max_episode_steps)
 
     @property
     def labyrinth(self) -> Labyrinth:
@@ -137,16 +138,22 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
             options: For this episode only: `labyrinth` (as in the constructor), `task`, `start`
                 and `goal` (each `(row, column)`, row 0 at the bottom). If task, start or goal
                 differ from the labyrinth's own, the tiles of its task are placed anew. The
-                observation space changes if the labyrinth has another size or task.
+                observation space changes if the labyrinth has another size or task. Besides,
+                `max_episode_steps`, a limit for this episode instead of the constructor's.
 
         Raises:
             ValueError: An option has no such name, or a value that is impossible.
         """
         super().reset(seed=seed)
+        options = dict(options or {})
+        most = options.pop("max_episode_steps", None)
         labyrinth = self.source.draw(self.np_random, options)
+        most = self._max_episode_steps if most is None else most
+        limit = step_limit(labyrinth.structure.cells, most)
         if labyrinth is not self._labyrinth:
             self._load(labyrinth)
         self._state = self._initial
+        self._limit = limit
         self._steps = 0
         self._over = False
         if self.render_mode == "human":

@@ -76,6 +76,7 @@ class LabyrinthSource(NamedTuple):
         )
         if labyrinth is None:
             return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
+        labyrinth = labyrinth if start is None else labyrinth.from_start()
         start = labyrinth.start if start is None else start
         goal = labyrinth.goal if goal is None else goal
         if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):
@@ -149,10 +150,10 @@ def step_limit(cells: int, max_episode_steps: int | None) -> int:
     """Return the number of steps after which an episode in so many cells is truncated.
 
     Raises:
-        ValueError: `max_episode_steps`, a limit that may be lower, is below 1.
+        ValueError: `max_episode_steps`, a limit that may be lower, is no whole number from 1 on.
     """
     if max_episode_steps is None:
         return STEP_LIMIT * cells
-    if max_episode_steps < 1:
+    if not isinstance(max_episode_steps, int | np.integer) or max_episode_steps < 1:
         raise ValueError(f"max_episode_steps={max_episode_steps}: give a whole number from 1 on")
-    return min(STEP_LIMIT * cells, max_episode_steps)
+    return min(STEP_LIMIT * cells, int(max_episode_steps))

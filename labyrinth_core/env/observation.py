@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.pictures.vector import GONE, ICE, WALL, tile_count, vector_observation
-from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 
 Kind = Literal["image", "vector", "state"]
@@ -24,18 +24,18 @@ DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the baselines' pictures (supplement, section 4)."""
 CACHE_BYTES = 16 * 1024 * 1024
 """Memory for pictures and vectors that may be observed again."""
+TOGETHER, TOGETHER_BYTES = 32, 2**21
+"""How many neighbouring states are drawn together, and the most bytes of their pictures."""
 
 
 class Observer:
     """Turns states into observations of one kind, each an array of its own.
 
-    The cache holds at least two observations of each environment.
-
     Raises:
         ValueError: There is no such kind, or no picture of such a size.
     """
 
-    def __init__(self, kind: Kind, image_size: int, environments: int = 1) -> None:
+    def __init__(self, kind: Kind, image_size: int) -> None:
         chosen("observation", kind, get_args(Kind))
         if image_size not in range(1, PICTURE_SIZE + 1):
             raise ValueError(
@@ -43,11 +43,16 @@ class Observer:
             )
         self.kind = kind
         self._image_size = int(image_size)
-        self._environments = environments
+        self._together = 1
+        if kind == "image":
+            self._together = max(1, min(TOGETHER, TOGETHER_BYTES // (3 * self._image_size**2)))
         self._cached: Callable[[Labyrinth, int], Array] | None = None
+        self._latest: tuple[Labyrinth | None, int, Any] = None, 0, None
+        """A labyrinth, the number of a block of its states, and their observations."""
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_cached": None}  # A cache cannot be pickled, and fills up again.
+        # A cache cannot be pickled, and fills up again.
+        return vars(self) | {"_cached": None, "_latest": (None, 0, None)}
 
     def space(self, height: int, width: int, task: Task) -> Space[Any]:
         """Return the space of the observations of labyrinths of a size and task.
@@ -73,12 +78,25 @@ class Observer:
             number: np.int64 = np.int64(state)
             return number
         if self._cached is None:
-            size: int = self._draw(labyrinth, state).nbytes
-            self._cached = lru_cache(max(CACHE_BYTES // size, 2 * self._environments))(self._draw)
-        return cast("Array", self._cached(labyrinth, state).copy())
+            size: int = self._draw(labyrinth, 0).nbytes
+            self._cached = lru_cache(max(CACHE_BYTES // size, 2))(self._draw)
+        block, place = divmod(state, self._together)
+        if labyrinth is not self._latest[0] or block != self._latest[1]:  # To hash takes longer.
+            self._latest = labyrinth, block, self._cached(labyrinth, block)
+        observation: Array = self._latest[2][place].copy()
+        return observation
 
-    def _draw(self, labyrinth: Labyrinth, number: int) -> Array:
-        state = state_at(labyrinth, number)
+    def _draw(self, labyrinth: Labyrinth, block: int) -> Array:
+        first = block * self._together
+        end = min(first + self._together, state_count(labyrinth))
+        drawn: Array = self.batch([(labyrinth, state) for state in range(first, end)])
+        return drawn
+
+    def batch(self, shown: Sequence[tuple[Labyrinth, int]]) -> NDArray[Any]:
+        """Return the observations of some states of labyrinths, given by number; N rows."""
+        if self.kind == "state":
+            return np.array([number for _, number in shown])
+        views = [(labyrinth, state_at(labyrinth, number)) for labyrinth, number in shown]
         if self.kind == "image":
-            return render(labyrinth, state, self._image_size)
-        return vector_observation(labyrinth, state)
+            return draw(views, self._image_size)
+        return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.text import dump, labyrinth_id
+from labyrinth_core.language.drawing import dump_many
+from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.vector import (
     GONE,
     OPEN,
@@ -19,8 +20,10 @@ from labyrinth_core.pictures.vector import (
     grid_indices,
     hide,
     initial_vector,
+    initial_vectors,
     tile_count,
 )
+from labyrinth_core.world.batch_tables import BatchTables
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.state_tables import LabyrinthTables
 from labyrinth_core.world.visibility import seen_together
@@ -35,7 +38,7 @@ class Stack:
         self._cells = height * width
         states = self._cells * (3 if task is Task.KEY_AND_DOOR else 1)
         self.labyrinths: list[Labyrinth | None] = [None] * count
-        """The labyrinth in each place; None where none was loaded."""
+        """The labyrinth in each place; None where none was loaded, or `at` has not been asked."""
         self._first = np.arange(count, dtype=np.int64) * states
         """The number of the first state of each labyrinth."""
         self._initial = self._first.copy()
@@ -69,10 +72,44 @@ class Stack:
         self._shared_names = None
         self._vectors[place] = initial_vector(tables.labyrinth)
 
+    def load_many(self, places: NDArray[np.int64], tables: BatchTables, task: Task) -> None:
+        """Put labyrinths of a task without tiles into as many places."""
+        structures, start, goal = tables.structures, tables.start, tables.goal
+        first = self._first[places]
+        self._initial[places] = first + start
+        self._transitions[places] = tables.transitions + first[:, None, None]
+        self._rewards[places] = tables.rewards
+        self._terminal[places] = tables.terminal
+        self._distances[places] = tables.distances
+        self._optimal[places] = tables.optimal_actions
+        texts = dump_many(structures, start, goal, task)
+        self._names[0, places] = [labyrinth_id(text) for text in texts]
+        self._names[1, places] = texts
+        self._vectors[places] = initial_vectors(structures, start, goal, task)
+        self._changed(places)
+
+    def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:
+        """Put the labyrinths that are in some places of another stack into the same places here."""
+        for ours, theirs in zip(self._arrays(), other._arrays(), strict=True):
+            ours[places] = theirs[places]
+        self._names[:, places] = other._names[:, places]
+        self._changed(places)
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays with a row for each labyrinth."""
+        tables = self._initial, self._transitions, self._rewards, self._terminal
+        return *tables, self._distances, self._optimal, self._vectors
+
+    def _changed(self, places: NDArray[np.int64]) -> None:
+        for place in places.tolist():
+            self.labyrinths[place] = None
+        self._shared_names = None
+
     def at(self, place: int) -> tuple[Labyrinth, int]:
         """Return the labyrinth in a place, and the number of its state."""
         labyrinth = self.labyrinths[place]
-        assert labyrinth is not None
+        if labyrinth is None:
+            self.labyrinths[place] = labyrinth = parse(self._names[1, place])
         return labyrinth, int(self._now[place] - self._first[place])
 
     def restart(self, mask: NDArray[np.bool_]) -> None:

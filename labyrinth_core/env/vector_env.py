@@ -19,6 +19,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.environment import REWARDS
+from labyrinth_core.env.gallery import Gallery
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
     LabyrinthSource,
@@ -27,6 +28,7 @@ from labyrinth_core.env.labyrinth_source import (
     chosen,
     step_limit,
 )
+from labyrinth_core.env.next_labyrinths import NextLabyrinths
 from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
@@ -40,6 +42,8 @@ Batch = NDArray[Any]
 Infos = dict[str, Any]
 
 RENDER_MODES = ("rgb_array", "ansi")
+PICTURE_MEMORY = 2**30
+"""The bytes for pictures that are kept by default; it holds 50,000 labyrinths of 5x5 at 64 x 64."""
 
 
 class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
@@ -47,8 +51,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     Observations, rewards, ends and infos are those of `LabyrinthEnv`, batched as Gymnasium's
     `SyncVectorEnv` batches them; sub-environment i of a vector seeded with s is a `LabyrinthEnv`
-    seeded with s + i. The caller may keep and change the arrays returned, except that those of
-    strings in the infos are read-only, and the same ones until a labyrinth changes.
+    seeded with s + i. The caller may keep and change the arrays returned, except pictures with
+    `copy=False`, and except that those of strings in the infos are read-only, and the same ones
+    until a labyrinth changes.
     """
 
     def __init__(
@@ -65,6 +70,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        copy: bool = True,
+        picture_memory: int = PICTURE_MEMORY,
     ) -> None:
         """Make the environments; `reset` them before the first step.
 
@@ -82,6 +89,11 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             autoreset_mode: When a sub-environment begins its next episode: at the step after the
                 last of an episode, in that same step, or never by itself.
             render_mode: What `render` returns for each: `rgb_array` or `ansi`.
+            copy: Whether each step returns pictures in an array of its own. Otherwise it is always
+                the same, read-only array, which the next step changes.
+            picture_memory: The most bytes for pictures that are kept to be changed, some 20 KB
+                for each sub-environment of 5x5 at 64 x 64. Sub-environments for which there is no
+                room are drawn anew at every step. The arrays that are returned do not count.
 
         Raises:
             ValueError: An argument has a value that is impossible.
@@ -100,7 +112,12 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         }
         self._sources = _sources(num_envs, size, task, labyrinth, labyrinths)
         self._shape = self._sources[0].shape
-        self._observer = Observer(observation, image_size, num_envs)
+        self._observer = Observer(observation, image_size)
+        if picture_memory < 0:
+            raise ValueError(f"picture_memory={picture_memory}: give a number of bytes, 0 or more")
+        self._gallery: Gallery | None = None
+        if observation == "image":
+            self._gallery = Gallery(num_envs, self._shape, image_size, picture_memory, copy=copy)
         self._normalised = chosen("reward", reward, REWARDS) == "normalised"
         self._limit = step_limit(self._shape.height * self._shape.width, max_episode_steps)
         self.single_action_space = Discrete(4)
@@ -109,6 +126,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._stack = Stack(num_envs, *self._shape)
+        self._next: NextLabyrinths | None = None
+        if self._sources[0].kept is None and NextLabyrinths.pay(num_envs, self._shape):
+            self._next = NextLabyrinths(num_envs, self._shape, normalised=self._normalised)
         self._begun = np.zeros(num_envs, np.bool_)
         self._over = np.zeros(num_envs, np.bool_)
         self._steps = np.zeros(num_envs, np.int64)
@@ -141,6 +161,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             raise ValueError(f"seed: give one, or {self.num_envs} of them, not {len(seeds)}")
         for place, number in enumerate(seeds):
             if mask[place] and number is not None:
+                if self._next is not None:
+                    self._next.forget(place, None)
                 self._generators[place], _ = seeding.np_random(number)
         self._restart(mask, options)
         return self._observe(), self._infos(mask)
@@ -159,14 +181,22 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
-        places = np.flatnonzero(mask).tolist()
+        begun = np.flatnonzero(mask)
+        if self._next is not None and not options:
+            begun = self._next.load(self._stack, begun, self._generator)
+        places = begun.tolist()
         # All are drawn before any is loaded, so that an impossible option changes nothing.
         drawn = [self._draw(place, options) for place in places]
         tables: dict[Labyrinth, LabyrinthTables] = {}
+        same: list[int] = []
         for place, labyrinth in zip(places, drawn, strict=True):
             if labyrinth is not self._stack.labyrinths[place]:
                 made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
                 self._stack.load(place, tables.setdefault(labyrinth, made))
+            else:
+                same.append(place)
+        if self._gallery is not None:
+            self._gallery.forget(np.setdiff1d(np.flatnonzero(mask), same))
         self._stack.restart(mask)
         self._steps[mask] = 0
         self._over[mask] = False
@@ -176,13 +206,19 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         source = self._sources[place]
         if source.kept is not None and not options:
             return source.kept
+        generator = self._generator(place)
+        if self._next is not None:
+            self._next.forget(place, generator)
+        labyrinth = source.draw(generator, options)
+        _check_shape(labyrinth, self._shape)
+        return labyrinth
+
+    def _generator(self, place: int) -> np.random.Generator:
         generator = self._generators[place]
         if generator is None:
             generator, _ = seeding.np_random()
             self._generators[place] = generator
-        labyrinth = source.draw(generator, options)
-        _check_shape(labyrinth, self._shape)
-        return labyrinth
+        return generator
 
     def step(self, actions: Batch) -> tuple[Batch, Batch, Batch, Batch, Infos]:
         """Take an action in each, and return observations, rewards, ends and infos.
@@ -237,8 +273,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
     def _finish(self, over: Mask) -> Infos:
         """Return the last observations and infos of episodes, and begin the next ones."""
         observations = np.full(self.num_envs, None, object)
-        for place in np.flatnonzero(over).tolist():
-            observations[place] = self._observer.observe(*self._stack.at(place))
+        places = np.flatnonzero(over).tolist()
+        last = self._observer.batch([self._stack.at(place) for place in places])
+        for place, observation in zip(places, last, strict=True):
+            observations[place] = observation.copy()  # An array of its own.
         final = {
             "final_obs": observations,
             "_final_obs": over.copy(),
@@ -253,8 +291,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             return self._stack.states()
         if self._observer.kind == "vector":
             return self._stack.vectors()
-        places = range(self.num_envs)
-        return np.stack([self._observer.observe(*self._stack.at(place)) for place in places])
+        assert self._gallery is not None
+        return self._gallery.pictures(self._stack)
 
     def _infos(self, mask: Mask | None = None) -> Infos:
         """Return the infos of the sub-environments of a mask; the others' are empty."""

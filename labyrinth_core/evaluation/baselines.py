@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.following import Episodes, follow
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.scores import summary_of
 from labyrinth_core.world.dynamics import STEP_PENALTY
 
 BASELINES = {
@@ -28,18 +30,9 @@ def compare(train: LabyrinthArrays, arrays: LabyrinthArrays) -> dict[str, dict[s
     """Return the figures of each baseline on a split; it knows the demonstrations of `train`."""
     return {
         "random": random_figures(arrays),
-        "majority": _figures(follow(arrays, majority_actions(train)[arrays.position])),
-        "fixed_path": _figures(follow_route(arrays, best_route(train))),
-        "oracle": _figures(follow(arrays, arrays.optimal.argmax(axis=1))),
-    }
-
-
-def _figures(episodes: Episodes) -> dict[str, float]:
-    returns = episodes.returns
-    return {
-        "sr": float(episodes.solved.mean()),
-        "aer": float(returns.mean()),
-        "aer_std": float(returns.std()),
+        "majority": summary_of(follow(arrays, majority_actions(train)[arrays.position]), arrays),
+        "fixed_path": summary_of(follow_route(arrays, best_route(train)), arrays),
+        "oracle": oracle_figures(arrays),
     }
 
 
@@ -54,10 +47,14 @@ def majority_actions(train: LabyrinthArrays) -> NDArray[np.int64]:
 
 
 def best_route(train: LabyrinthArrays) -> tuple[int, ...]:
-    """Return the demonstrated route, of the 500 most frequent, that solves most labyrinths."""
-    counts = Counter(tuple(route.tolist()) for route in train.routes)
+    """Return the demonstrated route, of the 500 most frequent, that solves most labyrinths.
+
+    Of routes in pieces it is one of the first pieces.
+    """
+    from_start = np.isin(train.route_starts, train.initial).tolist()
+    counts = Counter(tuple(route.tolist()) for route in compress(train.routes, from_start))
     routes = [route for route, _ in counts.most_common(500)]
-    return max(routes, key=lambda route: follow_route(train, route).solved.sum())
+    return max([*routes, ()], key=lambda route: follow_route(train, route).solved.sum())
 
 
 def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
@@ -75,6 +72,11 @@ def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
     return Episodes(outcomes, np.where(ended, moves, arrays.step_limit), arrays.cells)
 
 
+def oracle_figures(arrays: LabyrinthArrays) -> dict[str, float]:
+    """Return the figures of an optimal action in every state."""
+    return summary_of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays)
+
+
 def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     """Return the exact expectations of uniformly random actions.
 
@@ -87,15 +89,21 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     sources, targets = here[onward], arrays.next_state.ravel()[onward]
     last, paid = here[ends], arrays.rewards.ravel()[ends].astype(np.float64)
     penalty = STEP_PENALTY / arrays.cells
+    goals = paid > 0
+    distance = arrays.distance[arrays.labyrinth[last[goals]]]
     alive = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
-    solved = mean = square = 0.0
+    solved = within = spl = mean = square = 0.0
     for step in range(arrays.step_limit):
         ending, returns = alive[last] / 4, paid - penalty * step
-        solved += float(ending[paid > 0].sum())
+        reaching = ending[goals]
+        solved += float(reaching.sum())
+        within += float(reaching.sum()) if step < arrays.cells else 0.0
+        spl += float(reaching @ distance) / (step + 1)
         mean += float(ending @ returns)
         square += float(ending @ returns**2)
         alive = np.bincount(targets, alive[sources] / 4, count)
     left, cut = float(alive.sum()), -penalty * arrays.step_limit
     mean, square = mean + left * cut, square + left * cut**2
     deviation = max(square - mean**2, 0.0) ** 0.5
-    return {"sr": solved, "aer": mean, "aer_std": deviation}
+    figures = {"sr": solved, "sr_within_cells": within, "spl": spl}
+    return figures | {"aer": mean, "aer_std": deviation}

@@ -9,7 +9,8 @@ results.save("results/mine.json", name="my method", url="https://example.org")
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,10 @@ from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.evaluation.answers import PolicyError, decide
+from labyrinth_core.evaluation.baselines import oracle_figures, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.replanner import Replanner
+from labyrinth_core.evaluation.references import TrainMemory
+from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.evaluation.stepping import Player, step_through
@@ -86,15 +89,20 @@ def evaluate(
     looks_up = player.forgets and episodes is None
     manifest = Manifest.read(locate(source, config, [], revision))
     load = partial(load_arrays, source, config, revision=revision)
+    chosen = _chosen(splits, manifest)
+    memory = TrainMemory.of(load("train", observation="vector"))
+    judge = partial(_looked_up if looks_up else partial(_stepped, episodes=episodes or 1), player)
     scores: dict[str, Scores] = {}
-    baselines: dict[str, dict[str, Scores]] = {}
-    for split in _chosen(splits, manifest):
+    baselines: dict[str, dict[str, dict[str, float]]] = {}
+    for split in chosen:
         # No name is given to the arrays, so that those of one split are gone before the next ones.
-        judge = _looked_up if looks_up else partial(_stepped, episodes=episodes or 1)
-        scores[split] = judge(player, load(split, observation=observation, image_size=image_size))
+        scores[split], beside = _compared(
+            judge, memory, load(split, observation=observation, image_size=image_size)
+        )
         if manifest.config.task is Task.PARTIAL_OBSERVABILITY:
-            for name, found in _replanned(load(split, observation="vector")).items():
-                baselines.setdefault(name, {})[split] = found
+            beside |= replan(load(split, observation="vector"))
+        for name, figures in beside.items():
+            baselines.setdefault(name, {})[split] = figures
     return Results(
         dataset=str(source),
         revision=revision,
@@ -122,6 +130,15 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
     return chosen
 
 
+def _compared(
+    judge: Callable[[LabyrinthArrays], Scores], memory: TrainMemory, arrays: LabyrinthArrays
+) -> tuple[Scores, dict[str, dict[str, float]]]:
+    """Return the scores on a split, and the figures of what needs no learning by name."""
+    known, figures = memory.figures(arrays)
+    figures |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
+    return replace(judge(arrays), known_route=known), figures
+
+
 def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
     """Return the scores by look-ups, if a policy that is asked twice answers alike."""
     some = np.flatnonzero(~arrays.terminal)[:TRIED]
@@ -137,15 +154,3 @@ def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
 def _stepped(player: Player, arrays: LabyrinthArrays, episodes: int) -> Scores:
     stepped = step_through(player, arrays, episodes)
     return Scores(stepped, arrays.labyrinth_ids, arrays.distance, None, None)
-
-
-def _replanned(arrays: LabyrinthArrays) -> dict[str, Scores]:
-    """Return the scores of the replanner with memory and without; it looks at vectors."""
-    structure = arrays.labyrinths[0].structure
-    with_memory, without = (
-        Replanner(structure.height, structure.width, memory=memory) for memory in (True, False)
-    )
-    return {
-        "replanner": _stepped(Player.of(with_memory, 0), arrays, 1),
-        "without memory": score(without.act, arrays),
-    }

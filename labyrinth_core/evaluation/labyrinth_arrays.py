@@ -6,7 +6,7 @@ from the column `info` and from the actions; pictures are drawn, and equal those
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,13 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.selection import Filter
-from labyrinth_core.world.dynamics import STEP_LIMIT, state_at
+from labyrinth_core.data.transitions import LoadedEpisode
+from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
+
+Place = tuple[int, int]
+"""The id of a labyrinth, and the number of a state in it as in `dynamics`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +59,25 @@ class LabyrinthArrays:
     demonstrated: NDArray[np.int64]
     """How often the episodes of the dataset take each action, shape (S, 4)."""
     initial: NDArray[np.int64]
-    """The state in which each labyrinth's episode begins, shape (L,)."""
+    """The state with the agent on each labyrinth's start, shape (L,)."""
     distance: NDArray[np.int64]
     """The number of moves on a shortest route, shape (L,)."""
     labyrinth_ids: NDArray[np.int64]
     """The ids in the order of the dataset, shape (L,); elsewhere they are `f"{id:016x}"`."""
     routes: tuple[NDArray[np.int64], ...]
     """The actions of each episode of the dataset, in its order."""
+    route_starts: NDArray[np.int64]
+    """The state in which each of these episodes begins, shape (episodes,).
+
+    Pieces of routes begin anywhere."""
     labyrinths: tuple[Labyrinth, ...]
     """The L labyrinths."""
     spec: ObservationSpec
     """How the states are observed."""
     cells: int
     """The number of cells of a labyrinth."""
+    places: Mapping[Place, int]
+    """The number of the state in each place, in ascending order."""
 
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
@@ -79,6 +89,25 @@ class LabyrinthArrays:
     def step_limit(self) -> int:
         """The number of steps after which an episode is cut."""
         return STEP_LIMIT * self.cells
+
+
+def first_place(episode: LoadedEpisode) -> Place:
+    """Return the place in which an episode of a dataset begins."""
+    labyrinth, number = parse_info(episode.info)
+    return number, state_index(labyrinth, initial(labyrinth))
+
+
+def number_of(place: Place, places: Mapping[Place, int]) -> int:
+    """Return the number of the state in a place.
+
+    Raises:
+        DatasetError: There is none, as no way leads there from the start.
+    """
+    if place not in places:
+        raise DatasetError(
+            f"labyrinth {place[0]:016x}: an episode begins off all ways of the agent"
+        )
+    return places[place]
 
 
 def load_arrays(
@@ -112,7 +141,7 @@ def load_arrays(
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     tables: dict[int, LabyrinthTables] = {}
-    episodes: list[tuple[int, NDArray[np.int64]]] = []
+    episodes: list[tuple[Place, NDArray[np.int64]]] = []
     # Vectors cost least here; each state is observed once, below.
     for episode in load_episodes(
         source,
@@ -124,8 +153,9 @@ def load_arrays(
         where=where,
     ):
         if episode.labyrinth_id not in tables:
-            tables[episode.labyrinth_id] = tabulate(parse_info(episode.info)[0])
-        episodes.append((episode.labyrinth_id, episode.actions))
+            labyrinth, _ = parse_info(episode.info)
+            tables[episode.labyrinth_id] = tabulate(labyrinth.from_start())
+        episodes.append((first_place(episode), episode.actions))
     if not tables:
         raise DatasetError(f"split={split}: there is no episode")
     return _stack(tables, episodes, spec)
@@ -133,36 +163,38 @@ def load_arrays(
 
 def _stack(
     tables: dict[int, LabyrinthTables],
-    episodes: Sequence[tuple[int, NDArray[np.int64]]],
+    episodes: Sequence[tuple[Place, NDArray[np.int64]]],
     spec: ObservationSpec,
 ) -> LabyrinthArrays:
     parts: list[dict[str, NDArray[Any]]] = []
-    initial: dict[int, int] = {}
-    count = 0
+    places: dict[Place, int] = {}
+    views: list[tuple[Labyrinth, State]] = []
     for number, each in tables.items():
-        states = _visitable(each)
-        initial[number] = count + states.index(each.initial)
-        seen = spec.look(each.labyrinth, [state_at(each.labyrinth, state) for state in states])
+        states, count = _visitable(each), len(places)
+        places |= {(number, state): count + place for place, state in enumerate(states)}
+        views += [(each.labyrinth, state_at(each.labyrinth, state)) for state in states]
         part = _columns(each, states, count)
-        parts.append(part | {"observations": seen, "labyrinth": np.full(len(states), len(parts))})
-        count += len(states)
+        parts.append(part | {"labyrinth": np.full(len(states), len(parts))})
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    after, demonstrated = joined["next_state"].tolist(), np.zeros((count, 4), np.int64)
-    for number, actions in episodes:
-        state = initial[number]
+    after, demonstrated = joined["next_state"].tolist(), np.zeros((len(places), 4), np.int64)
+    starts = [number_of(place, places) for place, _ in episodes]
+    for state, (_, actions) in zip(starts, episodes, strict=True):
         for action in actions.tolist():
             demonstrated[state, action] += 1
             state = after[state][action]
     labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
+        observations=spec.look(views),
         demonstrated=demonstrated,
-        initial=np.array(list(initial.values())),
+        initial=np.array([places[number, each.initial] for number, each in tables.items()]),
         distance=np.array([each.distances[each.initial] for each in tables.values()]),
         labyrinth_ids=np.array(list(tables), np.int64),
         routes=tuple(actions for _, actions in episodes),
+        route_starts=np.array(starts, np.int64),
         labyrinths=labyrinths,
         spec=spec,
         cells=labyrinths[0].structure.cells,
+        places=places,
         **joined,
     )
 

@@ -11,10 +11,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.scores import score, summary_of
+from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
 from labyrinth_core.world.grid import Action, neighbours
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.visibility import seen_together
+
+REPLANNERS = ("replanner", "without memory")
+"""The names of the replanner's figures, with memory and without."""
 
 
 class Replanner:
@@ -77,3 +83,14 @@ class Replanner:
             if np.array_equal(nearer, distances):
                 return distances
             distances = nearer
+
+
+def replan(arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
+    """Return the figures of the replanner with memory and without, on a split seen as vectors."""
+    structure = arrays.labyrinths[0].structure
+    with_memory, without = (
+        Replanner(structure.height, structure.width, memory=memory) for memory in (True, False)
+    )
+    stepped = step_through(Player.of(with_memory, 0), arrays, 1)
+    figures = summary_of(stepped, arrays), score(without.act, arrays).summary()
+    return dict(zip(REPLANNERS, figures, strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,17 @@ import numpy as np
 
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.version import __version__
 
 KIND = "labyrinth-results"
 FORMAT = 2
 
-HEADINGS = ("split", "SR", "95%", "AER", "efficiency", "failures")
+HEADINGS = ("split", "SR", "95%", "n x n", "SPL", "known / new", "AER", "failures")
+NOTE = """\
+n x n: SR within as many steps as there are cells. SPL: success weighted by path length.
+known / new: SR where train demonstrates an optimal route, and where it does not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,24 +47,22 @@ class Results:
     """What settles the generator that a policy may take."""
     splits: Mapping[str, Scores]
     """The scores on each split."""
-    baselines: Mapping[str, Mapping[str, Scores]]
-    """Under partial observability, by name and split: the replanner with memory and without."""
+    baselines: Mapping[str, Mapping[str, Mapping[str, float]]]
+    """The figures of what needs no learning, by name and split; under partial observability also
+    of the replanner with memory and without."""
 
     def __str__(self) -> str:
         """Return the figures as a table, a line for each split."""
-        rows = [[*HEADINGS, *self.baselines]]
-        for split, scores in self.splits.items():
-            beside = [_pair(found[split]) for found in self.baselines.values()]
-            rows.append([split, *_cells(scores), *beside])
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [self._title()]
-        for row in rows:
-            cells = zip(row, widths, strict=True)
-            padded = (f"{text:>{width}}" for text, width in cells)
-            lines.append("  ".join([f"{row[0]:<{widths[0]}}", *list(padded)[1:]]))
-        if self.baselines:
-            lines.append("replanner: SR / efficiency of planning anew after each step, with all")
-            lines.append("that is out of sight taken for open; with memory, and without")
+        rows = [list(HEADINGS)]
+        rows += [[split, *_cells(scores)] for split, scores in self.splits.items()]
+        lines = [self._title(), *_aligned(rows), NOTE, ""]
+        rows = [["SR / SPL", *(name.replace("_", " ") for name in self.baselines)]]
+        for split in self.splits:
+            rows.append([split, *(_pair(found[split]) for found in self.baselines.values())])
+        lines += _aligned(rows)
+        if REPLANNERS[0] in self.baselines:
+            lines.append("replanner: planning anew after each step, with all that is out of sight")
+            lines.append("taken for open; with memory, and without")
         return "\n".join(lines)
 
     def _title(self) -> str:
@@ -125,10 +127,7 @@ class Results:
                 "version": __version__,
             },
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
-            "baselines": {
-                name: {split: scores.figures() for split, scores in found.items()}
-                for name, found in self.baselines.items()
-            },
+            "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }
 
 
@@ -151,14 +150,26 @@ def _cells(scores: Scores) -> list[str]:
     return [
         f"{scores.sr:.1%}",
         f"{100 * low:.0f}-{100 * high:.0f}",
+        _percent(scores.sr_within_cells),
+        _percent(scores.spl),
+        f"{_percent(scores.sr_known_route)} / {_percent(scores.sr_new_route)}",
         f"{scores.aer:.2f} ± {figures['aer_std']:.2f}",
-        _percent(scores.path_efficiency),
         ", ".join(failures) or "none",
     ]
 
 
-def _pair(scores: Scores) -> str:
-    return f"{_percent(scores.sr)} / {_percent(scores.path_efficiency)}"
+def _pair(figures: Mapping[str, float]) -> str:
+    return f"{_percent(figures['sr'])} / {_percent(figures['spl'])}"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table: the first column to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for first, *others in rows:
+        padded = (f"{text:>{width}}" for text, width in zip(others, widths[1:], strict=True))
+        lines.append("  ".join([f"{first:<{widths[0]}}", *padded]))
+    return lines
 
 
 def _percent(share: float | None) -> str:

@@ -34,11 +34,43 @@ class Scores:
     policy that remembers or draws at random, whose action does not follow from the state."""
     accuracy_elsewhere: float | None
     """The share of optimal actions in the other states; None if there are none."""
+    known_route: NDArray[np.bool_] | None = None
+    """Whether train demonstrates an optimal route of each labyrinth, shape (L,), as `references`
+    says; None if it is not known."""
 
     @property
     def sr(self) -> float:
         """Success rate: the share of labyrinths that were solved."""
         return float(self.episodes.solved.mean())
+
+    @property
+    def sr_within_cells(self) -> float:
+        """Success rate within as many steps as a labyrinth has cells, which leaves chance little.
+
+        With the step limit of the benchmark, 40 steps a cell, random actions solve most.
+        """
+        episodes = self.episodes
+        return float((episodes.solved & (episodes.moves <= episodes.cells)).mean())
+
+    @property
+    def spl(self) -> float:
+        """Success weighted by path length (Anderson et al. 2018, section 4.1, "SPL").
+
+        For a solved episode moves on a shortest route divided by moves taken, else 0; averaged.
+        """
+        return float((self.episodes.solved * self.distance / self.episodes.moves).mean())
+
+    @property
+    def sr_known_route(self) -> float | None:
+        """Success rate where train demonstrates an optimal route; None if there is no such."""
+        known = self.known_route
+        return None if known is None else _mean(self.episodes.solved[..., known])
+
+    @property
+    def sr_new_route(self) -> float | None:
+        """Success rate where train demonstrates no optimal route; None if there is no such."""
+        known = self.known_route
+        return None if known is None else _mean(self.episodes.solved[..., ~known])
 
     @property
     def aer(self) -> float:
@@ -50,15 +82,30 @@ class Scores:
         """Moves on a shortest route divided by moves taken, averaged over the solved episodes."""
         return _mean((self.distance / self.episodes.moves)[self.episodes.solved])
 
+    def summary(self) -> dict[str, float]:
+        """Return the figures that baselines have, too."""
+        return {
+            "sr": self.sr,
+            "sr_within_cells": self.sr_within_cells,
+            "spl": self.spl,
+            "aer": self.aer,
+            "aer_std": float(self.episodes.returns.std()),
+        }
+
     def figures(self) -> dict[str, Any]:
-        """Return the figures in plain types; intervals are over labyrinths and episodes."""
+        """Return the figures in plain types; intervals are over labyrinths and episodes.
+
+        `known_route` has 1 for each labyrinth of which train demonstrates an optimal route, else 0.
+        """
         solved, returns = self.episodes.solved, self.episodes.returns
+        known = self.known_route
         return {
             "labyrinths": len(self.distance),
-            "sr": self.sr,
+            **self.summary(),
+            "sr_known_route": self.sr_known_route,
+            "sr_new_route": self.sr_new_route,
+            "known_route": None if known is None else "".join(map(str, known.astype(int))),
             "sr_interval": list(interval(np.atleast_2d(solved).astype(np.float64))),
-            "aer": self.aer,
-            "aer_std": float(returns.std()),
             "aer_interval": list(interval(np.atleast_2d(returns))),
             "path_efficiency": self.path_efficiency,
             "accuracy_on_demonstrations": self.accuracy_on_demonstrations,
@@ -106,6 +153,11 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
         accuracy_on_demonstrations=_mean(right[solvable & shown]),
         accuracy_elsewhere=_mean(right[solvable & ~shown]),
     )
+
+
+def summary_of(episodes: Episodes, arrays: LabyrinthArrays) -> dict[str, float]:
+    """Return the figures of episodes in the labyrinths of a split, as `Scores.summary`."""
+    return Scores(episodes, arrays.labyrinth_ids, arrays.distance, None, None).summary()
 
 
 def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:

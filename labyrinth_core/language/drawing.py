@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from labyrinth_core.language.text import dump
+import numpy as np
+
+from labyrinth_core.language.text import dump, without_agent
+from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
@@ -41,9 +44,26 @@ def draw_text(
 
 
 def describe(labyrinth: Labyrinth, state: State) -> str:
-    """Return what the agent observes in words: the text of the language, with `draw_text` in it."""
-    text = dump(labyrinth)
+    """Return what the agent observes in words: the text of the language, with `draw_text` in it.
+
+    Where the episode began is none of it.
+    """
+    text = without_agent(dump(labyrinth))
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
+
+
+def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list[str]:
+    """Return `text.dump` of each structure with a start, a goal and a task without tiles."""
+    grid = structures.without_walls()
+    text = dump(Labyrinth(grid, start, goal, task))
+    texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
+    for passages, step, wall in ((structures.up, grid.width, "-"), (structures.right, 1, "|")):
+        cells = [cell for cell, beside in grid.passages() if beside == cell + step]
+        between = [(_place(grid, cell) + _place(grid, cell + step)) // 2 for cell in cells]
+        places = np.array(between) + text.index("-----")
+        texts[:, places] = np.where(passages[:, cells], ord(" "), ord(wall))
+    joined, length = texts.tobytes().decode(), len(text)
+    return [joined[begin : begin + length] for begin in range(0, len(joined), length)]
 
 
 def _place(structure: Structure, cell: int) -> int:

@@ -20,13 +20,23 @@ from labyrinth_core.world.labyrinth import (
     Labyrinth,
     LabyrinthError,
     Look,
+    State,
     Structure,
     Task,
     identity,
 )
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
-__all__ = ["SETTINGS", "LabyrinthSyntaxError", "dump", "labyrinth_id", "load", "parse"]
+__all__ = [
+    "SETTINGS",
+    "LabyrinthSyntaxError",
+    "agent_text",
+    "dump",
+    "labyrinth_id",
+    "load",
+    "parse",
+    "without_agent",
+]
 
 SETTINGS = {
     "key_and_lock": Task.KEY_AND_DOOR,
@@ -41,7 +51,7 @@ _SETTINGS_OF = {
 }
 """The settings of each task as text."""
 
-_LOOK = "look"
+_LOOK, _AGENT = "look", "agent"
 _HEADING = "labyrinth"
 _SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
 _FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
@@ -51,11 +61,18 @@ _HORIZONTAL = bytes.maketrans(b"01", b"- ")
 
 
 _LOOKS = tuple(map(str, Look))
-_VALUES = dict.fromkeys(SETTINGS, ("true", "false")) | {_LOOK: _LOOKS}
+_VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
+    _LOOK: re.compile("|".join(_LOOKS)),
+    _AGENT: re.compile(r"\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?"),
+}
 """What each setting may be, in small letters."""
 _EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
-    _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}"
+    _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
+    _AGENT: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
 }
+
+_MOST_SETTINGS = 200
+"""More characters than the settings of a canonical text have."""
 
 
 class _Settings(NamedTuple):
@@ -63,6 +80,8 @@ class _Settings(NamedTuple):
     offset: int
     """Offset of the setting that switches the task on, or of the heading if none is on."""
     look: Look
+    agent: tuple[str, int] | None
+    """Where the agent begins, as it is written, and the offset of that; None on the start."""
 
 
 class _Drawing(NamedTuple):
@@ -80,7 +99,7 @@ class _Drawing(NamedTuple):
 def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     """Return the labyrinth that a text describes.
 
-    text = {setting | look} "labyrinth" ":" drawing "end"
+    text = {setting | look | agent} "labyrinth" ":" drawing "end"
 
     Args:
         text: The description.
@@ -94,10 +113,15 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     settings = _parse_settings(source)
     drawing = _parse_drawing(source)
     _parse_end(source)
+    at_fault = settings.offset
     try:
-        return _build(source, drawing, settings, seed)
+        labyrinth = _build(source, drawing, settings, seed)
+        if settings.agent is None:
+            return labyrinth
+        value, at_fault = settings.agent
+        return replace(labyrinth, agent=_agent(source, labyrinth, value, at_fault))
     except LabyrinthError as error:
-        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
+        offset = at_fault if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
 
 
@@ -120,9 +144,10 @@ def _parse_settings(source: Source) -> _Settings:
 
     setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
     look = "look" ":" ("plain" | "recoloured" | "thin_walls")
+    agent = "agent" ":" "(" number "," number ")" ["with" ("key" | "open" "door")]
     """
     switched_on: tuple[Task, int] | None = None
-    look = Look.PLAIN
+    look, agent = Look.PLAIN, None
     seen: dict[str, int] = {}
     while True:
         offset, line = source.next_line()
@@ -131,19 +156,21 @@ def _parse_settings(source: Source) -> _Settings:
         name, colon, value = match[1].rstrip(" "), match[2], match[3]
         place, value_at = offset + match.start(1), offset + match.start(3)
         if name == _HEADING and colon and not value:
-            return _Settings(*(switched_on or (Task.NAVIGATION, place)), look)
-        if name not in (*SETTINGS, _LOOK) or not colon:
+            return _Settings(*(switched_on or (Task.NAVIGATION, place)), look, agent)
+        if name not in _VALUES or not colon:
             _refuse_setting(source, offset, line)
         if name in seen:
             expected = "each setting at most once"
             found = f"{name} again, after line {source.line_number(seen[name])}"
             source.fail(place, "a setting is given twice", expected, found)
         seen[name] = place
-        if value.lower() not in _VALUES[name]:
+        if not _VALUES[name].fullmatch(value.lower()):
             found = quoted(value) if value else "the end of the line"
             source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
         if name == _LOOK:
             look = Look(value.lower())
+        elif name == _AGENT:
+            agent = value.lower(), value_at
         elif value.lower() == "true":
             if switched_on:
                 found = f"{name}, after line {source.line_number(switched_on[1])}"
@@ -290,6 +317,18 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
     return replace(place(structure, start, goal, task, rng, key=key, door=door), look=look)
 
 
+def _agent(source: Source, labyrinth: Labyrinth, value: str, offset: int) -> State:
+    """Return the state that a value of the setting `agent` stands for."""
+    match = _VALUES[_AGENT].fullmatch(value)
+    assert match, "the value was checked before"
+    row, column, holds = int(match[1]), int(match[2]), match[3] or ""
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    if row >= height or column >= width:
+        expected = f"a row from 0 to {height - 1} and a column from 0 to {width - 1}"
+        source.fail(offset, "the agent is outside the grid", expected, f"({row}, {column})")
+    return State(row * width + column, bool(holds), holds.endswith("door"))
+
+
 def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
     """Return the cell of a tile that may be drawn once at most, None if it is not drawn."""
     tiles = drawing.tiles
@@ -338,7 +377,31 @@ def dump(labyrinth: Labyrinth) -> str:
     lines.append(outer_wall)
     drawing = b"\n".join(lines).decode()
     look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
-    return f"{_SETTINGS_OF[labyrinth.task]}{look}\n{_HEADING}:\n{drawing}\nend\n"
+    agent = ""
+    if labyrinth.agent is not None:
+        agent = f"{_AGENT}: {agent_text(labyrinth, labyrinth.agent)}\n"
+    return f"{_SETTINGS_OF[labyrinth.task]}{look}{agent}\n{_HEADING}:\n{drawing}\nend\n"
+
+
+def agent_text(labyrinth: Labyrinth, state: State) -> str:
+    """Return the value of the setting `agent` for a state, such as `(2, 3) with key`."""
+    holds = " with open door" if state.door_open else " with key" if state.has_key else ""
+    return f"{labyrinth.position(state.agent)}{holds}"
+
+
+def without_agent(text: str) -> str:
+    """Return the canonical text of a labyrinth in which episodes begin on the start.
+
+    Rows of one labyrinth have it in common, wherever their episodes begin.
+
+    Args:
+        text: The canonical text of the same labyrinth.
+    """
+    begin = text.find(f"\n{_AGENT}: ", 0, _MOST_SETTINGS)
+    if begin < 0:
+        return text
+    _, _, rest = text[begin + 1 :].partition("\n")
+    return f"{text[:begin]}\n{rest}"
 
 
 @lru_cache(maxsize=4_096)
@@ -361,7 +424,9 @@ def _wall_line(above: bytes) -> bytes:
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:
     """Return sixteen hexadecimal digits, the same on every machine and in every process.
 
+    They do not depend on where episodes begin.
+
     Args:
         labyrinth: A labyrinth, or its canonical text, as `dump` gives it.
     """
-    return identity(labyrinth if isinstance(labyrinth, str) else dump(labyrinth))
+    return identity(without_agent(labyrinth if isinstance(labyrinth, str) else dump(labyrinth)))

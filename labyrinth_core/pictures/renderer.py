@@ -86,8 +86,11 @@ def _style(look: Look, wall_pixels: int | None) -> Style:
 
 
 # What a cell shows, as a number: one of the first eight, plus one of the last two for the agent.
-_FLOOR, _START, _GOAL, _KEY, _DOOR, _OPEN_DOOR, _ICE, _HIDDEN = range(8)
-_AGENT, _AGENT_WITH_KEY = 8, 16
+FLOOR, START, GOAL, KEY, DOOR, OPEN_DOOR, ICE, HIDDEN = range(8)
+AGENT, AGENT_WITH_KEY = 8, 16
+
+AGENT_INSET = 2
+"""How far the agent's square is from the walls, in twelfths of a cell."""
 
 
 def render(
@@ -119,20 +122,19 @@ class Painter:
         structure = labyrinth.structure
         self._labyrinth = labyrinth
         self._style = style = style_of(labyrinth) if style is None else style
-        self._grid = _grid(structure.height, structure.width, style.wall_pixels)
+        self._grid = grid_of(structure.height, structure.width, style.wall_pixels)
         everything = (1 << structure.width) - 1
         shifts = range(0, structure.cells, structure.width)
         # The open passages of each row of cells, as bit sets over columns.
         self._right = [structure.right >> shift & everything for shift in shifts]
         self._up = [structure.up >> shift & everything for shift in shifts]
         # What the cells show, except for those that show the floor.
-        self._codes = {labyrinth.start: _START, labyrinth.goal: _GOAL}
-        self._codes |= dict.fromkeys(labyrinth.ice, _ICE)
+        self._codes = {labyrinth.start: START, labyrinth.goal: GOAL}
+        self._codes |= dict.fromkeys(labyrinth.ice, ICE)
         if labyrinth.key is not None and labyrinth.door is not None:
-            self._codes |= {labyrinth.key: _KEY, labyrinth.door: _DOOR}
-        self._strips = self._draw(self._codes, self._right, self._up)
-        # Below the lowest row of cells there is a wall and perhaps a margin.
-        self._lowest = len(self._strips) - 2 - (self._grid.bottom > 0)
+            self._codes |= {labyrinth.key: KEY, labyrinth.door: DOOR}
+        # Above the lowest row of cells are all others and their walls, and perhaps a margin.
+        self._lowest = 2 * structure.height - 1 + (self._grid.top > 0)
 
     def png(self, state: State) -> bytes:
         """Return the picture of a state as a PNG file of `PICTURE_SIZE`."""
@@ -148,11 +150,18 @@ class Painter:
         Args:
             state: The state to show; None for the whole labyrinth without the agent.
         """
+        changes = {} if state is None else self.changes(state)
+        if self._labyrinth.task is Task.PARTIAL_OBSERVABILITY and changes:
+            return list(changes.values())
         strips = self._strips.copy()
-        if state is not None:
-            for place, strip in self.changes(state).items():
-                strips[place] = strip
+        for place, strip in changes.items():
+            strips[place] = strip
         return strips
+
+    @cached_property
+    def _strips(self) -> list[Strip]:
+        """The strips of the whole labyrinth without the agent."""
+        return self._draw(self._codes, self._right, self._up)
 
     def changes(self, state: State) -> dict[int, Strip]:
         """Return the strips that show a state, by their place among those of the labyrinth."""
@@ -160,11 +169,11 @@ class Painter:
         cell, has_key, door_open = state
         codes: dict[int, int] = {}
         if has_key and labyrinth.key is not None:
-            codes[labyrinth.key] = _FLOOR
+            codes[labyrinth.key] = FLOOR
         if door_open and labyrinth.door is not None:
-            codes[labyrinth.door] = _OPEN_DOOR
-        under = codes.get(cell, self._codes.get(cell, _FLOOR))
-        codes[cell] = under + (_AGENT_WITH_KEY if has_key and not door_open else _AGENT)
+            codes[labyrinth.door] = OPEN_DOOR
+        under = codes.get(cell, self._codes.get(cell, FLOOR))
+        codes[cell] = under + (AGENT_WITH_KEY if has_key and not door_open else AGENT)
         if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
             return dict(enumerate(self._draw_seen(state, self._codes | codes)))
         strips: dict[int, Strip] = {}
@@ -180,7 +189,7 @@ class Painter:
         labyrinth = self._labyrinth
         seen = visible_from(labyrinth.structure, state.agent)
         shown = seen | {labyrinth.start, labyrinth.goal}
-        hidden = dict.fromkeys(set(range(labyrinth.structure.cells)) - shown, _HIDDEN)
+        hidden = dict.fromkeys(set(range(labyrinth.structure.cells)) - shown, HIDDEN)
         rows = [0] * labyrinth.structure.height
         for cell in seen:
             row, column = divmod(cell, labyrinth.structure.width)
@@ -201,7 +210,7 @@ class Painter:
         margin, width = bytes(style.floor) * PICTURE_SIZE, self._labyrinth.structure.width
         strips: list[Strip] = [((margin, grid.top),)] if grid.top else []
         for row in range(len(right) - 1, -1, -1):
-            shown = [codes.get(cell, _FLOOR) for cell in range(row * width, (row + 1) * width)]
+            shown = [codes.get(cell, FLOOR) for cell in range(row * width, (row + 1) * width)]
             strips.append(_line(grid, style, up[row]))
             strips.append(_tiles(grid, style, grid.tall(row), tuple(shown), right[row]))
         strips.append(_line(grid, style, 0))
@@ -227,7 +236,7 @@ def usual_wall_pixels(height: int, width: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class _Grid:
+class Grid:
     """Where the walls are, in pixels from the top left."""
 
     columns: tuple[int, ...]
@@ -270,12 +279,17 @@ class _Grid:
 
 
 # Without the caches of `_line`, `_tiles` or `_with_tile` the build writes 0.8, 0.55 or 0.65 times
-# as many rows a second at 5x5, and none of them would hit without that of `_grid`: 0.5 times. With
-# the whole row drawn anew instead of one tile exchanged it is 0.77 times as many at 25x25.
+# as many rows a second at 5x5, and none of them would hit without that of `grid_of`: 0.5 times.
+# With the whole row drawn anew instead of one tile exchanged it is 0.77 times as many at 25x25.
 
 
 @lru_cache(maxsize=64)
-def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
+def grid_of(height: int, width: int, wall_pixels: int | None = None) -> Grid:
+    """Return where the walls are in labyrinths of a size; see `Style` for their thickness.
+
+    Raises:
+        ValueError: The labyrinth is too large for every wall to have a pixel.
+    """
     most, usual = max(height, width), usual_wall_pixels(height, width)
     thickness = usual if wall_pixels is None else min(wall_pixels, usual)
     span = PICTURE_SIZE - thickness
@@ -284,11 +298,11 @@ def _grid(height: int, width: int, wall_pixels: int | None = None) -> _Grid:
         margin = (span - count * span // most) // 2
         return tuple(margin + line * span // most for line in range(count + 1))
 
-    return _Grid(columns=lines(width), rows=lines(height), thickness=thickness)
+    return Grid(columns=lines(width), rows=lines(height), thickness=thickness)
 
 
 @lru_cache(maxsize=4_096)
-def _line(grid: _Grid, style: Style, passages: int) -> Strip:
+def _line(grid: Grid, style: Style, passages: int) -> Strip:
     """Return the strip of a horizontal wall; `passages` is the bit set of its openings."""
     floor, wall = bytes(style.floor), bytes(style.wall)
     colours = grid.choose(passages, wall, floor)
@@ -298,11 +312,11 @@ def _line(grid: _Grid, style: Style, passages: int) -> Strip:
 
 
 @lru_cache(maxsize=8_192)
-def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passages: int) -> Strip:
+def _tiles(grid: Grid, style: Style, tall: int, codes: tuple[int, ...], passages: int) -> Strip:
     """Return the strip of a row of cells, without the walls above and below it."""
     walls = grid.choose(passages, *(bytes(c) * grid.thickness for c in (style.wall, style.floor)))
     cells = list(zip(codes, grid.wide, strict=True))
-    insets = {tall * twelfths // 12 for code in set(codes) for twelfths, _ in _squares(style, code)}
+    insets = {tall * twelfths // 12 for code in set(codes) for twelfths, _ in squares(style, code)}
     upper: list[Band] = []
     for top, bottom in pairwise([*sorted(insets), tall - max(insets)]):
         looks = {cell: _tile_row(style, *cell, tall, top) for cell in set(cells)}
@@ -313,13 +327,13 @@ def _tiles(grid: _Grid, style: Style, tall: int, codes: tuple[int, ...], passage
 
 
 @lru_cache(maxsize=8_192)
-def _with_tile(grid: _Grid, style: Style, strip: Strip, column: int, code: int) -> Strip:
+def _with_tile(grid: Grid, style: Style, strip: Strip, column: int, code: int) -> Strip:
     """Return the strip of a row of cells with one cell showing something else."""
     left, wide = 3 * (grid.columns[column] + grid.thickness), grid.wide[column]
     right = left + 3 * wide
     bottoms = list(accumulate(count for _, count in strip))
     tall = bottoms[-1]
-    insets = {tall * twelfths // 12 for twelfths, _ in _squares(style, code)}
+    insets = {tall * twelfths // 12 for twelfths, _ in squares(style, code)}
     borders = sorted(insets.union([tall - inset for inset in insets], bottoms))
     bands: list[Band] = []
     rows = iter(zip((row for row, _ in strip), bottoms, strict=True))
@@ -340,7 +354,7 @@ def _with_tile(grid: _Grid, style: Style, strip: Strip, column: int, code: int) 
 def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
     """Return the pixels of one tile at height `y`: nested squares, the outermost first."""
     pixels = b""
-    for twelfths, colour in _squares(style, code):
+    for twelfths, colour in squares(style, code):
         if tall * twelfths // 12 <= y < tall - tall * twelfths // 12:
             inset = wide * twelfths // 12
             middle = bytes(colour) * (wide - 2 * inset)
@@ -349,22 +363,22 @@ def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
 
 
 @lru_cache(maxsize=256)
-def _squares(style: Style, code: int) -> list[tuple[int, Colour]]:
+def squares(style: Style, code: int) -> list[tuple[int, Colour]]:
     """Return the squares that a cell shows, as (inset in twelfths of a cell, colour)."""
     agent, tile = code & ~7, code & 7
     shown = {
-        _FLOOR: [],
-        _START: [(0, style.start)],
-        _GOAL: [(0, style.goal)],
-        _KEY: [(3, style.wall), (4, style.key)],
-        _DOOR: [(0, style.door)],
-        _OPEN_DOOR: [(0, style.door), (1, style.floor)],
-        _ICE: [(0, style.ice)],
-        _HIDDEN: [(0, style.hidden)],
+        FLOOR: [],
+        START: [(0, style.start)],
+        GOAL: [(0, style.goal)],
+        KEY: [(3, style.wall), (4, style.key)],
+        DOOR: [(0, style.door)],
+        OPEN_DOOR: [(0, style.door), (1, style.floor)],
+        ICE: [(0, style.ice)],
+        HIDDEN: [(0, style.hidden)],
     }
-    squares = [(0, style.floor), *shown[tile]]
+    found = [(0, style.floor), *shown[tile]]
     if agent:
-        squares += [(2, style.agent)]
-    if agent == _AGENT_WITH_KEY:
-        squares += [(4, style.key)]
-    return squares
+        found += [(AGENT_INSET, style.agent)]
+    if agent == AGENT_WITH_KEY:
+        found += [(4, style.key)]
+    return found

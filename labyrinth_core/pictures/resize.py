@@ -1,4 +1,4 @@
-"""Pictures at another size, computed directly from their strips.
+"""Pictures at another size: the weights of pixels, and decoded pictures from their strips.
 
 By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
 `area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
@@ -12,6 +12,7 @@ picture is computed once. All sums are in whole numbers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import NamedTuple
@@ -43,18 +44,17 @@ class _Share(NamedTuple):
     """The number of rows of the strip in the large picture."""
 
 
-def shrink(strips: Sequence[Strip], image_size: int, resize: str = "area") -> NDArray[np.uint8]:
-    """Return a picture at another size, its values rounded.
+def shrink(strips: Sequence[Strip], image_size: int) -> NDArray[np.uint8]:
+    """Return a picture at another size, area-averaged.
 
     Args:
         strips: The picture of `PICTURE_SIZE`, from top to bottom.
         image_size: The side of the result, shape (image_size, image_size, 3).
-        resize: One of `RESIZES`.
     """
     if image_size == PICTURE_SIZE:
         return _unshrunk(strips)
-    share_of = _remembering_shares(image_size, resize)
-    unit = int(_weights(image_size, resize)[0].sum()) ** 2
+    share_of = _remembering_shares(image_size)
+    unit = int(weights(image_size)[0].sum()) ** 2
     # Half of it first, so that the division rounds.
     sums = np.full((image_size, 3 * image_size), unit // 2, np.int32)
     top = 0
@@ -76,11 +76,12 @@ def area_average(picture: NDArray[np.uint8], image_size: int) -> NDArray[np.uint
     side = len(picture)
     if side == image_size:
         return picture
-    weights = _weights(image_size, "area", side)
+    weight_of = weights(image_size, side=side)
     # Sums of whole numbers below 2 ** 53, so floats hold them exactly.
-    rows = weights @ picture.reshape(side, -1).astype(np.float64)
-    sums = weights @ rows.reshape(image_size, side, 3)
-    return ((2 * sums + side**2) // (2 * side**2)).astype(np.uint8)
+    rows = weight_of @ picture.reshape(side, -1).astype(np.float64)
+    sums = weight_of @ rows.reshape(image_size, side, 3)
+    unit = int(weight_of[0].sum()) ** 2
+    return ((2 * sums + unit) // (2 * unit)).astype(np.uint8)
 
 
 def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
@@ -91,54 +92,58 @@ def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=4)
-def _remembering_shares(image_size: int, resize: str = "area") -> Callable[[Strip, int], _Share]:
+def _remembering_shares(image_size: int) -> Callable[[Strip, int], _Share]:
     # A strip covers about a tenth of a picture, and touches two rows that others touch as well.
     share_bytes = 4 * 3 * image_size * (image_size // 10 + 2)
     shares = max(32, REMEMBERED_BYTES // share_bytes)
-    return lru_cache(maxsize=shares)(partial(_share, image_size=image_size, resize=resize))
+    return lru_cache(maxsize=shares)(partial(_share, image_size=image_size))
 
 
-def _share(strip: Strip, top: int, *, image_size: int, resize: str = "area") -> _Share:
+def _share(strip: Strip, top: int, *, image_size: int) -> _Share:
     height = sum(count for _, count in strip)
-    weights = _weights(image_size, resize)
-    touched = np.flatnonzero(weights[:, top : top + height].any(axis=1))
+    weight_of = weights(image_size)
+    touched = np.flatnonzero(weight_of[:, top : top + height].any(axis=1))
     first, end = (int(touched[0]), int(touched[-1]) + 1) if touched.size else (0, 0)
     sums = np.zeros((end - first, 3 * image_size), np.int32)
-    narrow = _remembering_narrow(image_size, resize)
+    narrow = _remembering_narrow(image_size)
     for row, count in strip:
-        weight = weights[first:end, top : top + count].sum(axis=1, keepdims=True)
+        weight = weight_of[first:end, top : top + count].sum(axis=1, keepdims=True)
         sums += weight.astype(np.int32) * narrow(row)
         top += count
     return _Share(first, end, sums, height)
 
 
 @lru_cache(maxsize=4)
-def _remembering_narrow(image_size: int, resize: str) -> Callable[[bytes], NDArray[np.int32]]:
+def _remembering_narrow(image_size: int) -> Callable[[bytes], NDArray[np.int32]]:
     rows = max(32, REMEMBERED_BYTES // (4 * 3 * image_size))
-    return lru_cache(maxsize=rows)(partial(_narrow, image_size=image_size, resize=resize))
+    return lru_cache(maxsize=rows)(partial(_narrow, image_size=image_size))
 
 
-def _narrow(row: bytes, image_size: int, resize: str) -> NDArray[np.int32]:
+def _narrow(row: bytes, image_size: int) -> NDArray[np.int32]:
     """Return a row of pixels at another width, weighted sums, shape (image_size * 3,)."""
     pixels = np.frombuffer(row, np.uint8).reshape(PICTURE_SIZE, 3)
     # In floats, which hold these whole numbers exactly and are multiplied much faster.
-    sums = _weights(image_size, resize) @ pixels.astype(np.float64)
+    sums = weights(image_size) @ pixels.astype(np.float64)
     return sums.astype(np.int32).reshape(-1)
 
 
 @lru_cache(maxsize=4)
-def _weights(image_size: int, resize: str, side: int = PICTURE_SIZE) -> NDArray[np.float64]:
+def weights(image_size: int, resize: str = "area", side: int = PICTURE_SIZE) -> NDArray[np.float64]:
     """Return the weight of each pixel in each small one, shape (image_size, side).
 
-    Weights are whole numbers with the same sum for every small pixel: by `area` the unit is 1 /
-    `image_size` of a pixel, by `bilinear` half of that.
+    Weights are whole numbers with the same sum for every small pixel.
+
+    Args:
+        image_size: The side of the small picture.
+        resize: One of `RESIZES`.
+        side: The side of the large picture.
     """
-    small = np.arange(image_size)[:, None]
+    small, large = np.arange(image_size)[:, None], np.arange(side)
     if resize == "area":
-        starts, lows = np.arange(side) * image_size, small * side
-        overlap = np.minimum(starts + image_size, lows + side) - np.maximum(starts, lows)
-        return overlap.clip(0).astype(np.float64)
-    # From the centre of the first pixel to that of the small one.
-    centres = side * (2 * small + 1) - image_size
-    apart = abs(2 * image_size * np.arange(side) - centres)
-    return (2 * image_size - apart).clip(0).astype(np.float64)
+        starts, lows = large * image_size, small * side
+        shares = np.minimum(starts + image_size, lows + side) - np.maximum(starts, lows)
+    else:
+        # From the centre of the first pixel to that of the small one.
+        centres = side * (2 * small + 1) - image_size
+        shares = 2 * image_size - abs(2 * image_size * large - centres)
+    return (shares.clip(0) // math.gcd(image_size, side)).astype(np.float64)

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.grid import digits, row_and_column
 from labyrinth_core.world.labyrinth import Labyrinth, Task
@@ -85,6 +86,26 @@ def initial_vector(labyrinth: Labyrinth) -> VectorArray:
     vector = np.concatenate([positions, wall_grid(labyrinth).ravel()])
     vector.setflags(write=False)
     return vector
+
+
+def initial_vectors(structures: Structures, start: int, goal: int, task: Task) -> VectorArray:
+    """Return `initial_vector` of each structure with a start, a goal and a task without tiles.
+
+    Returns:
+        Shape (n, length of the vector).
+    """
+    grid = structures.without_walls()
+    vector = initial_vector(Labyrinth(grid, start, goal, task))
+    vectors: VectorArray = np.tile(vector, (len(structures), 1))
+    for passages, step in ((structures.up, grid.width), (structures.right, 1)):
+        cells = [cell for cell, beside in grid.passages() if beside == cell + step]
+        places = [
+            tile_count(task)
+            + (grid_index(cell, grid.width) + grid_index(cell + step, grid.width)) // 2
+            for cell in cells
+        ]
+        vectors[:, places] = np.where(passages[:, cells], OPEN, WALL)
+    return vectors
 
 
 def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:

@@ -5,9 +5,8 @@ A move into a wall leaves the agent where it is and costs a step, whatever lies 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from labyrinth_core.world.labyrinth import Labyrinth, Moves
+from labyrinth_core.world.labyrinth import State as State
 
 GOAL_REWARD = 1.0
 ICE_REWARD = -100.0
@@ -17,18 +16,9 @@ STEP_LIMIT = 40
 """The number of steps for each cell after which an episode is cut; its return is then -4."""
 
 
-class State(NamedTuple):
-    """The part of the world that changes during an episode."""
-
-    agent: int
-    """The agent's cell."""
-    has_key: bool = False
-    door_open: bool = False
-
-
 def initial(labyrinth: Labyrinth) -> State:
     """Return the state an episode begins in."""
-    return State(labyrinth.start)
+    return labyrinth.agent or State(labyrinth.start)
 
 
 def transition(labyrinth: Labyrinth, state: State, action: int) -> State:

@@ -6,7 +6,8 @@ after it, every connected structure is possible.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -16,13 +17,20 @@ from labyrinth_core.world.labyrinth import Structure
 
 Edge = tuple[int, int]
 
-Neighbours = list[list[int]]
-"""The neighbours of each cell, regardless of walls."""
+Neighbours = Sequence[Sequence[int]]
+"""The neighbours of each cell, regardless of walls, in the order of the actions."""
 
+BLOCK = 4096
+"""The number of bytes that are drawn at a time."""
 
 _TWELFTHS = bytes(byte % 12 for byte in range(256))
 _UNFAIR = bytes(range(252, 256))
 """The bytes from the largest multiple of 12 on; they are left out, so that the rest is uniform."""
+
+
+def twelfths_of(block: bytes) -> bytes:
+    """Return the uniform integers from 0 to 11 that uniform bytes make, some fewer than those."""
+    return block.translate(_TWELFTHS, _UNFAIR)
 
 
 class Draws:
@@ -35,7 +43,7 @@ class Draws:
 
     def _twelfths(self) -> Iterator[bytes]:
         while True:
-            yield self.rng.bytes(4096).translate(_TWELFTHS, _UNFAIR)
+            yield twelfths_of(self.rng.bytes(BLOCK))
 
 
 def sample_structure(
@@ -71,15 +79,10 @@ def sample_structures(
     Raises:
         ValueError: The algorithm is unknown, or `open_walls` is no probability.
     """
-    if algorithm not in ALGORITHMS:
-        raise ValueError(f"sampler={algorithm}: choose one of {', '.join(ALGORITHMS)}")
-    if open_walls is None:
-        open_walls = default_open_walls(height, width)
-    if not 0 <= open_walls <= 1:
-        raise ValueError(f"open_walls={open_walls}: give a probability from 0 to 1")
+    open_walls = checked_open_walls(height, width, algorithm, open_walls)
     draw_tree = ALGORITHMS[algorithm]
     cells = height * width
-    beside = [list(neighbours(cell, height, width).values()) for cell in range(cells)]
+    beside = cells_beside(height, width)
     edges = vertical_edges(height, width) | horizontal_edges(height, width) << cells
     draws = Draws(rng)
     while True:
@@ -91,6 +94,27 @@ def sample_structures(
             coins = np.packbits(rng.random(2 * cells) < open_walls, bitorder="little")
             is_open |= edges & int.from_bytes(coins.tobytes(), "little")
         yield Structure(height, width, is_open & (1 << cells) - 1, is_open >> cells)
+
+
+@lru_cache(maxsize=1)
+def cells_beside(height: int, width: int) -> Neighbours:
+    """Return the neighbours of each cell, regardless of walls, in the order of the actions."""
+    return [list(neighbours(cell, height, width).values()) for cell in range(height * width)]
+
+
+def checked_open_walls(height: int, width: int, algorithm: str, open_walls: float | None) -> float:
+    """Return the probability of opening a wall, `default_open_walls` for None.
+
+    Raises:
+        ValueError: The algorithm is unknown, or `open_walls` is no probability.
+    """
+    if algorithm not in ALGORITHMS:
+        raise ValueError(f"sampler={algorithm}: choose one of {', '.join(ALGORITHMS)}")
+    if open_walls is None:
+        open_walls = default_open_walls(height, width)
+    if not 0 <= open_walls <= 1:
+        raise ValueError(f"open_walls={open_walls}: give a probability from 0 to 1")
+    return open_walls
 
 
 def default_open_walls(height: int, width: int) -> float:

@@ -59,14 +59,17 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
         if found.problems or path.is_file():
             raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
     streams = stream_infos(str(path) if path.is_dir() else source, config)
-    splits = {split: list(_parsed(infos, split)) for split, infos in streams.items()}
+    # The pieces of a route are episodes of one labyrinth, each with a text of its own.
+    splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
     return Elsewhere(splits, {}, ())
 
 
 def _in_files(path: Path) -> Elsewhere:
     """Return the labyrinths in a file or a folder."""
     entries = list(read_collection(path))
-    found = [(split, place, each) for split, place, each, _ in entries if each is not None]
+    found = [
+        (split, place, _from_start(each)) for split, place, each, _ in entries if each is not None
+    ]
     alone = any(isinstance(each, Structure) for _, _, each in found)
     splits: dict[str, list[Held]] = {}
     places: dict[str, list[str]] = {}
@@ -80,12 +83,15 @@ def _in_files(path: Path) -> Elsewhere:
     return Elsewhere(splits, files, [entry.problem for entry in entries if entry.problem])
 
 
+def _from_start(found: Held) -> Held:
+    return found.from_start() if isinstance(found, Labyrinth) else found
+
+
 def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
     for info in dict.fromkeys(infos):
         try:
-            yield parse(info)
-        except (
-            ValueError
-        ) as error:  # Its first line says what is wrong, those below show the place.
+            yield parse(info).from_start()
+        except ValueError as error:
+            # Its first line says what is wrong, those below show the place.
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"{split} info: no labyrinth: {reason}") from error

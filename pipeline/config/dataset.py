@@ -36,10 +36,13 @@ class SplitsConfig:
 
 @dataclass(frozen=True)
 class DemonstrationsConfig:
-    """How well the demonstrator acts."""
+    """How well the demonstrator acts, and what is shown of it."""
 
     noise: float = option(
         0.0, "probability of a uniformly random action; the route goes on from where it leads"
+    )
+    pieces: int = option(
+        0, "steps of the pieces that each route is handed out in, as episodes (0: whole routes)"
     )
 
 
@@ -110,6 +113,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             seed=options.seed,
             min_walls=options.splits.min_walls,
             noise=float(options.demonstrations.noise),
+            pieces=options.demonstrations.pieces,
         )
         return replace(config, shifts=_shifts(config, options.shifts))
     except ValueError as error:

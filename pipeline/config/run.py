@@ -23,6 +23,7 @@ from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.export import ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import (
     EvaluationOptions,
@@ -38,6 +39,7 @@ STAGES = {
     "card": "pipeline.release.card",
     "report": "pipeline.analysis.report.stage",
     "publish": "pipeline.release.publish",
+    "export": "pipeline.export.stage",
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
     "results": "pipeline.training.results.stage",
@@ -63,7 +65,7 @@ class PlaceOptions:
         "runs", "folder of what is trained; each size and task is a folder in it", like=LOCAL_FOLDER
     )
     overwrite: bool = option(
-        False, "replace a finished dataset or run that was made with other options"
+        False, "replace a finished dataset, run or export that was made with other options"
     )
     workers: int = option(1, "processes", at_least=1, at_most=1_000)
     executor: str = option(
@@ -87,12 +89,23 @@ _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 @dataclass(frozen=True)
 class PublishOptions:
-    """Where and how a dataset is published."""
+    """Where and how a dataset, a policy and a report are published."""
 
     repo_id: str = option(
         "",
         "dataset on the Hub, such as user/labyrinth",
-        like=(_ID, "the id of the dataset on the Hub, such as user/labyrinth"),
+        like=(f"({_ID})?", "the id of the dataset on the Hub, such as user/labyrinth"),
+    )
+    model: str = option(
+        "",
+        "model on the Hub for the policy of the run that method, size and so on name, such as "
+        "user/planner-5x5",
+        like=(f"({_ID})?", "the id of a model on the Hub, such as user/planner-5x5"),
+    )
+    space: str = option(
+        "",
+        "Space on the Hub for the report, such as user/labyrinth-report",
+        like=(f"({_ID})?", "the id of a Space on the Hub, such as user/labyrinth-report"),
     )
     version: str = option(
         "",
@@ -100,12 +113,14 @@ class PublishOptions:
         like=(r"\d+\.\d+\.\d+", "three numbers, such as 1.0.0"),
     )
     dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
-    private: bool = option(False, "make the dataset private, if it has to be made")
+    private: bool = option(False, "make the repository private, if it has to be made")
     branch: str = option(
         "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
     )
     create_pr: bool = option(False, "open a pull request instead")
-    collection: str | None = option(None, "title of a collection on the Hub that the dataset joins")
+    collection: str | None = option(
+        None, "title of a collection on the Hub that what is published joins"
+    )
 
 
 @dataclass(frozen=True)
@@ -115,6 +130,7 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     leakage: LeakageOptions = field(default_factory=LeakageOptions)
     analysis: AnalysisOptions = field(default_factory=AnalysisOptions)
     publish: PublishOptions = field(default_factory=PublishOptions)
+    export: ExportOptions = field(default_factory=ExportOptions)
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 
 
@@ -128,6 +144,7 @@ SECTIONS = {
         **meanings(AnalysisOptions, "analysis."),
     },
     "Where it is published, by stages=[publish]": meanings(PublishOptions, "publish."),
+    "In which format it is exported, by stages=[export]": meanings(ExportOptions, "export."),
 }
 """What each option means, in the order of `--help`, under its headings."""
 
@@ -159,6 +176,14 @@ class Run:
         """The dataset to learn from: a folder, or an id on the Hub."""
         own = str(folder_at(self.options.data_dir))
         return own if self.options.dataset is None else self.options.dataset
+
+    @property
+    def dataset_on_hub(self) -> tuple[str, str | None]:
+        """The id on the Hub, and the revision, of the dataset that what is published is of."""
+        publish = self.options.publish
+        if publish.repo_id:
+            return publish.repo_id, publish.version
+        return str(self.options.dataset), self.options.revision
 
     @property
     def training_name(self) -> str:
@@ -265,6 +290,27 @@ def options_of(config: DictConfig) -> RunConfig:
     return frozen(RunConfig, values)
 
 
+def check_publish(options: RunConfig) -> None:
+    """Raise a ConfigError if an option of what is published is impossible, or missing."""
+    publish = options.publish
+    check_options(publish, PublishOptions, "publish.")
+    check(
+        bool(publish.repo_id or publish.model or publish.space),
+        "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
+        "publish.model, or publish.space",
+    )
+    check(
+        bool(publish.repo_id) or re.fullmatch(_ID, options.dataset or "", re.ASCII) is not None,
+        f"dataset={options.dataset or ''}: give the id on the Hub of the dataset that what is "
+        "published is of, such as user/labyrinth",
+    )
+    check(
+        not publish.model or options.protocol == "default",
+        f"protocol={options.protocol}: its pictures are not those that evaluate shows, so that "
+        "its policy is not published",
+    )
+
+
 def resolve(options: RunConfig) -> Run:
     """Return the run that options ask for.
 
@@ -297,10 +343,12 @@ def resolve(options: RunConfig) -> Run:
     if options.policy and stages & {"train", "evaluate"}:
         check("train" not in stages, f"policy={options.policy} is not trained: stages=[evaluate]")
         check_policy(options, options.evaluation)
-    elif stages & {"train", "evaluate", "results"}:
+    elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)
     if "environments" in stages:
         check_analysis(options.analysis)
     if "publish" in stages:
-        check_options(options.publish, PublishOptions, "publish.")
+        check_publish(options)
+    if "export" in stages:
+        check_options(options.export, ExportOptions, "export.")
     return run

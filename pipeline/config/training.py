@@ -55,10 +55,10 @@ PROTOCOLS = {
 
 `default` spends the whole budget, and shrinks pictures without losing walls. `paper` has the
 authors' thin walls and their resize without antialiasing, so that most walls vanish; and it stops
-as their public training script does: the policy is tried on the validation labyrinths every ten
-epochs, and training ends after five times without a better success rate, or else after the
-method's epochs (a thousand there). That script trains BC; where the sources are silent, for the
-other methods, the same rule is used.
+as a public script of theirs does that trains BC: the policy is tried on the validation labyrinths
+every ten epochs, and training ends after five times without a better success rate, or else after
+the method's epochs (a thousand there). The other methods follow the same rule here; the authors'
+code for these has another one, which docs/training.md describes.
 """
 
 
@@ -95,8 +95,14 @@ class TrainingOptions:
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
     policy: str = option(
         "",
-        "policy to evaluate instead of a run's: module:name, or a Stable-Baselines3 archive "
-        "such as ppo.zip",
+        "policy to evaluate instead of a run's: module:name, a published one such as "
+        "user/planner-5x5@1.0.0, or a Stable-Baselines3 archive such as ppo.zip",
+    )
+    evaluate_on: str = option(
+        "",
+        "another dataset to evaluate a run's policy on, such as data/other/4x6, or user/name/4x6 "
+        "on the Hub",
+        like=(r"(.*[^/]/\d+x\d+(-\w+)?)?", "a dataset and its config, such as data/other/4x6"),
     )
     results_dir: str = option(
         "results",
@@ -147,8 +153,9 @@ class EvaluationOptions:
 
 
 _POLICY = (
-    r"(?s).+\.zip|[\w.]+:[\w.]+|[\w.-]+/[\w.-]+",
-    "module:name, or a Stable-Baselines3 archive as a path that ends in .zip or an id on the Hub",
+    r"(?s).+\.zip|[\w.]+:[\w.]+|[\w.-]+/[\w.-]+(@[\w./-]+)?",
+    "module:name, a Stable-Baselines3 archive as a path that ends in .zip, or an id on the Hub, "
+    "with @ and a revision if it is not main",
 )
 
 
@@ -156,6 +163,10 @@ def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> Non
     """Raise a ConfigError if an option of the policy that is named is impossible."""
     known = re.fullmatch(_POLICY[0], options.policy, re.ASCII) is not None
     check(known, f"policy={options.policy}: give {_POLICY[1]}")
+    check(
+        not options.evaluate_on,
+        f"evaluate_on={options.evaluate_on} is for policies of runs: for policy, give dataset",
+    )
     check_options(options, TrainingOptions)
     check_options(evaluation, EvaluationOptions, "evaluation.")
 

@@ -1,4 +1,4 @@
-"""Policies by name: `module:name` in Python, or an archive of Stable-Baselines3."""
+"""Policies by name: `module:name` in Python, or what the Hub or an archive holds."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.answers import PolicyError, asked
+from labyrinth_core.policies.load import holds_policy, load_policy
 from pipeline.config.errors import ConfigError, listed
 from pipeline.machinery.stable_baselines import read_discrete
 
@@ -18,15 +19,21 @@ def named_policy(name: str) -> Any:
 
     Args:
         name: `module:name`, a policy in a module of the working directory or an installed one, or
-            a class or a function without arguments that makes one; or an archive of
-            Stable-Baselines3, as a path that ends in `.zip` or as an id on the Hub.
+            a class or a function without arguments that makes one; an id on the Hub, such as
+            `user/planner-5x5` or `user/planner-5x5@1.0.0`; or an archive of Stable-Baselines3, as
+            a path that ends in `.zip` or as an id on the Hub.
 
     Raises:
         ConfigError: There is no such module or name.
-        DatasetError: The archive cannot be read.
+        DatasetError: The policy on the Hub, or the archive, cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
-    if name.endswith(".zip") or ":" not in name:
+    if name.endswith(".zip"):
+        return read_discrete(name)
+    if ":" not in name:
+        source, _, revision = name.partition("@")
+        if revision or holds_policy(source):
+            return load_policy(source, revision=revision or None)
         return read_discrete(name)
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())

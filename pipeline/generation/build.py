@@ -293,8 +293,8 @@ def make_shard(job: ShardJob) -> Shard:
             for rows in render(split, numbers[place], solution.episodes):
                 info = rows[0].info
                 yield rows
-            of, actions = solution.episodes[0].labyrinth, [e.actions for e in solution.episodes]
-            facts.add(of, info, solution.shortest, actions)
+            of, routes = solution.episodes[0].labyrinth, solution.routes
+            facts.add(of, info, solution.shortest, routes, len(solution.episodes))
 
     with new_file(job.path, job.sidecar.parent) as path:
         shard = write(path, split, len(job.structures), episodes())

@@ -12,6 +12,7 @@ import io
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -32,18 +33,24 @@ from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.splits import SPLITS, is_selected
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.language.text import (
+    LabyrinthSyntaxError,
+    agent_text,
+    dump,
+    parse,
+    without_agent,
+)
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import moves_and_routes
+from labyrinth_core.world.solver import moves_and_routes, moves_of
 from pipeline.generation.check_table import TablePart, table_problems
-from pipeline.generation.extremes import NO_EXTREMES, Extremes, shift_problem
+from pipeline.generation.extremes import NO_EXTREMES, Extremes, memory_problem, shift_problem
 from pipeline.generation.relations import Relations
 from pipeline.generation.render import Picture, Pictures, picture_names
-from pipeline.generation.rules import labyrinth_problems, route_problem
+from pipeline.generation.rules import labyrinth_problems, pieces_problem, route_problem
 from pipeline.generation.tabulate import FactsOfShard
 from pipeline.machinery.worker import count
 
@@ -152,12 +159,15 @@ class _ShardCheck:
         self.facts = FactsOfShard(job.shard.split)
         self.row = 0
         self.labyrinths = self.episodes = self.longest = self.cut = 0
-        self.routes: list[list[int]] = []
-        self.ended = True
-        """Whether the previous episode of the labyrinth, if there is one, was not cut."""
+        self.in_pieces = job.config.is_in_pieces(job.shard.split)
+        self.routes: list[list[list[int]]] = []
+        """The actions of each piece of each route of the labyrinth; a whole route is one piece."""
+        self.cut_in: State | None = None
+        """The state in which the previous episode of the labyrinth was cut; None if it was not."""
         self.labyrinth: Labyrinth | None = None
         self.pictures: Mapping[State, Picture] = {}
-        self.info: str | None = None
+        self.text: str | None = None
+        """The text of the labyrinth, wherever its episodes begin."""
         self.first_row = 0
         self.number = job.first - 1
         """The number of the labyrinth in its split, or of its parent in the parent's."""
@@ -198,10 +208,10 @@ class _ShardCheck:
         self.longest = max(self.longest, len(rows) - 1)
         if not rows[0].episode_starts:
             self.problem(begin, "episode_starts", "False in the first row of the file")
-        if rows[0].info != self.info:
+        if without_agent(rows[0].info) != self.text:
             self.begin_labyrinth(rows[0], begin)
         for number, row in enumerate(rows, start=begin):
-            if row.info != self.info:
+            if row.info != rows[0].info:
                 self.problem(number, "info", "not the labyrinth that the episode began with")
         if self.labyrinth is None:
             return
@@ -218,12 +228,9 @@ class _ShardCheck:
 
     def replay(self, labyrinth: Labyrinth, rows: list[Row], begin: int) -> None:
         """Replay the actions, and compare names, pictures and rewards in each state."""
-        state = initial(labyrinth)
-        if not self.ended:
-            message = "an episode is cut before the last one of its labyrinth"
-            self.problem(begin - 1, "actions", message)
-        split = self.job.shard.split
-        names = picture_names(split, self.number, len(self.routes), range(len(rows)))
+        state = self.first_state(labyrinth, rows[0].info, begin)
+        split, place = self.job.shard.split, sum(map(len, self.routes))
+        names = picture_names(split, self.number, place, range(len(rows)))
         for number, (row, name) in enumerate(zip(rows, names, strict=True), start=begin):
             if row.obs_path != name:
                 self.problem(number, "obs", f"its path is {row.obs_path!r:.99}, not {name}")
@@ -248,11 +255,34 @@ class _ShardCheck:
             if np.float32(row.rewards) != expected:
                 self.problem(number, "rewards", f"{row.rewards}, but the step pays {expected}")
             state = after
-        may_fail = split == "random" or self.job.config.noise > 0
+        may_fail = split == "random" or self.job.config.noise > 0 or self.in_pieces
         if not may_fail and state.agent != labyrinth.goal:
             self.problem(self.row - 1, "actions", "the episode ends before the goal")
-        self.ended = is_terminal(labyrinth, state)
-        self.routes.append([row.actions for row in rows[:-1]])
+        if self.cut_in is None or not self.in_pieces:
+            self.routes.append([])
+        self.cut_in = None if is_terminal(labyrinth, state) else state
+        self.routes[-1].append([row.actions for row in rows[:-1]])
+
+    def first_state(self, labyrinth: Labyrinth, info: str, row: int) -> State:
+        """Return the state in which the text of an episode says that it begins, and check it."""
+        expected = initial(labyrinth)
+        if self.cut_in is not None and self.in_pieces:
+            expected = self.cut_in
+        elif self.cut_in is not None:
+            message = "an episode is cut before the last one of its labyrinth"
+            self.problem(row - 1, "actions", message)
+        try:
+            found = labyrinth if info == self.text else parse(info)
+        except LabyrinthSyntaxError as error:
+            self.problem(row, "info", f"not a labyrinth: {str(error).splitlines()[0]}")
+            return expected
+        state = initial(found)
+        if found is not labyrinth and dump(found) != info:
+            self.problem(row, "info", "not in the canonical form")
+        elif state != expected:
+            begins, should = (agent_text(labyrinth, each) for each in (state, expected))
+            self.problem(row, "info", f"the agent begins in {begins}, not in {should}")
+        return state
 
     def check_picture(self, labyrinth: Labyrinth, state: State, row: Row, number: int) -> None:
         """Check a picture, and add the row to the fingerprint."""
@@ -293,15 +323,15 @@ class _ShardCheck:
     def begin_labyrinth(self, first_row: Row, row: int) -> None:
         """Finish the previous labyrinth, and check all of the next one but its episodes."""
         self.finish_labyrinth()
-        info, split = first_row.info, self.job.shard.split
-        self.info, self.first_row = info, row
+        info, split = without_agent(first_row.info), self.job.shard.split
+        self.text, self.first_row = info, row
         self.labyrinth = None
         self.labyrinths += 1
         self.number += 1
         if self.relations is not None:
             self.number = self.relations.numbered(first_row.obs_path, least=self.number)
         try:
-            labyrinth = parse(info)
+            labyrinth = parse(info).from_start()
         except LabyrinthSyntaxError as error:
             self.problem(row, "info", f"not a labyrinth: {str(error).splitlines()[0]}")
             return
@@ -313,8 +343,13 @@ class _ShardCheck:
         self.labyrinth, self.pictures = labyrinth, Pictures(labyrinth)
         for message in labyrinth_problems(config, split, labyrinth):
             self.problem(row, "info", message)
-        if is_selected(split) and (no := shift_problem(split, labyrinth, self.job.extremes)):
-            self.problem(row, "info", no)
+        if is_selected(split):
+            moves, loops = moves_of(labyrinth), labyrinth.structure.loops
+            no = shift_problem(split, moves, loops, self.job.extremes)
+            if no is None and split == "test_new_routes":
+                no = memory_problem(labyrinth, moves, self.job.extremes)
+            if no is not None:
+                self.problem(row, "info", no)
         if self.relations is not None:
             for column, message in self.relations.of(self.number, labyrinth):
                 self.problem(row, column, message)
@@ -326,19 +361,26 @@ class _ShardCheck:
 
     def finish_labyrinth(self) -> None:
         """Check that the labyrinth has the episodes that the configuration asks for."""
-        routes, self.routes, self.ended = self.routes, [], True
-        if self.labyrinth is None or not routes:
+        pieces, self.routes = self.routes, []
+        cut_in, self.cut_in = self.cut_in, None
+        if self.labyrinth is None or not pieces:
             return
+        routes = [list(chain.from_iterable(route)) for route in pieces]
+        episodes = list(chain.from_iterable(pieces))
         config, split = self.job.config, self.job.shard.split
         if config.solutions != "shortest" and split != "random":
             self.cut += len(routes) == config.solutions_limit
-        if self.info is not None:
+        if self.text is not None:
             shortest = moves_and_routes(self.labyrinth)
-            self.facts.add(self.labyrinth, self.info, shortest, routes)
+            self.facts.add(self.labyrinth, self.text, shortest, routes, len(episodes))
             self.numbers.append(self.number)
-        if self.relations is not None and not self.relations.allows(self.number, routes):
+        if self.relations is not None and not self.relations.allows(self.number, episodes):
             self.problem(self.first_row, "actions", "the routes are not its parent's")
         message = route_problem(config, split, self.labyrinth, routes)
+        if self.in_pieces:
+            message = message or pieces_problem(config.pieces, pieces)
+            if cut_in is not None and not config.noise:
+                message = message or "the pieces of a route end before the goal"
         if message:
             self.problem(self.first_row, "actions", message)
 

@@ -13,7 +13,7 @@ from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, local_copy
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import parse, without_agent
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from pipeline.generation import one_wall
 from pipeline.generation.variants import labyrinth_of
@@ -113,13 +113,13 @@ def parents_of(folder: AnyPath, shard: Shard) -> list[Parent]:
         table["episode_starts"].to_pylist(),
         strict=True,
     )
-    for info, of_labyrinth in groupby(rows, key=lambda row: row[0]):
+    for info, of_labyrinth in groupby(rows, key=lambda row: without_agent(row[0] or "")):
         routes: list[list[int]] = []
         for _, action, starts in of_labyrinth:
             if starts or not routes:
                 routes.append([])
             routes[-1].append(action)
-        found.append(Parent(parse(info or ""), [route[:-1] for route in routes]))
+        found.append(Parent(parse(info), [route[:-1] for route in routes]))
     return found
 
 

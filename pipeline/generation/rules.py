@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
@@ -67,3 +67,18 @@ def route_problem(
     if routes == expected:
         return None
     return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"
+
+
+def pieces_problem(steps: int, routes: Iterable[Iterable[Sequence[int]]]) -> str | None:
+    """Return what is wrong with the lengths of the pieces of routes, None if nothing is.
+
+    Args:
+        steps: The number of steps that each piece has, but for the last one of a route.
+        routes: The actions of each piece of each route, in order.
+    """
+    for route in routes:
+        *whole, last = map(len, route)
+        if last > steps or any(length != steps for length in whole):
+            found = ", ".join(map(str, [*whole, last]))
+            return f"a route in pieces of {found} steps, not of {steps}"
+    return None

@@ -8,7 +8,7 @@ nothing is trained on it, in no dataset; and no split has it yet.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain, islice
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -16,16 +16,19 @@ import numpy as np
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import horizontal_edges, vertical_edges
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import LabyrinthError, Structure
 from labyrinth_core.world.near_twins import Neighbourhood
+from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import moves_of
+from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.config.errors import ConfigError
 from pipeline.generation.buckets import split_of
 from pipeline.generation.detours import stretched
-from pipeline.generation.extremes import NO_EXTREMES, shift_problem
+from pipeline.generation.extremes import NO_EXTREMES, memory_problem, shift_problem
 from pipeline.generation.key_set import KeySet
-from pipeline.generation.variants import labyrinth_of
+from pipeline.generation.solve import solve
+from pipeline.generation.variants import TASKS_WITHOUT_TILES, labyrinth_of
 
 
 class Effort(NamedTuple):
@@ -39,7 +42,10 @@ class Effort(NamedTuple):
     """The number looked at in vain after which there are taken to be no more."""
 
 
-EFFORTS = {"longer": Effort(pool=8, renewed=1, patience=200)}
+EFFORTS = {
+    "longer": Effort(pool=8, renewed=1, patience=200),
+    "test_new_routes": Effort(renewed=2, patience=1_000),
+}
 """Shift -> the effort where it is another, as each candidate takes long to make."""
 
 MEASURES = ("moves", "loops", "junctions")
@@ -49,6 +55,7 @@ FREE = {
     "longer": ("loops", "junctions"),
     "trees": ("moves", "junctions"),
     "open": ("moves",),
+    "test_new_routes": MEASURES,
     **dict.fromkeys(ALGORITHMS, ("moves", "loops")),
 }
 """Shift -> the measures of a labyrinth that it leaves free, and that follow those of test."""
@@ -70,6 +77,8 @@ class Selection:
             size = config.height, config.width
             self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
         self._train = NO_EXTREMES
+        self._routes: list[list[int]] = []
+        """The agent's cells in each episode of train, if a shift needs them."""
 
     def notice(self, split: str, structure: Structure) -> None:
         """Take note of a structure of train, validation or test."""
@@ -78,9 +87,16 @@ class Selection:
         if split == "train":
             labyrinth = labyrinth_of(self._config, split, structure)
             self._train = self._train.with_labyrinth(labyrinth)
+            if "test_new_routes" in self._config.shifts:
+                (solution,) = solve(self._config, split, [labyrinth])
+                self._routes += (
+                    [state.agent for state in episode.states] for episode in solution.episodes
+                )
         elif split == "test":
             self._seen.add(int(structure.structure_id, 16))
-            self._targets.append(_measures(labyrinth_of(self._config, split, structure)))
+            measures = self._measures(split, structure)
+            assert measures is not None, "test is sampled from structures that hold the task"
+            self._targets.append(measures)
 
     def of(self, split: str) -> Iterator[Structure]:
         """Yield the structures of a shift, one for each labyrinth of test.
@@ -88,6 +104,8 @@ class Selection:
         Raises:
             ConfigError: There are fewer.
         """
+        if split == "test_new_routes":
+            self._train = self._train._replace(memory=RouteMemory(self._routes))
         effort = EFFORTS.get(split, Effort())
         candidates = self._candidates(split)
         pool = list(islice(candidates, effort.pool))
@@ -106,13 +124,16 @@ class Selection:
         self, pool: list[_Candidate], target: _Key, more: Iterator[_Candidate]
     ) -> Structure | None:
         """Take the candidate nearest to a target out of the pool, None if no new one is found."""
-        nearest_first = sorted(pool, key=lambda candidate: _apart(candidate[0], target))
-        for place, candidate in enumerate(chain(nearest_first, more)):
-            if place < len(nearest_first):
-                pool.remove(candidate)
-            if self._is_new(candidate[1]):
-                return candidate[1]
-        return None
+        apart = {key: _apart(key, target) for key in {key for key, _ in pool}}
+        nearest_first = sorted(range(len(pool)), key=lambda place: apart[pool[place][0]])
+        for tried, place in enumerate(nearest_first, start=1):
+            structure = pool[place][1]
+            if self._is_new(structure):
+                for gone in sorted(nearest_first[:tried], reverse=True):
+                    del pool[gone]
+                return structure
+        pool.clear()
+        return next((structure for _, structure in more if self._is_new(structure)), None)
 
     def _in_bucket(self, structure: Structure) -> bool:
         return split_of(structure, self._config.buckets) == "test"
@@ -132,14 +153,30 @@ class Selection:
             in_vain += 1
             if in_vain > patience:
                 return
-            try:
-                labyrinth = labyrinth_of(self._config, split, structure)
-            except LabyrinthError:
+            measures = self._measures(split, structure)
+            if measures is None:
                 continue
-            if shift_problem(split, labyrinth, self._train) is None:
-                in_vain = 0
-                measures = _measures(labyrinth)
-                yield tuple(measures[place] for place in free), structure
+            moves, loops, _ = measures
+            if shift_problem(split, moves, loops, self._train) is not None:
+                continue
+            if split == "test_new_routes":
+                labyrinth = labyrinth_of(self._config, split, structure)
+                if memory_problem(labyrinth, moves, self._train) is not None:
+                    continue
+            in_vain = 0
+            yield tuple(measures[place] for place in free), structure
+
+    def _measures(self, split: str, structure: Structure) -> tuple[int, int, int] | None:
+        """Return the measures of a structure in a split, None if it cannot hold the task."""
+        if self._config.task in TASKS_WITHOUT_TILES:
+            ends = default_start_and_goal(structure.height, structure.width)
+            moves = structure.least_moves(*ends)
+        else:
+            try:
+                moves = moves_of(labyrinth_of(self._config, split, structure))
+            except LabyrinthError:
+                return None
+        return moves, structure.loops, structure.junctions
 
     def _drawn(self, split: str) -> Iterator[Structure]:
         """Yield random structures, most of them with the property of a shift."""
@@ -156,14 +193,14 @@ class Selection:
         drawn = sample_structures(
             config.height, config.width, rng, algorithm=sampler, open_walls=open_walls
         )
+        if split == "test_new_routes":  # Most are refused, so that it is worth while to ask first.
+            return filter(self._in_bucket, drawn)
         if split != "longer":
             return drawn
 
         def moves(structure: Structure) -> int:
-            try:
-                return moves_of(labyrinth_of(config, split, structure))
-            except LabyrinthError:
-                return -1
+            measures = self._measures(split, structure)
+            return -1 if measures is None else measures[0]
 
         return stretched(drawn, moves, self._in_bucket, self._train.moves, rng)
 
@@ -184,11 +221,6 @@ class Selection:
             f"found, and no other after a long search; ask for fewer labyrinths, or leave {split} "
             "out"
         )
-
-
-def _measures(labyrinth: Labyrinth) -> _Key:
-    structure = labyrinth.structure
-    return moves_of(labyrinth), structure.loops, structure.junctions
 
 
 def _apart(key: _Key, target: _Key) -> int:

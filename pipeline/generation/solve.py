@@ -7,11 +7,12 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Look
-from labyrinth_core.world.rollout import Episode, random_episode, replay
+from labyrinth_core.world.rollout import Episode, pieces, random_episode, replay
 from labyrinth_core.world.solver import (
     erring_route,
     moves_and_routes,
@@ -26,6 +27,8 @@ class Solution(NamedTuple):
     """The episodes of one labyrinth."""
 
     episodes: list[Episode]
+    routes: list[NDArray[np.int8]]
+    """The actions of each route; a route is an episode, or several, which are its pieces."""
     cut: bool
     """Whether `solutions_limit` may have left routes out."""
     shortest: tuple[int, int]
@@ -55,7 +58,10 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
             routes = all_routes(config, labyrinth)
             episodes = [replay(labyrinth, route) for route in routes]
             cut = len(routes) == config.solutions_limit
-        yield Solution(episodes, cut, moves_and_routes(labyrinth))
+        taken = [episode.actions for episode in episodes]
+        if config.is_in_pieces(split):
+            episodes = [part for episode in episodes for part in pieces(episode, config.pieces)]
+        yield Solution(episodes, taken, cut, moves_and_routes(labyrinth))
 
 
 def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.random.Generator:

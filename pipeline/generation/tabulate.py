@@ -71,14 +71,16 @@ class FactsOfShard:
         info: str,
         shortest: tuple[int, int],
         routes: Sequence[Sequence[int] | NDArray[np.int8]],
+        episodes: int,
     ) -> None:
         """Add a labyrinth.
 
         Args:
             labyrinth: The labyrinth.
-            info: Its text.
+            info: Its text, wherever the agent begins.
             shortest: How many moves a shortest route has, and how many such routes there are.
-            routes: The actions of each episode in it.
+            routes: The actions of each route through it.
+            episodes: The number of episodes, which is larger if they are pieces of routes.
         """
         moves, optimal_routes = shortest
         steps = sum(map(len, routes))
@@ -94,8 +96,8 @@ class FactsOfShard:
                 labyrinth.goal,
                 moves,
                 _turns(routes[0]) if self._demonstrated else NOTHING,
-                len(routes),
-                steps + len(routes),  # A row for each state.
+                episodes,
+                steps + episodes,  # A row for each state.
                 steps if is_shortest else count_optimal(labyrinth, routes),
                 *(0, 0, 0),  # Counted for all at once.
             )

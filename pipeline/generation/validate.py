@@ -18,13 +18,15 @@ from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.source import read_rows
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SPLITS, is_selected
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import parse, without_agent
+from labyrinth_core.world.route_memory import RouteMemory
 from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
 from pipeline.generation.check_table import table_file_problems, table_parts
 from pipeline.generation.extremes import NO_EXTREMES, extremes_of
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.routes import routes_of
 
 PROBLEMS_SHOWN = 20
 
@@ -115,7 +117,9 @@ def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[Che
     if any(map(is_selected, config.shifts)):
         with suppress(DatasetError, OSError, ValueError):  # The check of the shard says it.
             rows = read_rows(folder, manifest.of("train"), pictures=False)
-            extremes = extremes_of(map(parse, {row.info: None for row in rows}))
+            extremes = extremes_of(map(parse, {without_agent(row.info): None for row in rows}))
+            if "test_new_routes" in config.shifts:
+                extremes = extremes._replace(memory=_routes_of_train(folder, manifest))
     shards_of = _shards_of(manifest)
     for split, shards in shards_of.items():
         parent = SPLITS[split].parent
@@ -134,6 +138,15 @@ def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[Che
                 extremes,
             )
             first += of_parent.labyrinths
+
+
+def _routes_of_train(folder: AnyPath, manifest: Manifest) -> RouteMemory:
+    cells = manifest.config.height * manifest.config.width
+    return RouteMemory(
+        [state % cells for state in route.states]
+        for shard in manifest.of("train")
+        for route in routes_of(folder, shard)
+    )
 
 
 class Owners:

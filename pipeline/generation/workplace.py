@@ -6,7 +6,6 @@ import json
 import os
 import re
 import shutil
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from labyrinth_core.data.storage import (
     write_text,
 )
 from pipeline.machinery.counts import COUNTS
+from pipeline.machinery.whole_folder import move_into_place, recover, wait_for_disk
 
 _CONFIG = "config.json"
 _SHARD = re.compile(r"\w+-\d{5,}-of-\d{5,}\.parquet", re.ASCII)
@@ -53,12 +53,9 @@ class Workplace:
         return self.folder if isinstance(self.folder, RemotePath) else self.building / "shards"
 
     def recover(self) -> None:
-        """Put the old dataset back if a crash between the renames of `commit` displaced it."""
+        """Put the old dataset back if a crash in `commit` displaced it."""
         if isinstance(self.folder, Path):
-            replaced = _replaced(self.folder)
-            if replaced.exists() and not self.folder.exists():
-                replaced.replace(self.folder)
-            _remove(replaced)
+            recover(self.folder)
 
     def refuse_others_files(self) -> None:
         """Raise DatasetError if there are files in the folder's place that no dataset has.
@@ -149,10 +146,8 @@ class Workplace:
         self.refuse_others_files()  # They may have come meanwhile.
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
-            for path in [*self.shards.iterdir(), self.shards]:
-                _wait_for_disk(path)
-            _move_into_place(self.shards, self.folder)
-            _wait_for_disk(self.folder.parent)
+            wait_for_disk(self.shards)
+            move_into_place(self.shards, self.folder)
         else:
             manifest.write(self.folder)
         self.clear()
@@ -179,43 +174,8 @@ def _content(config: DatasetConfig) -> str:
     return json.dumps({"config": config.to_json(), "versions": current_versions()})
 
 
-def _wait_for_disk(path: Path) -> None:
-    """Wait until a file or folder would survive a power failure."""
-    if sys.platform == "win32":
-        return  # Folders cannot be opened there.
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    except OSError:
-        if not path.is_dir():  # Some file systems cannot do it for folders.
-            raise
-    finally:
-        os.close(descriptor)
-
-
 def _may_be_ours(name: str) -> bool:
     """Return whether a file in the folder of a dataset may be the dataset's, by its name."""
     if name in (MANIFEST, TABLE, COUNTS, ANALYSIS):
         return True
     return any(form.fullmatch(name) for form in (_SHARD, _UNFINISHED))
-
-
-def _replaced(folder: Path) -> Path:
-    return folder.with_name(f".{folder.name}.replaced")
-
-
-def _remove(folder: Path) -> None:
-    """Remove a folder, or a link, which earlier versions have left in place of one."""
-    if folder.is_symlink():
-        folder.unlink()
-    else:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _move_into_place(shards: Path, folder: Path) -> None:
-    replaced = _replaced(folder)
-    if folder.exists():
-        _remove(replaced)
-        folder.replace(replaced)
-    shards.replace(folder)
-    _remove(replaced)

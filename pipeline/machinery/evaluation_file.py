@@ -11,13 +11,17 @@ from typing import Any
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES
 from labyrinth_core.evaluation.following import OUTCOMES
+from labyrinth_core.evaluation.references import REFERENCES
+from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.machinery.schema import COUNT, SHARE, Each, Maybe, Named, Number, Text, check
+from pipeline.machinery.schema import COUNT, SHARE, Each, Maybe, Named, Newer, Number, Text, check
 
 EVALUATION = "evaluation.json"
 """The name of the file."""
 RESULTS = "results.json"
 """The name of the file that the stage leaves of a policy that `policy=` names."""
+POLICY = "policy.safetensors"
+"""The name of the file of the policy that was evaluated, in the same folder."""
 FORMAT = 1
 
 CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")
@@ -33,6 +37,11 @@ FIGURES = {
     "sr_interval": (SHARE, SHARE),
     "aer": _RETURN,
     "aer_std": _DEVIATION,
+    "sr_within_cells": Newer(SHARE),
+    "spl": Newer(SHARE),
+    "sr_known_route": Newer(Maybe(SHARE)),
+    "sr_new_route": Newer(Maybe(SHARE)),
+    "known_route": Newer(Maybe(Text("[01]*"))),
     "path_efficiency": Maybe(SHARE),
     "accuracy_on_demonstrations": Maybe(SHARE),
     "accuracy_elsewhere": Maybe(SHARE),
@@ -46,7 +55,16 @@ _SCORES = FIGURES | {
     "moves": Each(COUNT),
     "failed": Each(Text(r"[0-9a-f]{16}")),
 }
-_BASELINE = {"sr": SHARE, "aer": _RETURN, "aer_std": _DEVIATION}
+_FIGURES = {
+    "sr": SHARE,
+    "sr_within_cells": Newer(SHARE),
+    "spl": Newer(SHARE),
+    "aer": _RETURN,
+    "aer_std": _DEVIATION,
+}
+_BASELINES = dict.fromkeys(BASELINES, _FIGURES) | dict.fromkeys(
+    (*REFERENCES, *REPLANNERS), Newer(_FIGURES)
+)
 
 _SHAPE = {
     "format": FORMAT,
@@ -67,7 +85,7 @@ _SHAPE = {
         "computed": {"device": _WORD},
     },
     "splits": dict.fromkeys(EVALUATED_SPLITS, _SCORES),
-    "baselines": dict.fromkeys(EVALUATED_SPLITS, dict.fromkeys(BASELINES, _BASELINE)),
+    "baselines": dict.fromkeys(EVALUATED_SPLITS, _BASELINES),
 }
 
 
@@ -78,6 +96,10 @@ def check_evaluation(content: Any) -> None:
         ValueError: It is none; the message says why.
     """
     check(content, _SHAPE)
+    names = content["baselines"]["train"].keys()
+    for split, baselines in content["baselines"].items():
+        if not isinstance(baselines, dict) or baselines.keys() != names:
+            raise ValueError(f"it.baselines.{split!s:.60} has not the names of it.baselines.train")
     for split, scores in content["splits"].items():
         if split not in SPLITS:
             raise ValueError(f"it.splits has {split!r:.60}, which is no split")
@@ -87,6 +109,8 @@ def check_evaluation(content: Any) -> None:
             "moves": len(scores["moves"]),
             "distances": sum(count for _, count in scores["by_distance"].values()),
         }
+        if scores.get("known_route") is not None:
+            counted["marks of known routes"] = len(scores["known_route"])
         for name, count in counted.items():
             if count != scores["labyrinths"]:
                 raise ValueError(

@@ -19,6 +19,12 @@ from labyrinth_core.data.storage import AnyPath, write_text
 DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
 
+DEVELOPERS = "The Labyrinth datasets developers"
+"""The makers of datasets and of the program, as a name."""
+
+LICENCE = "mit"
+"""The licence of a dataset whose card names no other, as the Hub spells it."""
+
 _FENCE = "---\n"
 _CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
 """The name of a config; other folders, such as that of a build, are ignored."""
@@ -112,7 +118,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     try:
         content = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        return {"license": "mit", "pretty_name": "Labyrinth"}, ""
+        return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
     _, fence, rest = content.partition(_FENCE)
@@ -124,6 +130,12 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     if not fence or not isinstance(values, dict) or "configs" not in values:
         raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
     return values, text
+
+
+def licence_of(values: Mapping[str, Any]) -> str:
+    """Return the licence that a front matter names, or several of them."""
+    licence = values.get("license") or LICENCE
+    return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
 
 
 def _config(manifest: Manifest, default: bool) -> dict[str, Any]:

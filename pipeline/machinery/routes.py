@@ -10,7 +10,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.source import read_rows
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import parse, without_agent
 from labyrinth_core.world.dynamics import initial, state_index, transition_table
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import distances
@@ -23,7 +23,7 @@ class Route(NamedTuple):
     is_first: bool
     """Whether it is the first route in its labyrinth."""
     shortest: int
-    """The number of moves of a shortest route in the labyrinth."""
+    """The number of moves of a shortest route in the labyrinth, from its start."""
     states: Sequence[int]
     """The T + 1 states visited, numbered as in `dynamics`; modulo the cells, the agent's cell."""
     actions: Sequence[int]
@@ -36,7 +36,7 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
     """Yield the routes of episodes.
 
     Args:
-        episodes: The text of the labyrinth, the actions and the return of each episode; the
+        episodes: The text of the rows, the actions and the return of each episode; the
             episodes of a labyrinth follow one another.
 
     Raises:
@@ -45,16 +45,18 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
     """
     before = None
     for info, actions, returned in episodes:
-        is_first = info != before
+        text = without_agent(info)
+        is_first = text != before
         if is_first:
-            before = info
-            labyrinth = parse(info)
+            before = text
+            labyrinth = parse(text).from_start()
             table = transition_table(labyrinth)
             start = state_index(labyrinth, initial(labyrinth))
             shortest = distances(labyrinth, table)[start]
+        begin = start if info == text else state_index(labyrinth, initial(parse(info)))
         if min(actions, default=0) < 0:
             raise ValueError(f"{min(actions)} is not an action")
-        states = [start]
+        states = [begin]
         for action in actions:
             states.append(table[states[-1]][action])
         yield Route(labyrinth, is_first, shortest, states, actions, returned)

@@ -42,6 +42,13 @@ class Maybe:
 
 
 @dataclass(frozen=True)
+class Newer:
+    """What may be missing in an object, since older files do not have it; else it has a shape."""
+
+    of: Any
+
+
+@dataclass(frozen=True)
 class Each:
     """A list of any length, each item of which has a shape."""
 
@@ -95,7 +102,8 @@ def check(value: Any, shape: Any, place: str = "it") -> None:
         raise ValueError(f"{place} is {value!r:.60}, not {wanted}")
     if isinstance(shape, dict):
         for name, of in shape.items():
-            check(value[name], of, f"{place}.{name}")
+            if name in value:
+                check(value[name], of, f"{place}.{name}")
     elif isinstance(shape, tuple):
         for number, (item, of) in enumerate(zip(value, shape, strict=True)):
             check(item, of, f"{place}[{number}]")
@@ -106,13 +114,13 @@ def check(value: Any, shape: Any, place: str = "it") -> None:
         for name, item in value.items():
             check(name, shape.name, f"a name in {place}")
             check(item, shape.of, f"{place}.{name}")
-    elif isinstance(shape, Maybe) and value is not None:
+    elif isinstance(shape, Newer) or (isinstance(shape, Maybe) and value is not None):
         check(value, shape.of, place)
 
 
 def _unmet(value: Any, shape: Any) -> str | None:
     """Return what a value has to be and is not, whatever it holds; None if it is."""
-    if shape is None or isinstance(shape, Maybe):
+    if shape is None or isinstance(shape, (Maybe, Newer)):
         return None
     if isinstance(shape, Number):
         number = type(value) is int or (type(value) is float and not shape.whole)
@@ -123,8 +131,9 @@ def _unmet(value: Any, shape: Any) -> str | None:
         matches = isinstance(value, str) and re.fullmatch(shape.like, value, re.ASCII)
         return None if matches else f"a text like {shape.like}"
     if isinstance(shape, dict):
-        holds = isinstance(value, dict) and shape.keys() <= value.keys()
-        return None if holds else f"an object with {', '.join(shape)}"
+        needed = [name for name, of in shape.items() if not isinstance(of, Newer)]
+        holds = isinstance(value, dict) and set(needed) <= value.keys()
+        return None if holds else f"an object with {', '.join(needed)}"
     if isinstance(shape, Named):
         return None if isinstance(value, dict) else "an object"
     if isinstance(shape, tuple):

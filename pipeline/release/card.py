@@ -28,7 +28,7 @@ from pipeline.release.changelog import updated
 from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
-from pipeline.release.provenance import ARXIV, LICENCE, Release
+from pipeline.release.provenance import ARXIV, Release
 from pipeline.release.published import (
     CHANGELOG,
     CITATION,
@@ -81,6 +81,7 @@ def write_card(
     repo_id: str | None = None,
     version: str | None = None,
     *,
+    space: str | None = None,
     workers: int = 1,
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
@@ -92,6 +93,7 @@ def write_card(
         data_dir: The folder.
         repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
         version: The version of the release, if it is one.
+        space: The id of the Space with the report, if there is one.
         workers: The number of processes that read shards.
 
     Raises:
@@ -100,7 +102,7 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, Release(repo_id, version), workers)
+        return _write_card(data_dir, Release(repo_id, version, space=space), workers)
 
 
 def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
@@ -109,7 +111,7 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
     datasets = _without_leaks(data_dir, workers)
     manifests = [dataset.manifest for dataset in datasets]
     default = front_matter.default_config(manifests)
-    release = replace(release, licence=_licence(values))
+    release = replace(release, licence=front_matter.licence_of(values))
     text = front_matter.with_generated(text, readme.text(datasets, default, release))
     files = {
         **_pictures(datasets, default),
@@ -147,12 +149,6 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
     return datasets
 
 
-def _licence(values: Mapping[str, Any]) -> str:
-    """Return the licence that the front matter names, or several of them."""
-    licence = values.get("license") or LICENCE
-    return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
-
-
 def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, bytes]:
     """Return all pictures by their paths."""
     shown = next(dataset for dataset in datasets if dataset.name == default)
@@ -175,7 +171,7 @@ def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: 
     """Return the whole README.md; keys that a person added, and added tags, are kept."""
     rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
     own = {
-        "license": values.get("license") or LICENCE,
+        "license": values.get("license") or front_matter.LICENCE,
         "pretty_name": values.get("pretty_name", NAME),
         "task_categories": _joined(TASK_CATEGORIES, values.get("task_categories")),
         "tags": _joined(TAGS, values.get("tags")),

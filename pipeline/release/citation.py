@@ -7,8 +7,8 @@ from typing import Any
 import yaml
 
 from labyrinth_core.version import __version__
+from pipeline.machinery.front_matter import DEVELOPERS, LICENCE
 from pipeline.release.provenance import (
-    LICENCE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_TITLE,
@@ -17,8 +17,6 @@ from pipeline.release.provenance import (
     PAPER_YEAR,
     Release,
 )
-
-_DEVELOPERS = "The Labyrinth datasets developers"
 
 
 def paper_bibtex() -> str:
@@ -37,7 +35,7 @@ def software_bibtex() -> str:
     """Return the BibTeX entry of this software."""
     return f"""@software{{labyrinth_datasets,
   title   = {{Labyrinth datasets}},
-  author  = {{{{{_DEVELOPERS}}}}},
+  author  = {{{{{DEVELOPERS}}}}},
   version = {{{__version__}}}
 }}"""
 
@@ -52,7 +50,7 @@ def citation_file(release: Release) -> str:
     }
     if release.licence == LICENCE:  # Of another only the Hub's name is known, not that of SPDX.
         values |= {"license": "MIT", "license-url": LICENCE_URL}
-    values["authors"] = [{"name": _DEVELOPERS}]
+    values["authors"] = [{"name": DEVELOPERS}]
     if release.version:
         values["version"] = release.version
     if release.repo_id:
@@ -67,5 +65,5 @@ def citation_file(release: Release) -> str:
         "url": PAPER_URL,
     }
     software = {"type": "software", "title": "Labyrinth datasets"}
-    values["references"] = [software | {"authors": [{"name": _DEVELOPERS}], "version": __version__}]
+    values["references"] = [software | {"authors": [{"name": DEVELOPERS}], "version": __version__}]
     return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)

@@ -22,7 +22,6 @@ from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
     DATE,
-    LICENCE,
     LICENCE_URL,
     PAPER_AUTHORS,
     PAPER_URL,
@@ -63,11 +62,11 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             "http://mlcommons.org/croissant/RAI/1.0",
         ],
         "url": release.url,
-        "license": LICENCE_URL if release.licence == LICENCE else release.licence,
+        "license": LICENCE_URL if release.licence == front_matter.LICENCE else release.licence,
         "version": release.version or "0.0.0-unreleased",
         "datePublished": DATE,
         "citeAs": paper_bibtex(),
-        "creator": [{"@type": "Organization", "name": "The Labyrinth datasets developers"}],
+        "creator": [{"@type": "Organization", "name": front_matter.DEVELOPERS}],
         "citation": {"@type": "ScholarlyArticle", "url": PAPER_URL, "author": authors},
         "isAccessibleForFree": True,
         "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],

@@ -1,4 +1,7 @@
-"""The plan of a release: which files on the Hub it would change, by their hashes."""
+"""The plan of a release: which files on the Hub it would change, by their hashes.
+
+Repositories are of three kinds: datasets, models (policies) and Spaces (reports).
+"""
 
 from __future__ import annotations
 
@@ -6,24 +9,54 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data.storage import file_sha256
 
-_DATA = r"\d+x\d+(-\w+)?/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)"
-# Not eval.yaml: one that a person keeps, with what the Hub asks of a benchmark, stays on the Hub.
-_CARD = (
-    r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
-    r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"
-    r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of repository, and the files that a release has in it."""
+
+    name: Literal["dataset", "model", "space"]
+    """As the Hub calls it."""
+    data: str
+    """The paths of what is published, as a regular expression."""
+    card: str
+    """The paths of what describes it."""
+
+    def is_ours(self, path: str) -> bool:
+        """Return whether a file may be part of an earlier release; others are left alone."""
+        return self.is_data(path) or re.fullmatch(self.card, path, re.ASCII) is not None
+
+    def is_data(self, path: str) -> bool:
+        """Return whether a file is part of a release, and not of its card."""
+        return re.fullmatch(self.data, path, re.ASCII) is not None
+
+
+DATASET = Kind(
+    "dataset",
+    data=r"\d+x\d+(-\w+)?/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
+    # Not eval.yaml: one that a person keeps, with what the Hub asks of a benchmark, stays there.
+    card=(
+        r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
+        r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"
+        r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
+    ),
 )
+# Other results are often other people's, so that none are deleted.
+MODEL = Kind("model", data=r"config\.json|model\.safetensors", card=r"README\.md")
+SPACE = Kind("space", data=r"index\.html|figures/\d+x\d+[\w-]*\.(svg|png)", card=r"README\.md")
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (DATASET, MODEL, SPACE)}
 
 
 @dataclass(frozen=True)
 class Plan:
     """The changes that a release would make."""
 
+    kind: Kind
     files: Mapping[str, Path]
     """All files of the release, by their path on the Hub."""
     add: list[str]
@@ -43,33 +76,25 @@ class Plan:
     @property
     def data(self) -> list[str]:
         """The paths that differ and are more than the card."""
-        return [path for path in [*self.add, *self.delete] if is_data(path)]
+        return [path for path in [*self.add, *self.delete] if self.kind.is_data(path)]
 
 
-def make_plan(files: Mapping[str, Path], remote: Mapping[str, str]) -> Plan:
+def make_plan(kind: Kind, files: Mapping[str, Path], remote: Mapping[str, str]) -> Plan:
     """Return what to change so that the Hub holds these files.
 
     Args:
+        kind: The kind of the repository.
         files: By their path on the Hub.
         remote: What it holds now, as from `Remote.tree`.
     """
     keep = [path for path, local in files.items() if path in remote and _same(local, remote[path])]
     return Plan(
+        kind=kind,
         files=files,
         add=[path for path in files if path not in keep],
         keep=keep,
-        delete=[path for path in sorted(remote) if path not in files and is_ours(path)],
+        delete=[path for path in sorted(remote) if path not in files and kind.is_ours(path)],
     )
-
-
-def is_ours(path: str) -> bool:
-    """Return whether a file may be part of an earlier release; others are left alone."""
-    return is_data(path) or re.fullmatch(_CARD, path, re.ASCII) is not None
-
-
-def is_data(path: str) -> bool:
-    """Return whether a file is part of a release, and not of its card."""
-    return re.fullmatch(_DATA, path, re.ASCII) is not None
 
 
 def _same(local: Path, digest: str) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.version import __version__
+from pipeline.machinery.front_matter import LICENCE
 
 DATE = "2026-11-21"
 """The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
@@ -19,8 +20,6 @@ PAPER_VENUE = "NeurIPS 2025 Datasets and Benchmarks"
 PAPER_YEAR = 2025
 ARXIV = "2509.24784"
 PAPER_URL = f"https://arxiv.org/abs/{ARXIV}"
-LICENCE = "mit"
-"""The licence of a dataset whose card names no other, as the Hub spells it."""
 LICENCE_URL = "https://spdx.org/licenses/MIT.html"
 """https://spdx.org/licenses/, which Croissant recommends for licences."""
 
@@ -32,6 +31,8 @@ class Release:
     repo_id: str | None = None
     """The id on the Hub, such as `user/labyrinth`."""
     version: str | None = None
+    space: str | None = None
+    """The id of the Space with the report."""
     licence: str = LICENCE
     """The licence that the card names, as the Hub spells it."""
 
@@ -70,6 +71,8 @@ def command(config: DatasetConfig) -> str:
         options["shifts"] = f"[{','.join(config.shifts)}]"
     if config.noise:
         options["demonstrations.noise"] = config.noise
+    if config.pieces:
+        options["demonstrations.pieces"] = config.pieces
     return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
 
 

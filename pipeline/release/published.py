@@ -9,11 +9,13 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
+from pipeline.machinery import front_matter
 from pipeline.machinery.counts import COUNTS
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
 from pipeline.machinery.statistics import read_analysis
 from pipeline.release.changelog import is_generated
 from pipeline.release.figures import FIGURES
+from pipeline.release.plan import DATASET, Kind
 from pipeline.release.readme import BANNER, PICTURES, picture_path
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
@@ -58,6 +60,24 @@ def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[st
         DatasetError: An analysis is damaged, or SHA256SUMS is somebody else's.
     """
     return _published(own_files(data_dir), manifests)
+
+
+def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
+    """Return the files of a release by their paths on the Hub.
+
+    Args:
+        kind: The kind of the repository.
+        folder: A folder of datasets; or one that holds nothing but the files of the release.
+
+    Raises:
+        DatasetError: As for `published_files`.
+    """
+    if kind is DATASET:
+        names = published_files(folder, front_matter.finished(folder))
+    else:
+        files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+        names = [path.relative_to(folder).as_posix() for path in files]
+    return {name: folder / name for name in names}
 
 
 def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:

@@ -19,7 +19,6 @@ from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (
     ARXIV,
-    LICENCE,
     PAPER_TITLE,
     PAPER_URL,
     PAPER_VENUE,
@@ -46,7 +45,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         release: What is known of the release.
     """
     sections = [
-        _introduction(datasets, default),
+        _introduction(datasets, default, release),
         _loading(datasets, default, release),
         _contents(datasets),
         _labyrinths(datasets, default, release),
@@ -60,10 +59,16 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
     return "\n\n".join(filter(None, sections))
 
 
-def _introduction(datasets: Sequence[DatasetStatistics], default: str) -> str:
+def _introduction(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
     names = ", ".join(f"`{dataset.name}`" for dataset in datasets)
     rows = sum(dataset.rows for dataset in datasets)
     named = f"{names}; `{default}` is the default" if len(datasets) > 1 else names
+    report = (
+        ""
+        if release.space is None
+        else "\n- **To look at:** [the report](https://huggingface.co/spaces/"
+        f"{release.space}) shows labyrinths, episodes and statistics."
+    )
     return f"""# Labyrinth
 
 ![A labyrinth of train, of validation and of test, each with a way from start to goal]({BANNER})
@@ -74,7 +79,7 @@ of `test`, and no structure is in both, not even as a mirror image.
 
 - **{rows:,} rows** in {count(len(datasets), "config")}: {named}.
 - **Counted, not assumed:** [which structures two splits share](#no-structure-in-two-splits): none.
-- **Self-sufficient rows:** `info` holds the labyrinth as a text that loads it again.
+- **Self-sufficient rows:** `info` holds the labyrinth as a text that loads it again.{report}
 
 The benchmark is that of *{PAPER_TITLE}*
 (Gavenski and Rodrigues, {PAPER_VENUE}, [arXiv:{ARXIV}]({PAPER_URL})).
@@ -286,12 +291,19 @@ p-values.
 
 
 def _statistics(datasets: Sequence[DatasetStatistics], default: str) -> str:
+    pieces = ""
+    if any(dataset.manifest.config.pieces for dataset in datasets):
+        pieces = (
+            "\n\nWith `demonstrations.pieces` an episode of any split but `random` is a piece of a "
+            "route: *moves*, *longest* and *return* are of pieces, most of which end before the "
+            "goal because they are cut there, and not because an agent failed."
+        )
     parts = [
-        """## Statistics
+        f"""## Statistics
 
 *Loops* is how many passages a structure has beyond those of a tree (passages - cells + 1), on
 average; *moves* and *return* are means over episodes. *Optimal* is the share of the actions that
-begin a shortest route; *choices* is how many actions do, in a state that is acted in."""
+begin a shortest route; *choices* is how many actions do, in a state that is acted in.{pieces}"""
     ]
     for dataset in sorted(datasets, key=lambda dataset: dataset.name != default):
         section = f"{_numbers(dataset)}\n\n{_pictures(dataset)}"
@@ -367,7 +379,7 @@ the grammar; the [paper]({PAPER_URL}) introduces it."""
 def _ending(release: Release) -> str:
     licence = (
         "[MIT](https://opensource.org/license/mit)."
-        if release.licence == LICENCE
+        if release.licence == front_matter.LICENCE
         else f"`{release.licence}`, as the head of this file says."
     )
     return f"""## Licence

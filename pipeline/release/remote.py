@@ -1,4 +1,4 @@
-"""A dataset on the Hugging Face Hub: its files, who may change it, what the Hub's errors mean.
+"""A repository on the Hugging Face Hub: its files, who may change it, what the Hub's errors mean.
 
 The client repeats some of its calls after a fault of the Hub, others not; those are repeated here.
 """
@@ -20,6 +20,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 )
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from pipeline.release.plan import SPACE, Kind
 
 WAITS = (0.2, 1.0, 3.0)
 """Seconds before each repetition of a call, after a fault of the Hub or of the line."""
@@ -65,18 +66,19 @@ def status_of(error: Exception) -> int | None:
 
 @dataclass(frozen=True)
 class Remote:
-    """A dataset on the Hub, there or not."""
+    """A repository on the Hub, there or not."""
 
     api: HfApi
     repo_id: str
+    kind: Kind
 
     def _call(self, method: str, **options: Any) -> Any:
-        """Return what a method of the client, which may be called twice, says of the dataset."""
+        """Return what a method of the client, which may be called twice, says of the repository."""
         call = getattr(self.api, method)
-        return repeated(lambda: call(self.repo_id, repo_type="dataset", **options))
+        return repeated(lambda: call(self.repo_id, repo_type=self.kind.name, **options))
 
     def check_access(self, *, create_pr: bool) -> bool:
-        """Return whether the dataset is there.
+        """Return whether the repository is there.
 
         Raises:
             PublishError: There is no token, or it cannot be used for this.
@@ -89,22 +91,23 @@ class Remote:
             )
         user = repeated(self.api.whoami)
         if self._call("repo_exists"):
-            # Anybody who sees a dataset may propose a change of it.
+            # Anybody who sees a repository may propose a change of it.
             self._call("auth_check", write=not create_pr)
             return True
         own = [user["name"], *(organization["name"] for organization in user.get("orgs", []))]
         if self.repo_id.partition("/")[0] not in own:
             raise PublishError(
                 f"{self.repo_id} does not exist, or this token may not see it; it may make "
-                f"datasets of {', '.join(own)}"
+                f"{self.kind.name}s of {', '.join(own)}"
             )
         if user.get("auth", {}).get("accessToken", {}).get("role") == "read":
             raise PublishError(reasons(self.repo_id)[403])
         return False
 
     def create(self, *, private: bool) -> None:
-        """Make the dataset, unless it is there."""
-        self._call("create_repo", private=private, exist_ok=True)
+        """Make the repository, unless it is there; a Space is static."""
+        own = {"space_sdk": "static"} if self.kind is SPACE else {}
+        self._call("create_repo", private=private, exist_ok=True, **own)
 
     def create_branch(self, branch: str) -> None:
         """Make a branch at the head of `main`, unless it is there."""
@@ -113,14 +116,18 @@ class Remote:
     def head(self, branch: str) -> str:
         """Return the commit at the head of a branch, or of `main` if there is no such branch."""
         try:
-            return str(self._call("repo_info", revision=branch).sha)
+            return self.commit(branch)
         except RevisionNotFoundError:
-            return str(self._call("repo_info", revision="main").sha)
+            return self.commit("main")
+
+    def commit(self, revision: str) -> str:
+        """Return the commit that a branch, a tag or a commit means."""
+        return str(self._call("repo_info", revision=revision).sha)
 
     def tree(self, commit: str) -> dict[str, str]:
         """Return path -> SHA-256 of each large file of a commit, git's hash of each other."""
         entries = self.api.list_repo_tree(
-            self.repo_id, repo_type="dataset", revision=commit, recursive=True
+            self.repo_id, repo_type=self.kind.name, revision=commit, recursive=True
         )
         return {
             entry.path: entry.lfs.sha256 if entry.lfs else entry.blob_id
@@ -154,11 +161,11 @@ class Remote:
             )
 
     def join(self, collection: str, *, private: bool) -> None:
-        """Put the dataset into the collection with a title, which is made if need be."""
+        """Put the repository into the collection with a title, which is made if need be."""
         owner = self.repo_id.partition("/")[0]
         make, add = self.api.create_collection, self.api.add_collection_item
         made = repeated(lambda: make(collection, namespace=owner, private=private, exists_ok=True))
-        repeated(lambda: add(made.slug, self.repo_id, "dataset", exists_ok=True))
+        repeated(lambda: add(made.slug, self.repo_id, self.kind.name, exists_ok=True))
 
 
 @contextmanager

@@ -22,6 +22,8 @@ from huggingface_hub import get_token
 
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import progress, say
+from pipeline.release.plan import DATASET, Kind
+from pipeline.release.published import files_of
 from pipeline.release.remote import PublishError
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
@@ -34,28 +36,41 @@ A call of the client has an end after ten seconds without a byte, and is repeate
 """
 
 
-def verified(repo_id: str, commit: str, data_dir: Path) -> str:
+def verified(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
     """Load a release from the Hub with an empty cache, by its commit; return what was verified.
+
+    Args:
+        repo_id: The repository.
+        commit: The release in it.
+        folder: The folder with what was released.
+        kind: The kind of the repository.
 
     Raises:
         PublishError: The Hub gives anything else than was published, or gives nothing.
     """
     say(f"verifying {commit[:12]} from an empty cache ...")
     failed = f"the verification of {commit[:12]} failed, so it is not tagged"
-    manifests = front_matter.finished(data_dir)
-    rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
     with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as home:
         errors = Path(home) / "errors.txt"
         command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
-        with _started([*command, str(data_dir.resolve())], home, errors) as process:
+        command += [str(folder.resolve()), kind.name]
+        with _started(command, home, errors) as process:
             try:
-                said = _watch(process, Path(home), 2 * rows)
+                said = _watch(process, Path(home), _work(folder, kind))
             except TimeoutError as error:
                 raise PublishError(f"{failed}: {error}") from error
         told = errors.read_text(errors="replace").strip().rpartition("\n")[2]
     if process.returncode:
         raise PublishError(f"{failed}: {told or f'it ended with {process.returncode}'}")
     return said
+
+
+def _work(folder: Path, kind: Kind) -> int:
+    """Return how much the process tells that it reads: rows, plain and streaming, or bytes."""
+    if kind is DATASET:
+        manifests = front_matter.finished(folder)
+        return 2 * sum(shard.rows for manifest in manifests for shard in manifest.shards)
+    return sum(path.stat().st_size for path in files_of(kind, folder).values())
 
 
 @contextmanager
@@ -85,7 +100,7 @@ def _watch(process: subprocess.Popen[str], home: Path, total: int) -> str:
     Args:
         process: The verification.
         home: The folder of its caches.
-        total: The number of rows that it reads, plain and streaming.
+        total: How much it tells that it reads.
 
     Raises:
         TimeoutError: Neither a row nor a byte came in `PATIENCE`.
@@ -105,8 +120,8 @@ def _watch(process: subprocess.Popen[str], home: Path, total: int) -> str:
                 )
             said = line or said
             if "\t" in line:
-                rows, what = line.split("\t")
-                bars.update(bar, completed=int(rows))
+                read, what = line.split("\t")
+                bars.update(bar, completed=int(read))
             bars.update(bar, description=f"verify {what}, {held / 1e6:.1f} MB")
     return said
 

@@ -1,8 +1,8 @@
-"""Verification of a release: `python -m pipeline.release.verify REPO COMMIT FOLDER`.
+"""Verification of a release: `python -m pipeline.release.verify REPO COMMIT FOLDER KIND`.
 
 Runs in a process of its own, so that its empty cache is the only one there is: the client falls
 back silently to what it has. Everything is asked for by the commit, and compared with the
-manifests of the folder that was published.
+manifests, or the files, of the folder that was published.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterable
-from functools import lru_cache
+from collections.abc import Iterable, Mapping
+from functools import lru_cache, partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -25,40 +25,66 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.policies.load import load_policy
 from pipeline.machinery import front_matter
 from pipeline.machinery.worker import end_with_parent
-from pipeline.release.plan import make_plan
-from pipeline.release.published import published_files
+from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan
+from pipeline.release.published import files_of
 from pipeline.release.remote import Remote, repeated
 
 TOLD = 100
 """The number of rows after which it is told how far the verification is."""
 
 
-def verify(repo_id: str, commit: str, folder: Path) -> str:
+def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
     """Return a line that says what was verified.
 
     Raises:
         DatasetError: The Hub gives anything else than was published, or does not give it.
     """
-    manifests = front_matter.finished(folder)
-    files = {name: folder / name for name in published_files(folder, manifests)}
+    files = files_of(kind, folder)
     try:
-        plan = make_plan(files, Remote(HfApi(), repo_id).tree(commit))
+        plan = make_plan(kind, files, Remote(HfApi(), repo_id, kind).tree(commit))
     except HTTPError as error:
         raise DatasetError(f"its files cannot be listed: {one_line(error)}") from error
     if not plan.is_done:
         path = [*plan.add, *plan.delete][0]
         raise DatasetError(f"{path} on the Hub is not what was published")
+    if kind is not DATASET:
+        return _verified_files(repo_id, commit, files, kind)
     rows = 0
-    for manifest in manifests:
+    for manifest in front_matter.finished(folder):
         rows += _verified_rows(repo_id, commit, manifest, rows, folder)
     return f"verified {commit[:12]}: {rows:,} rows, plain and streaming, are those published."
 
 
-def _tell(rows: int, what: str) -> None:
-    """Tell the process that watches how many rows have been read, and what is read now."""
-    print(f"{rows}\t{what}", flush=True)  # noqa: T201
+def _verified_files(repo_id: str, commit: str, files: Mapping[str, Path], kind: Kind) -> str:
+    """Download all files, and load the policy of a model; return what was verified."""
+    read = 0
+    for name, path in files.items():
+        _tell(read, name)
+        try:
+            there = repeated(partial(_downloaded, repo_id, commit, name, kind))
+        except (OSError, HTTPError) as error:
+            raise DatasetError(f"{name} cannot be downloaded: {one_line(error)}") from error
+        if file_sha256(there) != file_sha256(path):
+            raise DatasetError(f"{name} is not the one that was published")
+        read += path.stat().st_size
+    _tell(read, "what was read")
+    if kind is MODEL:
+        load_policy(repo_id, revision=commit)
+    loads = ", and the policy loads" if kind is MODEL else ""
+    return f"verified {commit[:12]}: {len(files)} files are those published{loads}."
+
+
+def _downloaded(repo_id: str, commit: str, name: str, kind: Kind) -> Path:
+    return Path(hf_hub_download(repo_id, name, repo_type=kind.name, revision=commit))
+
+
+def _tell(read: int, what: str) -> None:
+    """Tell the process that watches how many rows, or bytes, were read, and what is read now."""
+    print(f"{read}\t{what}", flush=True)  # noqa: T201
 
 
 def _verified_rows(repo_id: str, commit: str, manifest: Manifest, before: int, folder: Path) -> int:
@@ -158,11 +184,11 @@ def _digest(png: bytes) -> bytes:
 
 def main() -> None:
     """Verify what the command line names, and end with 0 if all is well, else 1."""
-    repo_id, commit, folder = sys.argv[1:]
+    repo_id, commit, folder, kind = sys.argv[1:]
     end_with_parent(os.getppid())
     status = 0
     try:
-        print(verify(repo_id, commit, Path(folder)))  # noqa: T201
+        print(verify(repo_id, commit, Path(folder), KINDS[kind]))  # noqa: T201
     except DatasetError as error:
         print(error, file=sys.stderr)  # noqa: T201
         status = 1

@@ -6,64 +6,127 @@ Nothing is selected or learnt here: the policy acts in one greedy episode per la
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import write_text
-from labyrinth_core.evaluation.baselines import BASELINES, compare
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import locate
+from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.references import TrainMemory
+from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
+from labyrinth_core.pictures.vector import tile_count
+from labyrinth_core.world.labyrinth import Task
+from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, tracked
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.evaluation_file import EVALUATION, FORMAT
+from pipeline.machinery.evaluation_file import EVALUATION, FORMAT, POLICY
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
-from pipeline.training.record import POLICY, current_versions, read_record
+from pipeline.training.record import current_versions, read_record
 from pipeline.training.train import choose_device, loader_of, spec_of
+
+CAPTION = (
+    "SPL: success weighted by path length. known: SR where train demonstrates an optimal route; "
+    "new: where it does not. optimal: share of optimal actions, in the states of the "
+    "demonstrations / in all others."
+)
 
 
 def run(run: Run) -> None:
-    """Evaluate the policy of a run.
+    """Evaluate the policy of a run, on the dataset that it was trained on or on `evaluate_on`.
 
     Raises:
-        ConfigError: There is no such device, or a folder is given with a revision.
+        ConfigError: There is no such device, a folder is given with a revision, or the policy
+            cannot see the labyrinths of `evaluate_on`.
         DatasetError: There is no finished run, it was trained on another dataset than the one that
-            exists now, or the dataset lacks a split.
+            exists now, or a dataset or a split is missing.
     """
-    folder = run.training_folder
+    folder, options = run.training_folder, run.options
     record = read_record(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
-    device = choose_device(run.options)
+    device = choose_device(options)
     method, settings = find(record["run"]["method"], record["run"]["settings"])
-    make = partial(method.make, settings=settings)
-    policy = load_policy(folder / POLICY, spec_of(run), device, make)
-    manifest = manifest_of(run)
-    fingerprint = manifest.fingerprint
-    if fingerprint != record["run"]["fingerprint"]:
+    make, spec = partial(method.make, settings=settings), spec_of(run)
+    policy = load_policy(folder / POLICY, spec, device, make)
+    judged = elsewhere(run) if options.evaluate_on else run
+    manifest = manifest_of(judged)
+    config, fingerprint = manifest.config, manifest.fingerprint
+    if judged is run and fingerprint != record["run"]["fingerprint"]:
         raise DatasetError(
             f"{folder} was trained on another dataset than {run.source}: their fingerprints "
-            f"are {record['run']['fingerprint']:.8} and {fingerprint:.8}"
+            f"are {record['run']['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={run.source}/"
+            f"{config.name} evaluates it there all the same"
         )
+    size = method.image_size(spec, settings, config.height, config.width)
+    scores, baselines = judge(policy, loader_of(judged, size), config)
+    computed = {
+        "device": device.type,
+        "versions": current_versions(),
+        "weights": file_sha256(folder / POLICY),
+    }
+    content, name = describe(record, scores, baselines, computed), EVALUATION
+    if judged is not run:
+        name = f"evaluation-{config.name}-{fingerprint:.8}.json"
+        content["evaluated"] |= {"on": options.evaluate_on, "fingerprint": fingerprint}
+        del content["train_test_gap"]  # The policy was not trained on that train.
+    write_text(folder / name, as_text(content))
+    for table in summaries(f"{run.training_name} on {judged.source}/{config.name}", content):
+        console.print(table)
+
+
+def elsewhere(run: Run) -> Run:
+    """Return the run with the dataset of `evaluate_on` in place of the one that it was trained on.
+
+    Raises:
+        ConfigError: The policy sees vectors, which have another meaning there.
+        DatasetError: There is no such dataset.
+    """
+    source, _, name = run.options.evaluate_on.rpartition("/")
+    config, trained_on = Manifest.read(locate(source, name, [])).config, run.dataset
+
+    def vectors(of: DatasetConfig) -> tuple[int, int, int]:
+        return of.height, of.width, tile_count(of.task)
+
+    check(
+        run.options.observation != "vector" or vectors(config) == vectors(trained_on),
+        f"evaluate_on={run.options.evaluate_on}: observation=vector has other vectors at {name} "
+        f"than at {trained_on.name}, where the policy was trained",
+    )
+    options = replace(run.options, dataset=source, revision=None, train_labyrinths=None)
+    return replace(run, options=options, dataset=config)
+
+
+def judge(
+    policy: Policy, load: Callable[..., LabyrinthArrays], config: DatasetConfig
+) -> tuple[dict[str, Scores], dict[str, dict[str, dict[str, float]]]]:
+    """Return a policy's scores on each split of a dataset, and the figures of the baselines."""
     scores: dict[str, Scores] = {}
-    baselines: dict[str, Any] = {}
-    load, splits = loader_of(run), (*EVALUATED_SPLITS, *manifest.config.shifts)
+    baselines: dict[str, dict[str, dict[str, float]]] = {}
+    splits = (*EVALUATED_SPLITS, *config.shifts)
     for split in tracked(((1, split) for split in splits), "evaluate", len(splits)):
         arrays = load(split)
         if split == "train":
-            train = arrays
-        scores[split] = score(policy, arrays)
-        baselines[split] = compare(train, arrays)
-    computed = {"device": device.type, "versions": current_versions()}
-    content = describe(record, scores, baselines, computed)
-    write_text(folder / EVALUATION, as_text(content))
-    for table in summaries(run.training_name, content):
-        console.print(table)
+            train, memory = arrays, TrainMemory.of(arrays)
+        known, references = memory.figures(arrays)
+        scores[split] = replace(score(policy, arrays), known_route=known)
+        baselines[split] = compare(train, arrays) | references
+        if config.task is Task.PARTIAL_OBSERVABILITY:
+            baselines[split] |= replan(load(split, observation="vector"))
+    return scores, baselines
 
 
 def describe(
@@ -75,7 +138,7 @@ def describe(
     """Return the content of `evaluation.json`, in plain types.
 
     `record` is the content of `run.json`; `scores` and the figures of `baselines` are by split;
-    `computed` tells the device and the versions of libraries.
+    `computed` tells the device, the versions of libraries and the SHA-256 of the weights.
     """
     solved = [scores[split].episodes.solved[None].astype(float) for split in ("train", "test")]
     return {
@@ -107,24 +170,39 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 def summaries(name: str, content: Mapping[str, Any]) -> Iterator[Table]:
     """Yield the tables of the policy's scores and of the baselines."""
-    right = partial(Column, justify="right")
-    headings = ("SR", "95%", "AER", "optimal*", "failures")
-    table = Table("split", *map(right, headings), title=f"{name}, one greedy episode per labyrinth")
+    headings = ("SR", "95%", "SPL", "known / new", "AER", "optimal", "failures")
+    table = _table(headings, f"{name}, one greedy episode per labyrinth", CAPTION)
     for split, figures in content["splits"].items():
         low, high = figures["sr_interval"]
-        shares = [figures[f"accuracy_{where}"] for where in ("on_demonstrations", "elsewhere")]
         table.add_row(
             split,
             f"{figures['sr']:.1%}",
             f"{100 * low:.0f}-{100 * high:.0f}",
-            f"{figures['aer']:.2f} ± {figures['aer_std']:.2f}",
-            " / ".join("-" if share is None else f"{share:.0%}" for share in shares),
+            f"{figures['spl']:.0%}",
+            _pair(figures["sr_known_route"], figures["sr_new_route"]),
+            f"{figures['aer']:.2f}",
+            _pair(figures["accuracy_on_demonstrations"], figures["accuracy_elsewhere"]),
             ", ".join(f"{count} {name}" for name, count in figures["failures"].items()) or "none",
         )
-    table.caption = "*share of optimal actions, in the demonstrations' states / in all others"
     yield table
-    named = (right(name.replace("_", " ")) for name in BASELINES)
-    table = Table("split", *named, title="SR without learning")
+    names = list(content["baselines"]["train"])
+    headings = tuple(name.replace("_", " ") for name in names)
+    table = _table(headings, "SR / SPL without learning, in percent")
     for split, figures in content["baselines"].items():
-        table.add_row(split, *(f"{figures[name]['sr']:.1%}" for name in BASELINES))
+        told = (_pair(figures[name]["sr"], figures[name]["spl"]) for name in names)
+        table.add_row(split, *told)
     yield table
+
+
+def _table(headings: Sequence[str], title: str, caption: str | None = None) -> Table:
+    columns = (Column(heading, justify="right") for heading in headings)
+    first = Column("split", no_wrap=True)
+    table = Table(first, *columns, title=title, caption=caption, box=SIMPLE_HEAD, pad_edge=False)
+    table.caption_justify = "left"
+    return table
+
+
+def _pair(first: float | None, second: float | None) -> str:
+    """Return two shares in percent."""
+    shares = (first, second)
+    return " / ".join("-" if share is None else f"{100 * share:.0f}" for share in shares)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from pipeline.config.errors import check
 from pipeline.config.training import Protocol
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.method import Learner
-from pipeline.training.policy import NetworkPolicy
 
 CHECKPOINT_SECONDS = 30.0
 """The least time between two checkpoints."""
@@ -40,6 +42,9 @@ def fit(
         identity: What determines the run.
         report: Called after every epoch.
         checkpoint_seconds: The least time between two checkpoints; they are written after epochs.
+
+    Raises:
+        ConfigError: A loss is not finite. The last checkpoint stays as it is.
     """
     progress = checkpoint.load(path, learner, identity) if path.exists() else Progress()
     epochs = learner.settings.epochs
@@ -48,6 +53,7 @@ def fit(
     began = saved - progress.seconds
     while progress.epoch < epochs and progress.stale < protocol.patience:
         figures = learner.epoch()
+        _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
         if progress.epoch % every == 0 or progress.epoch == epochs:
             figures |= judge(NetworkPolicy(learner.policy))
@@ -73,3 +79,12 @@ def _select(learner: Learner, progress: Progress) -> None:
         progress.best = figures
         state = learner.policy.state_dict()
         progress.weights = {name: tensor.detach().clone() for name, tensor in state.items()}
+
+
+def _require_finite(figures: Mapping[str, float], epoch: int, rate: float) -> None:
+    for name, value in figures.items():
+        check(
+            isfinite(value),
+            f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, from where training "
+            "cannot go on; give a lower one. The checkpoint is as it was",
+        )

@@ -1,4 +1,4 @@
-"""The policy of a network, and files of weights in the safetensors format, which is no code."""
+"""Files of weights in the safetensors format, which is no code."""
 
 from __future__ import annotations
 
@@ -8,36 +8,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
-from pipeline.training.networks.network import MOMENTUM, Network, NetworkSpec
+from labyrinth_core.policies.networks.acting import BATCH, NetworkPolicy
+from labyrinth_core.policies.networks.network import MOMENTUM, Network
+from labyrinth_core.policies.spec import NetworkSpec
 
 INSTEAD = ": choose another run_dir, or give overwrite=true to begin anew"
-
-BATCH = 256
-"""The number of observations in a forward pass without gradients."""
-
-
-def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
-    """Return a network's outputs in evaluation mode: no dropout, running statistics, no gradient.
-
-    Whatever acts, labels or judges during training calls this function, with any number of
-    observations on the network's device. It leaves the network in the mode in which it was.
-    """
-    training = network.training
-    network.eval()
-    try:
-        with torch.no_grad():
-            return torch.cat([network(batch) for batch in observations.split(BATCH)])
-    finally:
-        network.train(training)
 
 
 def settle(network: nn.Module, observations: Tensor) -> None:
@@ -57,20 +39,6 @@ def settle(network: nn.Module, observations: Tensor) -> None:
     for layer in normalising:
         layer.momentum = MOMENTUM
     network.eval()
-
-
-class NetworkPolicy:
-    """The policy of a network."""
-
-    def __init__(self, network: nn.Module) -> None:
-        self.network = network
-
-    def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the scores of the four actions, shape (B, 4)."""
-        device = next(self.network.parameters()).device
-        scores = outputs_of(self.network, torch.tensor(observations, device=device))
-        array: NDArray[np.float32] = scores.float().cpu().numpy()
-        return array
 
 
 def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str]) -> None:

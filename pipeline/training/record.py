@@ -18,7 +18,6 @@ from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import Progress
 
 RECORD = "run.json"
-POLICY = "policy.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"

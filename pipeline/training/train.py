@@ -22,20 +22,20 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
 from pipeline.machinery.console import console, progress
 from pipeline.machinery.dataset import fingerprint_of
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.networks.network import NetworkSpec
 from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
-    POLICY,
     draw_curves,
     open_board,
     read_record,
@@ -109,21 +109,23 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
-def loader_of(run: Run) -> Callable[[str], LabyrinthArrays]:
+def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split, observed as the policy of a run observes it.
+
+    Another observation can be its second argument.
 
     Where the run learns from the first labyrinths of train alone, so do splits that are derived
     from train hold the first alone: the others have structures that are new to the policy.
     """
     options = run.options
 
-    def load(split: str) -> LabyrinthArrays:
+    def load(split: str, observation: str = options.observation) -> LabyrinthArrays:
         return load_arrays(
             run.source,
             run.dataset.name,
             split,
-            observation=options.observation,
-            image_size=IMAGE_SIZE,
+            observation=observation,
+            image_size=image_size,
             resize=PROTOCOLS[options.protocol].resize,
             revision=options.revision,
             labyrinths=options.train_labyrinths if is_of_train(split) else None,

@@ -38,7 +38,7 @@ def auth_check(hub: HubState, request: Request, kind: str, name: str, write: str
 def validate_yaml(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
     """Answer with what is wrong with a card: 400 if anything is."""
     card = request.json()
-    errors, warnings = validate(card["content"])
+    errors, warnings = validate(card["content"], card.get("repoType", "model"))
     answer = {
         "errors": [{"message": message} for message in errors],
         "warnings": [{"message": message} for message in warnings],

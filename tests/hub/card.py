@@ -16,6 +16,9 @@ FRONT_MATTER = re.compile(r"\A\s*---[ \t]*\r?\n(.*?)^---[ \t]*\r?$", re.DOTALL |
 LISTS_OF_WORDS = ("license", "language", "tags", "task_categories", "task_ids", "size_categories")
 SIZE_CATEGORY = re.compile(r"n<1K|\d+[KMBT]?<n<\d+[KMBT]|n>1T")
 SPLIT = re.compile(r"\w+(\.\w+)*")
+SDKS = ("gradio", "docker", "static", "streamlit")
+COLOURS = ("red", "yellow", "green", "blue", "indigo", "purple", "pink", "gray")
+LONGEST_DESCRIPTION = 60
 EMPTY = "empty or missing yaml metadata in repo card"
 
 
@@ -29,8 +32,8 @@ def read_front_matter(readme: str) -> Any:
     return yaml.safe_load(match[1]) if match else None
 
 
-def validate(readme: str) -> tuple[list[str], list[str]]:
-    """Return the errors and the warnings that the Hub has for the card of a dataset."""
+def validate(readme: str, kind: str) -> tuple[list[str], list[str]]:
+    """Return the errors and the warnings that the Hub has for the card of a repository."""
     try:
         metadata = read_front_matter(readme)
     except yaml.YAMLError as error:
@@ -40,10 +43,24 @@ def validate(readme: str) -> tuple[list[str], list[str]]:
     if not isinstance(metadata, dict):
         return ["YAML Metadata Error: metadata must be an object"], []
     errors = [*_words(metadata), *_configs(metadata), *_infos(metadata)]
+    errors += _space(metadata) if kind == "space" else []
     return [f'YAML Metadata Error: "{error[0]}" {error[1]}' for error in errors], []
 
 
 Errors = Iterator[tuple[str, str]]
+
+
+def _space(metadata: dict[str, Any]) -> Errors:
+    """Yield what is wrong by https://huggingface.co/docs/hub/spaces-config-reference."""
+    if metadata.get("sdk") not in SDKS:
+        yield "sdk", f"must be one of [{', '.join(SDKS)}]"
+    for name in ("colorFrom", "colorTo"):
+        if metadata.get(name, COLOURS[0]) not in COLOURS:
+            yield name, f"must be one of [{', '.join(COLOURS)}]"
+    if len(metadata.get("short_description", "")) > LONGEST_DESCRIPTION:
+        yield "short_description", f"must have at most {LONGEST_DESCRIPTION} characters"
+    if not isinstance(metadata.get("datasets", []), list):
+        yield "datasets", "must be an array of ids"
 
 
 def _words(metadata: dict[str, Any]) -> Errors:

@@ -45,6 +45,8 @@ def repo_info(
             _sibling(path, commit.tree[path], request.flag("blobs")) for path in sorted(commit.tree)
         ],
     }
+    if kind == "space":
+        info["sdk"] = (info["cardData"] or {}).get("sdk")
     if wanted := request.query.get("expand", request.query.get("expand[]")):
         info = {key: info[key] for key in (*IN_EVERY_INFO, *wanted) if key in info}
     return as_json(info)

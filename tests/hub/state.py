@@ -21,9 +21,15 @@ from hub.request_log import RequestLog
 MODES = ("xet", "lfs-basic", "lfs-multipart")
 GITATTRIBUTES = b"".join(
     b"*.%b filter=lfs diff=lfs merge=lfs -text\n" % suffix
-    for suffix in (b"gz", b"jpg", b"npz", b"parquet", b"png", b"tar", b"zip")
+    for suffix in (b"gz", b"jpg", b"npz", b"parquet", b"png", b"safetensors", b"tar", b"zip")
 )
 """What the Hub puts into every new repository, in short."""
+TEMPLATE = {
+    "README.md": b"---\ntitle: New\nsdk: static\n---\n",
+    "index.html": b"<h1>Welcome to your static Space!</h1>\n",
+    "style.css": b"body { padding: 2rem; }\n",
+}
+"""What the Hub puts into a new static Space, in short."""
 SOMEBODY_ELSE = "somebody-else"
 
 
@@ -76,6 +82,9 @@ class HubState:
         repository = Repository(folder, kind, name, private)
         self.blobs.add(GITATTRIBUTES)
         tree = {".gitattributes": regular_entry(GITATTRIBUTES)}
+        for path, content in TEMPLATE.items() if kind == "space" else ():
+            self.blobs.add(content)
+            tree[path] = regular_entry(content)
         repository.commit(MAIN, tree, "initial commit", "", author)
         self._repositories[kind, name] = repository
         return repository

@@ -189,6 +189,28 @@ results["slug"] = api.get_collection(found[0].slug).slug.rsplit("-", 1)[0]
         local_hub.restart()
 
 
+def test_a_space_has_files_of_the_hub_and_a_card_with_colours(local_hub: LocalHub) -> None:
+    results = run(
+        local_hub,
+        """
+S = {"repo_type": "space"}
+attempt("create", api.create_repo, R, space_sdk="static", **S)
+results["files"] = api.list_repo_files(R, **S)
+card = "---\\ntitle: A\\nsdk: static\\ncolorFrom: %s\\n---\\n"
+for colour in ("green", "violet"):
+    change = [add("README.md", (card % colour).encode()), add("page.html", b"page")]
+    attempt(colour, api.create_commit, R, change, commit_message="Change", **S)
+results["info"] = [api.space_info(R).sdk]
+results["page"] = Path(hf_hub_download(R, "page.html", **S)).read_text()
+""",
+    )
+    assert results["create"] == results["green"] == "done"
+    assert results["violet"] == ["ValueError", None]
+    assert results["files"] == [".gitattributes", "README.md", "index.html", "style.css"]
+    assert results["info"] == ["static"]
+    assert results["page"] == "page"
+
+
 def test_a_card_that_the_hub_cannot_read_is_refused(local_hub: LocalHub) -> None:
     local_hub.create_repo(REPO)
     results = run(

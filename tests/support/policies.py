@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+from pathlib import Path
+
 import numpy as np
+
+from labyrinth_core.policies.spec import CONFIG, WEIGHTS, NetworkSpec, PlannerSpec, PolicySpec
+
+RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
+RELEASED_SPEC = PolicySpec(
+    NetworkSpec("planner", 1, 5, 5, "navigation"),
+    average=True,
+    planner=PlannerSpec(True, True, True, channels=32, iterations=20, sharpness=3.0),
+)
 
 
 class Table:
@@ -51,3 +64,11 @@ def mistaken(arrays, share, seed=0):
     rng = np.random.default_rng(seed)
     wrong = rng.random(len(arrays.terminal)) < share
     return np.where(wrong, rng.integers(4, size=len(wrong)), arrays.optimal.argmax(axis=1))
+
+
+def lay_out_released(folder):
+    """Write the planner that was released into a folder, as the Hub would hold it; return it."""
+    folder.mkdir(parents=True)
+    shutil.copyfile(RELEASED / "policy.safetensors", folder / WEIGHTS)
+    (folder / CONFIG).write_text(json.dumps(RELEASED_SPEC.to_json()), encoding="utf-8")
+    return folder

@@ -64,9 +64,11 @@ def publish(
     )
 
 
-def published(hub: LocalHub, data_dir: Path, version: str = "1.0.0", *options: str) -> str:
+def published(
+    hub: LocalHub, data_dir: Path, version: str = "1.0.0", *options: str, repo: str = REPO
+) -> str:
     """Return what a release that succeeds prints."""
-    done = publish(hub, data_dir, version, *options)
+    done = publish(hub, data_dir, version, *options, repo=repo)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -83,11 +85,16 @@ def error_of(done: subprocess.CompletedProcess[str]) -> str:
 
 @contextmanager
 def publishing(
-    hub: LocalHub, data_dir: Path, version: str = "1.0.0", **more: str
+    hub: LocalHub,
+    data_dir: Path,
+    version: str = "1.0.0",
+    *options: str,
+    repo: str = REPO,
+    **more: str,
 ) -> Iterator[subprocess.Popen[str]]:
     """Publish in a process that is killed in the end, with all that it has started."""
     with subprocess.Popen(
-        command(data_dir, version),
+        command(data_dir, version, *options, repo=repo),
         env=environment(hub, **more),
         cwd=hub.folder,
         stdout=subprocess.PIPE,
@@ -108,9 +115,11 @@ def wait_for(rule: Rule, process: subprocess.Popen[str]) -> None:
         assert process.poll() is None, (rule, *process.communicate())
 
 
-def kill_in(hub: LocalHub, held: Rule, data_dir: Path, version: str) -> None:
+def kill_in(
+    hub: LocalHub, held: Rule, data_dir: Path, version: str, *options: str, repo: str = REPO
+) -> None:
     """Publish, and kill it while a call is held."""
-    with publishing(hub, data_dir, version) as process:
+    with publishing(hub, data_dir, version, *options, repo=repo) as process:
         wait_for(held, process)
     hub.faults.clear()
     hub.wait_until_quiet()
@@ -125,9 +134,11 @@ def built(data_dir: Path) -> dict[str, str]:
     }
 
 
-def held(hub: LocalHub, revision: str = "main", repo: str = REPO) -> dict[str, str]:
+def held(
+    hub: LocalHub, revision: str = "main", repo: str = REPO, kind: str = "dataset"
+) -> dict[str, str]:
     """Return the SHA-256 of all files of a revision but the one that the Hub makes."""
-    tree = hub.tree(repo, revision)
+    tree = hub.tree(repo, revision, kind)
     return {path: entry.sha256 for path, entry in tree.items() if path != MADE_BY_THE_HUB}
 
 

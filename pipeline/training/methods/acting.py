@@ -12,7 +12,7 @@ from torch import Tensor
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
 
 
 class Steps(NamedTuple):
@@ -66,7 +66,7 @@ def load_steps(
     Raises:
         DatasetError: There is no such split, or one of its labyrinths is not in `arrays`.
     """
-    first = dict(zip(arrays.labyrinth_ids.tolist(), arrays.initial.tolist(), strict=True))
+    known = set(arrays.labyrinth_ids.tolist())
     found = []
     for episode in load_episodes(
         source,
@@ -76,11 +76,11 @@ def load_steps(
         revision=revision,
         labyrinths=labyrinths,
     ):
-        if episode.labyrinth_id not in first:
+        if episode.labyrinth_id not in known:
             raise DatasetError(
                 f"split={split}: labyrinth {episode.labyrinth_id:016x} is none of those trained on"
             )
-        states = [first[episode.labyrinth_id]]
+        states = [number_of(first_place(episode), arrays.places)]
         for action in episode.actions.tolist():
             states.append(int(arrays.next_state[states[-1], action]))
         found.append((np.array(states[:-1]), episode.actions, np.array(states[1:])))

@@ -16,9 +16,11 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipeline.training.methods.method import BaseSettings, Learner, setting
-from pipeline.training.networks.network import Network, NetworkSpec
-from pipeline.training.networks.symmetry import Averaged, transform_examples
+from labyrinth_core.policies.networks.assembly import make_network
+from labyrinth_core.policies.networks.symmetry import transform_examples
+from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from pipeline.training.methods.relabelling import require_shortest
 
 
 @dataclass(frozen=True)
@@ -36,15 +38,14 @@ class Settings(BaseSettings):
 class Method(Learner):
     """Behavioural cloning; its only state is the policy and its optimizer."""
 
-    @classmethod
-    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
-        network = cls.plain(spec, settings)
-        return Averaged(network) if settings.average else network
+    def __init__(self, problem: Problem, settings: Any) -> None:
+        super().__init__(problem, settings)
+        if settings.relabel:
+            require_shortest(problem.arrays)
 
     @classmethod
-    def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network without the averaging over symmetries."""
-        return Network(spec)
+    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
+        return make_network(spec, average=settings.average)
 
     def epoch(self) -> dict[str, float]:
         if self.settings.augment or self.settings.relabel:

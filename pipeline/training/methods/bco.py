@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.policies.networks.acting import outputs_of
+from labyrinth_core.policies.networks.network import ACTIONS
 from pipeline.training.methods.acting import roll_out, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
-from pipeline.training.networks.network import ACTIONS
-from pipeline.training.policy import outputs_of
 
 
 @dataclass(frozen=True)

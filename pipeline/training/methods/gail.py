@@ -6,19 +6,22 @@ paper, with the roles of 0 and 1 exchanged), and the policy is improved on the r
 
     r(s, a) = log D(s, a),
 
-which is negative everywhere. The common -log(1 - D) is positive everywhere: it rewards every step,
-so that staying alive is worth more than reaching the goal. Where every step costs, failing must not
-be a way out: ice counts as absorbing, and earns the reward of the step onto it for ever.
+which is negative everywhere. The paper's reward, in our roles, is -log(1 - D), which is positive
+everywhere: it rewards every step, so that staying alive is worth more than reaching the goal. Log D
+is what the code of the paper's authors offers for tasks that end at a goal (openai/imitation,
+option `favor_zero_expert_reward`). Where every step costs, failing must not be a way out: ice
+counts as absorbing, and earns the reward of the step onto it for ever.
 
 The policy is updated by PPO (Schulman et al. 2017, equation 7, clipped at 1 +- `clip`, with
 advantages by equation 11) where the paper has TRPO; both keep the new policy close to the one that
 acted. There is an entropy bonus, the paper's lambda H(pi).
 
-Departures: PPO; the critic is one more output of the policy's network; the agent acts in all
-training labyrinths in lock-step; the loss of a batch is computed once for each state in it, however
-often the state was visited, which gives the same gradient. The network is trained in evaluation
-mode, without dropout and with running statistics that are computed once, at the beginning, from all
-states, because the ratio of PPO has to compare probabilities of the same network.
+Departures: log D; absorbing ice; PPO; the critic is one more output of the policy's network; the
+agent acts in all training labyrinths in lock-step; the loss of a batch is computed once for each
+state in it, however often the state was visited, which gives the same gradient. The network is
+trained in evaluation mode, without dropout and with running statistics that are computed once, at
+the beginning, from all states, because the ratio of PPO has to compare probabilities of the same
+network.
 """
 
 from __future__ import annotations
@@ -32,9 +35,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.policies.networks.network import ACTIONS, WIDTH, Discriminator, Network
 from pipeline.training.methods.acting import Rollout, roll_out, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
-from pipeline.training.networks.network import ACTIONS, WIDTH, Discriminator, Network
 from pipeline.training.policy import settle
 
 VALUE_WEIGHT = 0.5

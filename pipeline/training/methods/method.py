@@ -23,13 +23,14 @@ from torch.nn import functional
 from torch.optim import Adam
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.policies.networks.acting import outputs_of
+from labyrinth_core.policies.networks.network import ACTIONS, Network
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.option import check_options, frozen, option
-from pipeline.config.training import usual_settings
+from pipeline.config.training import IMAGE_SIZE, usual_settings
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
-from pipeline.training.networks.network import ACTIONS, Network, NetworkSpec
-from pipeline.training.policy import outputs_of
 
 
 def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -72,7 +73,7 @@ class Problem:
     @cached_property
     def examples(self) -> ExampleSampler:
         """The source of pictures drawn from the demonstrations, as they are or relabelled."""
-        return ExampleSampler(self.arrays, self.demonstrations)
+        return ExampleSampler(self.arrays)
 
 
 class Learner(ABC):
@@ -95,6 +96,21 @@ class Learner(ABC):
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
         """Return a fresh network for the policy; some methods have another one than `Network`."""
         return Network(spec)
+
+    @classmethod
+    def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
+        """Return the pixels on each side of pictures of labyrinths of another size.
+
+        Args:
+            spec: The network, with the size of the labyrinths that it was trained on.
+            settings: The settings of the method.
+            height: The number of rows of the others.
+            width: The number of columns.
+
+        Raises:
+            ConfigError: The policy cannot see labyrinths of that size.
+        """
+        return IMAGE_SIZE
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:

@@ -32,13 +32,14 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
+from labyrinth_core.policies.networks.assembly import make_network
+from labyrinth_core.policies.networks.planning import Planner
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods import bc
 from pipeline.training.methods.method import setting
 from pipeline.training.methods.relabelling import NO_LABEL
-from pipeline.training.networks.network import NetworkSpec
-from pipeline.training.networks.planning import Planner
 
 RISE, FALL = 0.05, 0.5
 """The shares of the training in which the learning rate rises and falls, at its two ends."""
@@ -70,13 +71,15 @@ class Method(bc.Method):
     """The policy; its optimizer counts the gradient steps, on which the learning rate depends."""
 
     @classmethod
-    def plain(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
-        if settings.grid_prior and spec.height != spec.width:
-            raise ConfigError(
-                f"size={spec.height}x{spec.width}: method.grid_prior=true needs as many rows as "
-                "columns; give method.grid_prior=false"
-            )
-        return Planner(IMAGE_SIZE / max(spec.height, spec.width), settings)
+    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
+        _require_square(settings, spec.height, spec.width)
+        return make_network(spec, average=settings.average, planner=settings)
+
+    @classmethod
+    def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:
+        """Return as many pixels for each cell as the planner was trained with."""
+        _require_square(settings, height, width)
+        return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
 
     def epoch(self) -> dict[str, float]:
         whole = self.settings.grid_prior and self.settings.colour_prior
@@ -100,3 +103,11 @@ class Method(bc.Method):
         loss.backward()
         clip_grad_norm_(weights, MAX_GRADIENT)
         optimizer.step()
+
+
+def _require_square(settings: Any, height: int, width: int) -> None:
+    if settings.grid_prior and height != width:
+        raise ConfigError(
+            f"size={height}x{width}: method.grid_prior=true needs as many rows as columns; give "
+            "method.grid_prior=false"
+        )

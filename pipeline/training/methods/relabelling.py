@@ -4,23 +4,24 @@ Relabelling takes any two states of an episode as start and goal: a part of a sh
 shortest route, so it demonstrates the way between its ends (hindsight: Kaelbling 1993; Andrychowicz
 et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. With a door
 it is not: there nothing is reversed, and a part is taken only if it is a complete episode of the
-labyrinth with the new start and goal, from before the key to behind the door. The picture with the
-new start and goal is drawn from `info`, which adds nothing that the demonstration's own pictures do
-not show.
+labyrinth with the new start and goal, from before the key to behind the door; an episode without
+such a part, like most pieces of a route, is taken as it is. The picture with the new start and goal
+is drawn from `info`, which adds nothing that the demonstration's own pictures do not show.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
-from pipeline.training.methods.acting import Steps
+from pipeline.config.errors import check
 
 NO_LABEL = -1
 
@@ -28,15 +29,15 @@ NO_LABEL = -1
 class ExampleSampler:
     """Draws examples from the demonstrated episodes."""
 
-    def __init__(self, arrays: LabyrinthArrays, demonstrations: Steps) -> None:
-        """Replay the episodes; `demonstrations` are the steps of `arrays.routes`, in order."""
+    def __init__(self, arrays: LabyrinthArrays) -> None:
+        """Replay the episodes."""
         self._spec = arrays.spec
-        firsts = np.cumsum([0, *map(len, arrays.routes)])[:-1]
-        numbers = arrays.labyrinth[demonstrations.states[firsts]].tolist()
-        self._episodes = [
-            replay(arrays.labyrinths[number], route.tolist())
-            for number, route in zip(numbers, arrays.routes, strict=True)
-        ]
+        places = list(arrays.places)
+        self._episodes = []
+        for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
+            labyrinth, (_, state) = arrays.labyrinths[arrays.labyrinth[start]], places[start]
+            begun = replace(labyrinth, agent=state_at(labyrinth, state))
+            self._episodes.append(replay(begun, route.tolist()))
         self._parts = [_parts(episode) for episode in self._episodes]
 
     def draw(
@@ -57,21 +58,23 @@ class ExampleSampler:
                 actions taken with the key if the agent has it, else with those without it.
         """
         drawn = [self._example(rng, relabel, whole) for _ in range(count)]
-        pictures, labels = zip(*drawn, strict=True)
-        return np.stack(pictures), np.stack(labels)
+        views, labels = zip(*drawn, strict=True)
+        return self._spec.look(views), np.stack(labels)
 
     def _example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
         number = rng.integers(len(self._episodes))
         episode, parts = self._episodes[number], self._parts[number]
-        first, last = parts[rng.integers(len(parts))] if relabel else (0, len(episode))
+        first, last, labyrinth = 0, len(episode), episode.labyrinth
+        if relabel and parts:
+            first, last = parts[rng.integers(len(parts))]
+            labyrinth = _with_ends(episode, first, last)
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
-        state, labyrinth = episode.states[agent], _with_ends(episode, first, last)
-        picture: NDArray[np.uint8] = self._spec.look(labyrinth, [state])[0]
+        state = episode.states[agent]
         if not whole:
-            return picture, np.array(_action(episode, agent, step))
+            return (labyrinth, state), np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
         hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
@@ -79,7 +82,21 @@ class ExampleSampler:
             there = episode.states[index]
             if there[1:] == state[1:]:
                 labels[there.agent] = _action(episode, index, step)
-        return picture, labels.reshape(structure.height, structure.width)[::-1]
+        return (labyrinth, state), labels.reshape(structure.height, structure.width)[::-1]
+
+
+def require_shortest(arrays: LabyrinthArrays) -> None:
+    """Raise a ConfigError if the dataset's routes are not all shortest ones.
+
+    A part of a longer route may be no shortest way between its ends.
+    """
+    longer = int(arrays.demonstrated[~arrays.optimal].sum())
+    check(
+        not longer,
+        f"method.relabel=true: parts of routes are demonstrations only if the routes are shortest, "
+        f"but {longer} of {arrays.demonstrated.sum()} demonstrated actions are not on one; give "
+        "method.relabel=false",
+    )
 
 
 def _action(episode: Episode, index: int, step: int) -> int:
@@ -89,14 +106,22 @@ def _action(episode: Episode, index: int, step: int) -> int:
 
 def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
     start, goal = episode.states[first].agent, episode.states[last].agent
-    return replace(episode.labyrinth, start=start, goal=goal)
+    return replace(episode.labyrinth, start=start, goal=goal, agent=None)
 
 
 def _parts(episode: Episode) -> list[tuple[int, int]]:
     """Return the pairs of indices of states that can be start and goal of an example."""
-    pairs = list(permutations(range(len(episode) + 1), 2))
+    pairs = permutations(range(len(episode) + 1), 2)
     if episode.labyrinth.door is None:
-        return pairs
+        cells = [state.agent for state in episode.states]
+        bumps = any(cell == after for cell, after in pairwise(cells))  # They cannot be undone.
+        return [
+            (first, last)
+            for first, last in pairs
+            if cells[first] != cells[last]
+            and episode.labyrinth.ice.isdisjoint((cells[first], cells[last]))
+            and not (bumps and first > last)
+        ]
     return [pair for pair in pairs if pair[0] < pair[1] and _is_episode(episode, *pair)]
 
 

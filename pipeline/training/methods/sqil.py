@@ -13,11 +13,13 @@ so that V(goal) = (1 + tau log 4) / (1 - gamma), whoever reached it. If V(goal) 
 goal would be optimal, since no reward is negative. Ice is absorbing, too, and worth nothing, since
 no expert is ever there.
 
-Departures: V(s') is from a target network, a table of the values of all states that is recomputed
-once per epoch; the agent acts in all training labyrinths in lock-step; the temperature tau, 1 in
-the paper, is a setting. The network is trained in evaluation mode, without dropout and with running
-statistics that are computed once, at the beginning, from all states, so that the targets are from
-the network in the mode in which it is trained.
+Departures: the absorbing goal and ice, which Algorithm 1 does not have, and with them gamma, which
+has to be below 1 for V(goal) to be finite and is our choice, 0.9; V(s') is from a target network, a
+table of the values of all states that is recomputed once per epoch; the agent acts in all training
+labyrinths in lock-step; the temperature tau, 1 in the paper, is a setting. The network is trained
+in evaluation mode, without dropout and with running statistics that are computed once, at the
+beginning, from all states, so that the targets are from the network in the mode in which it is
+trained.
 """
 
 from __future__ import annotations
@@ -30,9 +32,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from labyrinth_core.policies.networks.network import ACTIONS
 from pipeline.training.methods.acting import roll_out, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
-from pipeline.training.networks.network import ACTIONS
 from pipeline.training.policy import settle
 
 

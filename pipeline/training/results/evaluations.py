@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
@@ -23,7 +23,15 @@ from pipeline.machinery.schema import read_json
 from pipeline.training.results.paper import METHODS
 
 FAILURES = ("loop", "wall", "ice")
-AVERAGED = ("path_efficiency", "accuracy_on_demonstrations", "accuracy_elsewhere")
+AVERAGED = (
+    "sr_within_cells",
+    "spl",
+    "sr_known_route",
+    "sr_new_route",
+    "path_efficiency",
+    "accuracy_on_demonstrations",
+    "accuracy_elsewhere",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,17 +137,27 @@ def read(path: Path) -> Evaluation:
         if about.get("train_labyrinths") is not None:
             setup.append(f"labyrinths{int(about['train_labyrinths'])}")
         height, width = parse_size(about["config"].partition("-")[0])
+        episodes = {name: episodes_of(splits[name], height * width) for name in splits}
+        for name, found in episodes.items():
+            splits[name] = _recomputed(splits[name], found) | splits[name]
         return Evaluation(
             path=path,
             config=about["config"],
             setup="-".join(setup),
             method=about["method"],
             seed=about["seed"],
-            episodes={name: episodes_of(splits[name], height * width) for name in splits},
+            episodes=episodes,
             content=content,
         )
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
+
+
+def _recomputed(scores: Mapping[str, Any], episodes: Episodes) -> dict[str, float]:
+    """Return figures that older files do not have, as far as they follow from what these have."""
+    within = episodes.solved & (episodes.moves <= episodes.cells)
+    spl = scores["sr"] * (scores["path_efficiency"] or 0)
+    return {"sr_within_cells": float(within.mean()), "spl": spl}
 
 
 def summarise(evaluations: Sequence[Evaluation]) -> list[Figures]:
@@ -156,7 +174,7 @@ def _splits_of(group: Sequence[Evaluation]) -> list[str]:
 
 def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
     told = [each.content["splits"][split] for each in group]
-    solved = _solved(group, split)
+    solved = solved_in(group, split)
     returns = np.stack([each.episodes[split].returns for each in group])
     outcomes = np.stack([each.episodes[split].outcomes for each in group])
     return Figures(
@@ -171,7 +189,7 @@ def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
         aer_std=float(returns.std(axis=1).mean()),
         aer_interval=interval(returns),
         failures={name: float((outcomes == name).mean()) for name in FAILURES},
-        averages={name: _mean(each[name] for each in told) for name in AVERAGED},
+        averages={name: _mean(each.get(name) for each in told) for name in AVERAGED},
         by_distance={
             int(moves): f"{sum(e['by_distance'][moves][0] for e in told)} of {len(told) * count}"
             for moves, (_, count) in told[0]["by_distance"].items()
@@ -181,11 +199,11 @@ def _over_seeds(group: Sequence[Evaluation], split: str) -> Figures:
 
 def gap(group: Sequence[Evaluation]) -> tuple[float, float, float]:
     """Return the difference of the SR on train and on test, over seeds, and its interval."""
-    train, test = (_solved(group, split) for split in ("train", "test"))
+    train, test = (solved_in(group, split) for split in ("train", "test"))
     return float(train.mean() - test.mean()), *interval(train, test)
 
 
-def _solved(group: Sequence[Evaluation], split: str) -> NDArray[np.float64]:
+def solved_in(group: Sequence[Evaluation], split: str) -> NDArray[np.float64]:
     """Return 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths)."""
     return np.stack([each.episodes[split].solved for each in group]).astype(np.float64)
 

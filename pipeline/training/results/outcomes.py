@@ -76,7 +76,15 @@ def scores_of(
     outcomes, moves = (np.stack([getattr(r, name) for r in rows]) for name in ("outcomes", "moves"))
     ids = np.array([int(each, 16) for each in told["labyrinth_ids"]], np.int64)
     distance = np.array(told["distance"], np.int64)
-    scores = Scores(Episodes(outcomes, moves, rules.cells), ids, distance, None, None)
+    marks = told["known_route"]
+    scores = Scores(
+        Episodes(outcomes, moves, rules.cells),
+        ids,
+        distance,
+        accuracy_on_demonstrations=None,
+        accuracy_elsewhere=None,
+        known_route=None if marks is None else np.array([mark == "1" for mark in marks]),
+    )
     _refuse(split, _impossible(told, scores, rules))
     _refuse(split, _other_figures(told, scores))
     return scores
@@ -97,6 +105,8 @@ def _miscounted(told: Mapping[str, Any], episodes: int) -> Iterator[str]:
             yield f"{name} are of {len(told[name])} episodes in each labyrinth, not {episodes}"
     parts = [(name, told[name]) for name in ("labyrinth_ids", "distance")]
     parts += [(name, each) for name in ("outcomes", "moves") for each in told[name]]
+    if told["known_route"] is not None:
+        parts.append(("known_route", told["known_route"]))
     for name, part in parts:
         if len(part) != told["labyrinths"]:
             yield f"{name} are of {len(part)} labyrinths, not {told['labyrinths']}"

@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
+from pipeline.machinery.markdown import plain
 
 METHODS = {
     "bc": "BC",
@@ -22,6 +23,11 @@ METHODS = {
     "iupe": "IUPE",
 }
 """The methods of the tables, in their order, and their names in print."""
+
+
+def name_of(method: str) -> str:
+    """Return the name of a method in Markdown."""
+    return METHODS.get(method) or plain(method)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from statistics import mean
 
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES
+from labyrinth_core.evaluation.references import REFERENCES
+from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery import spreadsheet
 from pipeline.machinery.markdown import plain, table
@@ -23,18 +25,27 @@ from pipeline.training.results.evaluations import (
     gap,
 )
 from pipeline.training.results.leaderboard import Standing
-from pipeline.training.results.paper import METHODS, PaperFigure, paper_figures
+from pipeline.training.results.paper import METHODS, PaperFigure, name_of, paper_figures
+from pipeline.training.results.ranking import across_sizes, pairs_of_methods
 
 MARK = "†"
 """Marks a figure of the paper that is impossible given its AER and SR."""
+
+WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
+"""What needs no learning, in the order of its columns."""
+SHARES = {"SR": "sr", "SR n x n": "sr_within_cells", "SPL": "spl"}
+"""Row -> the figure of what needs no learning that it shows, in percent."""
 
 ABOUT = f"""# Results
 
 One greedy episode for every labyrinth. SR: share of the labyrinths that were solved, in percent.
 AER: average episodic return, ± its standard deviation over labyrinths; an episode that fails
-returns -4. Figures of several seeds are means; in brackets, 95% bootstrap intervals over seeds and
-labyrinths. `paper`: Tables 3 to 5 of the supplement, which do not say with which encoder; {MARK}
-marks cells that cannot be, since even the shortest routes would return less than AER and SR imply.
+returns -4. SR n x n: share that was solved in no more steps than there are cells. SPL: success
+weighted by path length. A route is known where train demonstrates an optimal route of the
+labyrinth, else it is new. A dash, or nothing: an older file does not say. Figures of several seeds
+are means; in brackets, 95% bootstrap intervals over seeds and labyrinths. `paper`: Tables 3 to 5 of
+the supplement, which do not say with which encoder; {MARK} marks cells that cannot be, since even
+the shortest routes would return less than AER and SR imply.
 
 The runs themselves are in `runs/`, all of this as numbers is in `results.csv`, and as LaTeX in
 `results.tex`. Ranked, and beside anybody's results, they are in `leaderboard.md`.
@@ -56,6 +67,7 @@ def write_tables(
             *(part + "\n" for part in markdown(group, runs)),
         ]
         tex.append(latex(group))
+    parts += across_sizes(evaluations)
     write_text(folder / "README.md", "\n".join(parts))
     write_text(folder / "results.csv", as_csv(figures))
     write_text(folder / "results.tex", "\n".join(tex))
@@ -66,13 +78,16 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     methods = methods_of(group)
     names = [name_of(method) for method in methods]
     yield table(["split", "", "", *names], compared(group, methods), "lll" + "r" * len(names))
+    yield from pairs_of_methods(runs)
     yield "What needs no learning:"
-    heading = ["split", "", *(name.replace("_", " ") for name in BASELINES)]
-    yield table(heading, _baseline_rows(runs[0]), "ll" + "r" * len(BASELINES))
+    without = [name for name in WITHOUT_LEARNING if name in runs[0].content["baselines"]["train"]]
+    heading = ["split", "", *(name.replace("_", " ") for name in without)]
+    yield table(heading, _baseline_rows(runs[0], without), "ll" + "r" * len(without))
     yield "Where an episode ends, and how good the actions are in all states, in percent:"
-    heading = ["method", "split", "solved", *FAILURES, "path efficiency"]
+    heading = ["method", "split", "solved", *FAILURES, "solved within n x n", "SPL"]
+    heading += ["solved, known route", "new route", "path efficiency"]
     heading += ["optimal actions on demonstrations", "elsewhere"]
-    yield table(heading, map(_detail, group), "ll" + "r" * 7)
+    yield table(heading, map(_detail, group), "ll" + "r" * (len(heading) - 2))
     yield "By moves on a shortest route, episodes that succeed, of all:"
     lengths = sorted({moves for each in group for moves in each.by_distance})
     rows = [
@@ -84,11 +99,6 @@ def markdown(group: Sequence[Figures], runs: Sequence[Evaluation]) -> Iterator[s
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
     by_method = (list(group) for _, group in groupby(runs, BY_METHOD))
     yield table(heading, map(_effort, by_method), "lrrrrrl")
-
-
-def name_of(method: str) -> str:
-    """Return the name of a method in Markdown."""
-    return METHODS.get(method) or plain(method)
 
 
 def methods_of(group: Sequence[Figures]) -> list[str]:
@@ -135,11 +145,14 @@ def aer_cell(figures: Figures | Standing) -> str:
     return f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{low:.2f}, {high:.2f}]"
 
 
-def _baseline_rows(evaluation: Evaluation) -> Iterator[list[str]]:
+def _baseline_rows(evaluation: Evaluation, names: Sequence[str]) -> Iterator[list[str]]:
     for split in EVALUATED_SPLITS:
-        told = [evaluation.content["baselines"][split][name] for name in BASELINES]
-        yield [split, "SR", *(f"{100 * each['sr']:.1f}" for each in told)]
-        yield [split, "AER", *(f"{each['aer']:.2f} ± {each['aer_std']:.2f}" for each in told)]
+        told = [evaluation.content["baselines"][split].get(name, {}) for name in names]
+        for heading, figure in SHARES.items():
+            cells = (f"{100 * each[figure]:.1f}" if figure in each else "-" for each in told)
+            yield [split, heading, *cells]
+        pairs = (f"{each['aer']:.2f} ± {each['aer_std']:.2f}" if each else "-" for each in told)
+        yield [split, "AER", *pairs]
 
 
 def _detail(each: Figures) -> list[str]:

@@ -17,7 +17,17 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import FORMAT, KIND
 from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.evaluation_file import CONFIG, FIGURES, FINGERPRINT, RESULTS
-from pipeline.machinery.schema import COUNT, Each, Maybe, Named, Number, Text, check, read_json
+from pipeline.machinery.schema import (
+    COUNT,
+    Each,
+    Maybe,
+    Named,
+    Newer,
+    Number,
+    Text,
+    check,
+    read_json,
+)
 from pipeline.training.results.known import AtHand
 from pipeline.training.results.outcomes import Rules, scores_of
 
@@ -30,9 +40,13 @@ LARGEST = 4 * 1024 * 1024
 _COUNTED = Number(1, whole=True)
 _TEXT = Text(r"(?s).*")
 
-_SPLIT = FIGURES | {
+# Files of this format are new enough to have all figures.
+_COMPLETE = {name: of.of if isinstance(of, Newer) else of for name, of in FIGURES.items()}
+_SPLIT = _COMPLETE | {
     "aer_interval": (FIGURES["aer"], FIGURES["aer"]),
-    "path_efficiency": Maybe(Number(0)),  # More than 1 where a labyrinth is to blame, to be named.
+    # These are more than 1 where a labyrinth is to blame, which has to be named.
+    "path_efficiency": Maybe(Number(0)),
+    "spl": Number(0),
     "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),
     "distance": Each(_COUNTED),
     "step_limit": _COUNTED,

@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from itertools import islice
 
 import gymnasium
@@ -21,9 +22,17 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import State, is_terminal, reward, state_index, transition
+from labyrinth_core.world.dynamics import (
+    State,
+    initial,
+    is_terminal,
+    reward,
+    state_index,
+    transition,
+)
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances, optimal_actions, shortest_route
 from labyrinth_core.world.tasks import tiles_matter
 
@@ -240,10 +249,34 @@ def test_tiles_stay_where_they_are_unless_start_goal_or_task_change():
     assert env.labyrinth == parse(KEY_AND_DOOR)
 
 
+def test_episodes_begin_where_the_text_says():
+    labyrinth = parse(KEY_AND_DOOR)
+    route = shortest_route(labyrinth, np.random.default_rng(0))
+    state = replay(labyrinth, route[:-2]).states[-1]
+    begun = replace(labyrinth, agent=state)
+    env = LabyrinthEnv(labyrinth=dump(begun), reward="normalised")
+    for _ in range(2):
+        _, info = env.reset()
+        assert (env.state, info["distance"]) == (state, 2)
+        assert info["labyrinth"] == dump(begun)
+        assert info["labyrinth_id"] == labyrinth_id(labyrinth)
+        rewards = [env.step(action)[1] for action in route[-2:]]
+        assert sum(rewards) == pytest.approx(1)
+    env.reset(options={"start": labyrinth.position(labyrinth.start)})
+    assert env.state == initial(labyrinth)
+
+
 def test_the_options_given_are_not_changed():
-    options = {"labyrinth": OPEN, "start": (0, 1)}
+    options = {"labyrinth": OPEN, "start": (0, 1), "max_episode_steps": 2}
     LabyrinthEnv().reset(options=options)
-    assert options == {"labyrinth": OPEN, "start": (0, 1)}
+    assert options == {"labyrinth": OPEN, "start": (0, 1), "max_episode_steps": 2}
+
+
+def test_a_limit_given_to_reset_is_that_of_one_episode():
+    env = LabyrinthEnv(labyrinth=KEY_AND_DOOR, max_episode_steps=3)
+    for options, steps in [({"max_episode_steps": 5}, 5), (None, 3), ({"max_episode_steps": 1}, 1)]:
+        env.reset(options=options)
+        assert [env.step(LEFT)[3] for _ in range(steps)] == [False] * (steps - 1) + [True]
 
 
 IMPOSSIBLE = [
@@ -254,6 +287,8 @@ IMPOSSIBLE = [
     ({"goal": (1.5, 0)}, r"goal=\(1.5, 0\): give \(row, column\)"),
     ({"goal": (1, 2, 3)}, r"goal=\(1, 2, 3\): give \(row, column\)"),
     ({"goal": (0, 0)}, r"goal=\(0, 0\): start and goal must be two different cells"),
+    ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
+    ({"max_episode_steps": "5"}, "max_episode_steps=5: give a whole number from 1 on"),
     ({"labyrinth": OPEN, "goal": (0, 0)}, "start and goal must be two different cells"),
     ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; ice would not matter"),
     ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the path of a file"),

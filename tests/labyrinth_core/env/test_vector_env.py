@@ -1,5 +1,7 @@
 """The vector environment: the same as single environments, only many at once."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,10 +9,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from known_labyrinths import OPEN
 
-from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.env import LabyrinthEnv, next_labyrinths
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.batch_sampling import sample_each
+from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
 CLOSER = OPEN.replace("|     E |", "| E     |")
@@ -82,6 +88,48 @@ def test_every_step_is_that_of_single_environments(mode, task, kind):
         if mode is AutoresetMode.DISABLED and over.any():
             both(envs, lambda env, over=over: env.reset(options={"reset_mask": over.copy()}))
     assert ended >= 2 * count, "the walk must see ends and new beginnings"
+
+
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
+def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(task):
+    count, rng = 130, np.random.default_rng(0)
+    envs = pair(count, size=(4, 3), task=task, observation="vector", max_episode_steps=9)
+    both(envs, lambda env: env.reset(seed=5))
+    for step in range(50):
+        action = rng.integers(4, size=count)
+        both(envs, lambda env, action=action: env.step(action))
+        mask = rng.random(count) < 0.3
+        if step % 12 == 5:  # What was drawn ahead must come back after an option.
+            options = {"reset_mask": mask, "goal": (1, 1)}
+            both(envs, lambda env, options=options: env.reset(options=dict(options)))
+        if step % 12 == 11:
+            options = {"reset_mask": mask}
+            both(envs, lambda env, options=options: env.reset(seed=9, options=dict(options)))
+
+
+def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkeypatch):
+    tried = 0
+
+    def none(height, width, generators):
+        nonlocal tried
+        tried += len(generators)
+        return sample_each(height, width, generators[:0])
+
+    monkeypatch.setattr(next_labyrinths, "sample_each", none)
+    envs = pair(128, "SameStep", size=3, observation="state", max_episode_steps=20)
+    both(envs, lambda env: env.reset(seed=0))
+    begun = 128
+    for action in np.random.default_rng(0).integers(4, size=(50, 128)):
+        *_, infos = both(envs, lambda env, action=action: env.step(action))
+        begun += infos["_final_info"].sum() if "_final_info" in infos else 0
+    assert 128 < tried <= begun + 128
+
+
+def test_labyrinths_that_are_drawn_together_are_drawn_into_pictures():
+    envs = pair(128, "SameStep", size=3, image_size=8, max_episode_steps=5, reward="normalised")
+    both(envs, lambda env: env.reset(seed=0))
+    for action in np.random.default_rng(0).integers(4, size=(12, 128)):
+        both(envs, lambda env, action=action: env.step(action))
 
 
 def test_the_spaces_are_those_of_single_environments():
@@ -200,6 +248,40 @@ def test_what_was_returned_is_never_changed_later(kind):
             np.testing.assert_array_equal(infos[name], array)
 
 
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize("keeping", [{}, {"copy": False}, {"picture_memory": 40_000}])
+def test_pictures_are_those_of_the_renderer_whatever_is_kept(task, keeping):
+    rng = np.random.default_rng(0)
+    labyrinths = [replace(sample_labyrinth(4, 5, task, rng), look=look) for look in Look]
+    env = LabyrinthVectorEnv(
+        4, labyrinths=labyrinths, max_episode_steps=30, image_size=48, **keeping
+    )
+    copying = keeping.get("copy", True)
+    first, infos = env.reset(seed=0)
+    shown, phases = first, set()
+    for _ in range(40):
+        states = [env._stack.at(place) for place in range(4)]
+        for picture, (labyrinth, number) in zip(shown, states, strict=True):
+            phases.add(number // 20)
+            np.testing.assert_array_equal(
+                picture, render(labyrinth, state_at(labyrinth, number), 48)
+            )
+        optimal = infos["optimal_actions"].argmax(axis=1)
+        shown, *_, infos = env.step(np.where(rng.random(4) < 0.8, optimal, rng.integers(4, size=4)))
+        assert np.shares_memory(shown, first) is not copying
+        assert shown.flags.writeable is copying
+    assert phases == ({0, 1, 2} if task is Task.KEY_AND_DOOR else {0})
+
+
+def test_what_is_kept_of_pictures_takes_no_more_than_the_memory_given():
+    for task, number in ((Task.NAVIGATION, 3), (Task.PARTIAL_OBSERVABILITY, 5)):
+        env = LabyrinthVectorEnv(9, 5, task, picture_memory=5 * 3 * 64**2)
+        env.reset(seed=0)
+        gallery = env._gallery
+        assert len(gallery._shown) == len(gallery._patches) == number
+        assert gallery._shown.nbytes + gallery._patches.nbytes <= 5 * 3 * 64**2
+
+
 def test_changing_what_was_returned_changes_nothing_inside():
     ours, untouched = (LabyrinthVectorEnv(3, 3, observation="vector") for _ in range(2))
     for env in (ours, untouched):
@@ -267,6 +349,7 @@ def test_only_the_four_actions_are_actions(actions, message):
         ({"size": 1}, "size=1"),
         ({"task": "sand"}, "task=sand"),
         ({"observation": "sound"}, "observation=sound"),
+        ({"picture_memory": -1}, "picture_memory=-1: give a number of bytes, 0 or more"),
     ],
 )
 def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):

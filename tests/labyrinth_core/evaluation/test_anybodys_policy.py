@@ -365,8 +365,9 @@ def test_all_splits_but_the_random_one_are_evaluated(datasets):
     results = evaluate(Rounds(1), datasets, "3x4", image_size=8)
     assert tuple(results.splits) == EVALUATED_SPLITS
     assert results.fingerprint == Manifest.read(datasets / "3x4").fingerprint
-    printed = str(results).splitlines()
-    assert [line.split()[0] for line in printed[2:]] == list(EVALUATED_SPLITS)
+    policys, beside = str(results).split("\n\n")
+    for table in (policys.splitlines()[2:-2], beside.splitlines()[1:]):
+        assert [line.split()[0] for line in table] == list(EVALUATED_SPLITS)
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 
 
@@ -390,6 +391,7 @@ def test_a_dataset_is_found_by_its_id(datasets, monkeypatch, tmp_path):
     assert told(results.splits["test"]) == told(here.splits["test"])
     assert asked == [
         ("user/name", "dataset", "v1", "3x4/manifest.json"),
+        ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/train-*.parquet"),
         ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/test-*.parquet"),
     ]
 

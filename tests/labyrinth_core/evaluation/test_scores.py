@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from policies import Table, mistaken
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.baselines import best_route, compare, follow_route, majority_actions
-from labyrinth_core.evaluation.following import follow, greedy_actions
+from labyrinth_core.evaluation.following import follow, greedy_actions, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores, episodes_of, score
 
@@ -64,6 +65,26 @@ def test_a_failed_episode_returns_minus_four_and_says_why(datasets):
     assert (round_and_round.moves == arrays.step_limit).all()
 
 
+@pytest.mark.parametrize("config", CONFIGS.values())
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_success_rate_asks_the_policy_only_where_its_episodes_go(datasets, config, share):
+    arrays = load_arrays(datasets, config, "train", image_size=12)
+    actions, asked = mistaken(arrays, share), 0
+
+    def policy(observations):
+        nonlocal asked
+        asked += len(observations)
+        return Table(arrays, actions)(observations)
+
+    assert success_rate(policy, arrays) == follow(arrays, actions).solved.mean()
+    visited = set()
+    for state in arrays.initial.tolist():
+        while not arrays.terminal[state] and state not in visited:
+            visited.add(state)
+            state = arrays.next_state[state, actions[state]]
+    assert asked == len(visited)
+
+
 @pytest.mark.parametrize("cells", [9, 12, 16, 25, 100, 899])
 def test_the_step_limit_costs_exactly_four(cells):
     told = {"outcomes": "lwc", "moves": [40 * cells] * 3}
@@ -104,6 +125,21 @@ def test_path_efficiency_is_of_the_labyrinths_that_were_solved():
     assert scores.path_efficiency == 0.75
 
 
+def test_long_ways_and_failures_count_less_weighted_by_path_length():
+    episodes = episodes_of({"outcomes": "sssli", "moves": [4, 8, 16, 360, 4]}, 9)
+    known = np.array([True, True, False, False, False])
+    scores = Scores(episodes, np.arange(5), np.full(5, 4), None, None, known)
+    assert scores.spl == pytest.approx((1 + 0.5 + 0.25) / 5)
+    assert scores.spl == pytest.approx(scores.sr * scores.path_efficiency)
+    assert scores.sr_within_cells == 0.4  # Nine cells, so of the solved not that in 16 moves.
+    assert (scores.sr_known_route, scores.sr_new_route) == (1, pytest.approx(1 / 3))
+    assert scores.figures()["known_route"] == "11000"
+    nowhere = replace(scores, known_route=np.zeros(5, np.bool_))
+    assert (nowhere.sr_known_route, nowhere.sr_new_route) == (None, 0.6)
+    unasked = replace(scores, known_route=None).figures()
+    assert {unasked[name] for name in ("sr_known_route", "sr_new_route", "known_route")} == {None}
+
+
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
     arrays = load_arrays(datasets, config, "train", image_size=8)
@@ -111,14 +147,19 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
     rng = np.random.default_rng(1)
     episodes = 1500
     state = np.tile(arrays.initial, episodes)
-    returns, solved = np.zeros(len(state)), np.zeros(len(state), np.bool_)
+    returns, moves = np.zeros(len(state)), np.zeros(len(state), np.int64)
     for _ in range(arrays.step_limit):
         action = rng.integers(4, size=len(state))
         alive = ~arrays.terminal[state]
+        moves += alive
         returns += arrays.rewards[state, action] * alive
         state = arrays.next_state[state, action]
     solved = arrays.goal[state]
     assert told["sr"] == pytest.approx(solved.mean(), abs=0.02)
+    within = solved & (moves <= arrays.cells)
+    assert told["sr_within_cells"] == pytest.approx(within.mean(), abs=0.01)
+    shares = solved * np.tile(arrays.distance, episodes) / moves
+    assert told["spl"] == pytest.approx(shares.mean(), abs=0.005)
     assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
     assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
 

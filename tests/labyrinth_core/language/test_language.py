@@ -8,9 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labyrinth_core.language.drawing import describe, dump_many
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
+from labyrinth_core.language.text import (
+    LabyrinthSyntaxError,
+    dump,
+    labyrinth_id,
+    load,
+    parse,
+    without_agent,
+)
+from labyrinth_core.world.batch_sampling import sample_many
+from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.rollout import replay
@@ -290,3 +300,27 @@ def test_tiles_and_edges_outside_a_given_size_are_refused():
         parse_edges("[(0, 1)];(0, 0);(0, 1)", height=1, width=2)
     with pytest.raises(LabyrinthSyntaxError, match="the size does not fit"):
         parse_edges("[(0, 1)];(0, 0);(0, 9999)")
+
+
+@given(st.integers(0, 2**32))
+def test_a_labyrinth_is_the_same_wherever_its_episodes_begin(seed):
+    labyrinth = fuzz.random_labyrinth(np.random.default_rng(seed))
+    text = dump(labyrinth)
+    assert without_agent(text) == dump(labyrinth.from_start())
+    assert labyrinth_id(labyrinth) == labyrinth_id(text) == labyrinth_id(labyrinth.from_start())
+    assert describe(labyrinth, initial(labyrinth)) == describe(
+        labyrinth.from_start(), initial(labyrinth)
+    )
+
+
+def test_a_text_that_begins_as_no_canonical_one_does_keeps_its_agent():
+    for text in ("", "agent: (0, 0)", "\nagent: ", "x\nagent: (0, 0)", "\n" * 300 + "\nagent: 1\n"):
+        assert without_agent(text) in (text, text.partition("agent")[0])
+
+
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
+def test_many_texts_are_those_of_each_labyrinth(task):
+    structures = sample_many(6, 3, 20, np.random.default_rng(0))
+    texts = dump_many(structures, 4, 11, task)
+    labyrinths = [Labyrinth(structures[place], 4, 11, task) for place in range(20)]
+    assert texts == [dump(labyrinth) for labyrinth in labyrinths]

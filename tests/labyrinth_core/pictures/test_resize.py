@@ -4,14 +4,13 @@ import hashlib
 
 import numpy as np
 import pytest
-import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
 from labyrinth_core.pictures import resize as shrinking
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Painter, Style, render
+from labyrinth_core.pictures.renderer import Painter, render
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.world.dynamics import initial, state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
@@ -26,37 +25,6 @@ def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
     np.testing.assert_array_equal(small, area_average(painter.array(state), image_size))
     decoded = strips_of(painter.png(state), PICTURE_SIZE)
     np.testing.assert_array_equal(small, shrink(decoded, image_size))
-
-
-@given(labyrinths(), st.integers(1, 600), st.data())
-@settings(max_examples=25)
-def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
-    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
-    painter = Painter(labyrinth)
-    large = torch.tensor(painter.array(state)).permute(2, 0, 1)[None].double()
-    expected = torch.nn.functional.interpolate(
-        large, (image_size, image_size), mode="bilinear", align_corners=False, antialias=False
-    )[0].permute(1, 2, 0)
-    small = shrink(painter.strips(state), image_size, "bilinear")
-    # Rounded to whole numbers, here exactly.
-    assert np.abs(small - expected.numpy()).max() <= 0.5 + 1e-6
-
-
-@pytest.mark.parametrize(("size", "lost"), [(3, 1), (4, 3), (5, 3)])
-def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
-    # No passage leads from one column to the next, save in the top row.
-    columns = [(cell, cell + size) for cell in range(size * (size - 1))]
-    top = [(cell, cell + 1) for cell in range(size * (size - 1), size * size - 1)]
-    walled = Labyrinth(Structure.from_passages(size, size, columns + top), 0, size * size - 1)
-
-    def vanished(style, resize):
-        picture = shrink(Painter(walled, style).strips(initial(walled)), 64, resize)
-        row = picture[64 - 64 // size - 64 // (2 * size)].mean(axis=1)  # The second from below.
-        near = [slice(64 * line // size - 2, 64 * line // size + 3) for line in range(1, size)]
-        return sum(row[pixels].min() == 255 for pixels in near)
-
-    assert vanished(Style(wall_pixels=2), "bilinear") == lost
-    assert vanished(Style(wall_pixels=2), "area") == vanished(DEFAULT_STYLE, "bilinear") == 0
 
 
 @pytest.mark.parametrize("image_size", [1, 2, 64, 299, 599, 600, 601, 1000])

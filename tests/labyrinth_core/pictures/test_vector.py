@@ -8,9 +8,16 @@ from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.pictures.vector import grid_index, grid_indices, tile_count, vector_observation
+from labyrinth_core.pictures.vector import (
+    grid_index,
+    grid_indices,
+    initial_vectors,
+    tile_count,
+    vector_observation,
+)
+from labyrinth_core.world.batch_sampling import sample_many
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.labyrinth import Labyrinth, Task
 
 
 def grid_of(vector, labyrinth):
@@ -109,3 +116,10 @@ def test_each_vector_is_the_callers_own():
     first = vector_observation(labyrinth, initial(labyrinth))
     first[:] = 9
     assert vector_observation(labyrinth, initial(labyrinth)).max() < 15
+
+
+def test_many_initial_vectors_are_those_of_each_labyrinth():
+    structures = sample_many(3, 6, 20, np.random.default_rng(0))
+    for place, vector in enumerate(initial_vectors(structures, 2, 9, Task.NAVIGATION)):
+        labyrinth = Labyrinth(structures[place], 2, 9)
+        np.testing.assert_array_equal(vector, vector_observation(labyrinth, initial(labyrinth)))

@@ -21,6 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import connected_structures, labyrinths, randoms, structures
 
+from labyrinth_core.world.dynamics import State, initial, state_at
 from labyrinth_core.world.labyrinth import (
     UNREACHABLE,
     Labyrinth,
@@ -30,6 +31,7 @@ from labyrinth_core.world.labyrinth import (
     breadth_first,
     identity,
 )
+from labyrinth_core.world.solver import distances
 
 
 def as_places(structure, pairs):
@@ -133,6 +135,13 @@ def test_distances_never_enter_blocked_cells(structure, data):
             assert distance == UNREACHABLE
         elif cell != source:
             assert distance == min(before - {UNREACHABLE}) + 1
+
+
+@given(structures(), st.data())
+def test_the_least_moves_between_two_cells_are_those_that_a_search_finds(structure, data):
+    cells = st.integers(0, structure.cells - 1)
+    source, target = data.draw(cells), data.draw(cells)
+    assert structure.least_moves(source, target) == structure.distances(source)[target]
 
 
 @given(connected_structures(), st.data())
@@ -489,3 +498,24 @@ def test_a_task_is_the_text_of_its_name():
         "icy_floor",
     ]
     assert Task("icy_floor") is Task.ICY_FLOOR
+
+
+@given(labyrinths())
+def test_an_episode_may_begin_wherever_the_goal_can_still_be_reached(labyrinth):
+    cells = labyrinth.structure.cells
+    for number, moves in enumerate(distances(labyrinth)):
+        state = state_at(labyrinth, number)
+        on_key = state.agent == labyrinth.key and not state.has_key
+        on_door = state.agent == labyrinth.door and not state.door_open
+        if moves <= 0 or on_key or on_door:
+            with pytest.raises(LabyrinthError, match="the agent"):
+                replace(labyrinth, agent=state)
+            continue
+        begun = replace(labyrinth, agent=state)
+        assert initial(begun) == state
+        assert (begun == labyrinth) == (state == State(labyrinth.start))
+        assert begun.from_start() == labyrinth
+        assert pickle.loads(pickle.dumps(begun)) == begun
+    for state in (State(cells), State(-1), State(labyrinth.start, door_open=True)):
+        with pytest.raises(LabyrinthError):
+            replace(labyrinth, agent=state)

@@ -12,7 +12,7 @@ from strategies import labyrinths
 
 from labyrinth_core.world.dynamics import State, is_terminal, step_limit, transition
 from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.rollout import Episode, random_episode, replay
+from labyrinth_core.world.rollout import Episode, pieces, random_episode, replay
 from labyrinth_core.world.solver import shortest_route
 
 seeds = st.integers(0, 2**32 - 1)
@@ -163,3 +163,20 @@ def test_an_episode_that_ends_on_ice_is_terminated_far_below_zero():
     episode = replay(labyrinth_of(icy, Task.ICY_FLOOR), [3, 0])
     assert episode.terminated
     assert episode.rewards.tolist() == pytest.approx([-0.025, -100.0])
+
+
+@given(labyrinths(), st.integers(0, 2**32 - 1), st.integers(1, 9))
+def test_the_pieces_of_an_episode_join_and_each_replays_from_its_labyrinth(labyrinth, seed, steps):
+    whole = random_episode(labyrinth, np.random.default_rng(seed), 20)
+    parts = list(pieces(whole, steps))
+    assert [len(part) for part in parts[:-1]] == [steps] * (len(parts) - 1)
+    assert 1 <= len(parts[-1]) <= steps
+    assert [a for part in parts for a in part.actions] == whole.actions.tolist()
+    assert [part.terminated for part in parts] == [False] * (len(parts) - 1) + [whole.terminated]
+    for before, part in pairwise(parts):
+        assert before.states[-1] == part.states[0]
+    for part in parts:
+        assert part.labyrinth.from_start() == labyrinth
+        again = replay(part.labyrinth, part.actions.tolist())
+        assert again.states == part.states
+        assert again.rewards.tolist() == part.rewards.tolist()

@@ -141,7 +141,7 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
     [
         (
             {"policy": "a b"},
-            "policy=a b: give module:name, or a Stable-Baselines3 archive as a path",
+            "policy=a b: give module:name, a Stable-Baselines3 archive as a path",
         ),
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number, 1 or more"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),

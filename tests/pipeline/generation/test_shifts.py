@@ -163,6 +163,24 @@ def test_selected_labyrinths_have_the_property_of_their_shift(shifted: Run) -> N
         assert labyrinth.loops > max(each.loops for each in train)
 
 
+def test_no_route_of_train_is_a_shortest_one_where_routes_are_new(shifted: Run) -> None:
+    routes = [each.actions for each in shown(shifted.folder, "train")]
+
+    def known(labyrinth: Drawn) -> bool:
+        return any(
+            len(route) == labyrinth.moves()
+            and labyrinth.walk(route) == labyrinth.goal
+            and not {labyrinth.walk(route[:steps]) for steps in range(len(route))}
+            & labyrinth.cells("I")
+            for route in routes
+        )
+
+    assert not any(known(each.labyrinth) for each in shown(shifted.folder, "test_new_routes"))
+    assert all(known(each.labyrinth) for each in shown(shifted.folder, "train"))
+    if shifted.options.task == "navigation":  # Where the split would else be like any other.
+        assert any(known(each.labyrinth) for each in shown(shifted.folder, "test"))
+
+
 @pytest.mark.parametrize("split", ["recoloured", "thin_walls"])
 def test_a_look_changes_pixels_alone(shifted: Run, split: str) -> None:
     pairs = list(with_parents(shifted.folder, split))
@@ -174,7 +192,7 @@ def test_a_look_changes_pixels_alone(shifted: Run, split: str) -> None:
         assert all(a != b for a, b in zip(child.pictures, parent.pictures, strict=True))
 
 
-@pytest.mark.parametrize("split", ["trees", "depth_first", "kruskal", "prim"])
+@pytest.mark.parametrize("split", ["trees", "depth_first", "kruskal", "prim", "test_new_routes"])
 def test_what_a_shift_leaves_free_follows_test(plain: Run, split: str) -> None:
     def of(split: str) -> list[Drawn]:
         return [each.labyrinth for each in shown(plain.folder, split)]
@@ -295,7 +313,20 @@ def test_too_few_loops_are_found(folder: Path, plain: Run) -> None:
     assert says(replaced(folder, "open", lambda _: shut), "open", "and train has a labyrinth with")
 
 
-@pytest.mark.parametrize("split", ["longer", "trees", "open", "depth_first", "kruskal", "prim"])
+def test_a_route_of_train_is_found_where_routes_are_new(folder: Path, plain: Run) -> None:
+    routes = [each.actions for each in shown(plain.folder, "train")]
+    known = next(
+        each.text
+        for each in shown(plain.folder, "test")
+        if any(route in shortest_routes(parse(each.text)) for route in routes)
+    )
+    found = replaced(folder, "test_new_routes", lambda _: parse(known))
+    assert says(found, "test_new_routes", "train demonstrates one of its shortest routes")
+
+
+@pytest.mark.parametrize(
+    "split", ["longer", "trees", "open", "depth_first", "kruskal", "prim", "test_new_routes"]
+)
 def test_a_structure_of_train_is_found(folder: Path, plain: Run, split: str) -> None:
     seen = parse(shown(plain.folder, "train")[0].text)
     assert says(replaced(folder, split, lambda _: seen), split, "the structure belongs to train")
@@ -411,10 +442,14 @@ def test_all_leaves_out_what_makes_no_sense(make_run: Callable[..., Run], tmp_pa
     assert set(SHIFTS) - set(shifts) == {"prim", "trees"}
 
 
-@pytest.mark.parametrize("labyrinths", [32, 3])
-def test_a_shift_that_cannot_be_found_leaves_nothing(tmp_path: Path, labyrinths: int) -> None:
-    """At 3x3 no route is longer than the longest of 32, and none of the first three has a twin."""
-    shift = "longer" if labyrinths == 32 else "one_wall"
+@pytest.mark.parametrize(
+    ("shift", "labyrinths"), [("longer", 32), ("test_new_routes", 32), ("one_wall", 3)]
+)
+def test_a_shift_that_cannot_be_found_leaves_nothing(
+    tmp_path: Path, shift: str, labyrinths: int
+) -> None:
+    """At 3x3 no route is longer than the longest of 32, and few are new beside theirs; none of the
+    first three labyrinths has a twin."""
     arguments = ["size=3", f"labyrinths={labyrinths}", f"shifts={shift}"]
     arguments += ["stages=build", f"data_dir={tmp_path}/d"]
     done = subprocess.run(

@@ -131,7 +131,7 @@ def test_routes_more_than_fit_are_as_many_as_fit() -> None:
     moves, routes = moves_and_routes(labyrinth)
     assert (moves, routes) == (78, comb(78, 39))
     facts = tabulate.FactsOfShard("train")
-    facts.add(labyrinth, dump(labyrinth), (moves, routes), [[0] * 39 + [1] * 39])
+    facts.add(labyrinth, dump(labyrinth), (moves, routes), [[0] * 39 + [1] * 39], 1)
     (fact,) = facts.array()
     assert fact["optimal_routes"] == MOST_ROUTES
     assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)

@@ -134,7 +134,7 @@ def test_a_crash_around_the_move_into_place_costs_no_shard(
     moment: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    move = workplace._move_into_place
+    move = workplace.move_into_place
 
     def crash(shards: Path, folder: Path) -> None:
         if moment == "after":
@@ -142,7 +142,7 @@ def test_a_crash_around_the_move_into_place_costs_no_shard(
         raise CrashError
 
     with monkeypatch.context() as patch:
-        patch.setattr(workplace, "_move_into_place", crash)
+        patch.setattr(workplace, "move_into_place", crash)
         with pytest.raises(CrashError):
             build(tmp_path)
     assert (tmp_path / "3x3" / MANIFEST).exists() == (moment == "after")
@@ -197,7 +197,7 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
     build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: set[int] = set()
-    fsync, move = os.fsync, workplace._move_into_place
+    fsync, move = os.fsync, workplace.move_into_place
 
     def note(descriptor: int) -> None:
         fsync(descriptor)
@@ -210,7 +210,7 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
         move(shards, folder)
 
     monkeypatch.setattr(os, "fsync", note)
-    monkeypatch.setattr(workplace, "_move_into_place", check)
+    monkeypatch.setattr(workplace, "move_into_place", check)
     assert build(tmp_path).folder.parent.stat().st_ino in synced
 
 
@@ -221,7 +221,7 @@ def test_a_clock_that_jumps_changes_nothing(
         raise CrashError
 
     with monkeypatch.context() as patch:
-        patch.setattr(workplace, "_move_into_place", crash)
+        patch.setattr(workplace, "move_into_place", crash)
         with pytest.raises(CrashError):
             build(tmp_path)
     for number, path in enumerate(sorted(tmp_path.rglob("*"))):

@@ -10,6 +10,8 @@ import pytest
 from hub.fixture import local_hub
 from making import make, make_both
 
+from pipeline.config.run import Run, RunConfig, resolve
+
 __all__ = ["local_hub"]
 
 
@@ -58,3 +60,28 @@ def other_shard(built_to_release: dict[str, Path]) -> Path:
 def with_one_more(built_to_release: dict[str, Path]) -> Path:
     """The same with one config more; not to be changed."""
     return built_to_release["two"]
+
+
+TOY = {"epochs": 1, "pictures": 64, "channels": 8, "iterations": 9, "average": False}
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The run of a small planner that was trained and evaluated; not to be changed."""
+    from pipeline.training import evaluate, train
+
+    place = tmp_path_factory.mktemp("trained")
+    make(place / "labyrinth", "3x3", labyrinths=6, random_steps=5)
+    options = RunConfig(
+        stages=["train", "evaluate"],
+        size="3",
+        data_dir=str(place / "labyrinth"),
+        run_dir=str(place / "runs"),
+        method={"name": "planner", **TOY},
+        device="cpu",
+        threads=1,
+    )
+    run = resolve(options)
+    train.run(run)
+    evaluate.run(run)
+    return run

@@ -26,6 +26,7 @@ from publishing import (
 )
 
 from pipeline.release import verification
+from pipeline.release.plan import DATASET
 from pipeline.release.remote import PublishError
 
 pytestmark = pytest.mark.slow
@@ -99,7 +100,7 @@ def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releas
 def verify(hub: LocalHub, commit: str, data_dir: Path) -> subprocess.CompletedProcess[str]:
     """Return what the verification alone comes to."""
     return subprocess.run(
-        [sys.executable, "-m", "pipeline.release.verify", REPO, commit, str(data_dir)],
+        [sys.executable, "-m", "pipeline.release.verify", REPO, commit, str(data_dir), "dataset"],
         env=environment(hub, USE_TORCH="0"),
         cwd=ROOT,
         capture_output=True,
@@ -137,7 +138,7 @@ def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(verification, "PATIENCE", 15.0)
     with pytest.raises(PublishError) as caught:
-        verification.verified(REPO, commit, releasable)
+        verification.verified(REPO, commit, releasable, DATASET)
     assert rule.reached.is_set()
     assert str(caught.value) == (
         f"the verification of {commit[:12]} failed, so it is not tagged: nothing came from the Hub "

@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.run import Run
 from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem
-from pipeline.training.networks.network import NetworkSpec
 
 torch.set_num_threads(1)
 

@@ -6,12 +6,16 @@ import json
 
 import pytest
 
+from labyrinth_core import evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.analysis.report.findings import read_results
+from pipeline.config.errors import ConfigError
+from pipeline.machinery.evaluation_file import check_evaluation
 from pipeline.training import evaluate as stage
 from pipeline.training import train
 from pipeline.training.policy import load_policy
@@ -44,6 +48,9 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     assert list(content["splits"]) == list(content["baselines"]) == list(EVALUATED_SPLITS)
     assert content["run"]["fingerprint"]
     assert content["run"]["seed"] == 0
+    assert set(content["splits"]["train"]["known_route"]) == {"1"}
+    assert content["baselines"]["train"]["route_memory"]["spl"] == 1
+    check_evaluation(content)
     policy = load_policy(folder / "policy.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
         arrays = load_arrays(trained.data_dir, "3x3", split)
@@ -59,8 +66,72 @@ def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=\[train\]"):
         stage.run(make_run(trained.data_dir, seed=7, **options))
     other = build(tmp_path, labyrinths=2)
-    with pytest.raises(DatasetError, match="was trained on another dataset than"):
+    with pytest.raises(DatasetError, match=r"was trained on another dataset than .* evaluate_on="):
         stage.run(make_run(other.data_dir, **options))
+
+
+def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
+    trained, build, make_run, tmp_path, datasets
+):
+    stage.run(trained)
+    folder = trained.training_folder
+    before = (folder / "evaluation.json").read_bytes()
+    policy = load_policy(folder / "policy.safetensors", train.spec_of(trained))
+    build(tmp_path, labyrinths=2, seed=5)
+    for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4"), (datasets, "3x4-icy_floor")):
+        options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
+        # The dataset that it was trained on need not be there.
+        run = make_run(tmp_path / "gone", **options, evaluate_on=f"{data_dir}/{name}")
+        stage.run(run)
+        (path,) = folder.glob(f"evaluation-{name}-*.json")
+        content = json.loads(path.read_bytes())
+        fingerprint = Manifest.read(data_dir / name).fingerprint
+        assert path.stem == f"evaluation-{name}-{fingerprint[:8]}"
+        assert content["evaluated"]["fingerprint"] == fingerprint
+        assert content["run"]["config"] == "3x3"
+        assert "train_test_gap" not in content
+        for split in EVALUATED_SPLITS:
+            arrays = load_arrays(data_dir, name, split)
+            assert content["splits"][split]["sr"] == success_rate(policy, arrays)
+    assert (folder / "evaluation.json").read_bytes() == before
+
+
+def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
+    small_dataset, make_run, tmp_path, datasets
+):
+    options = {"stages": ["train"], "run_dir": str(tmp_path), "device": "cpu"}
+    options |= {"encoder": "mlp", "observation": "vector", "method": {"name": "bc", "epochs": 1}}
+    train.run(make_run(small_dataset.data_dir, **options))
+    run = make_run(small_dataset.data_dir, **options, evaluate_on=f"{datasets}/3x4")
+    with pytest.raises(ConfigError, match=r"\Aevaluate_on=.*/3x4: .* at 3x4 than at 3x3, .*\Z"):
+        stage.run(run)
+    run = make_run(small_dataset.data_dir, **options, evaluate_on=f"{datasets}/9x9")
+    with pytest.raises(DatasetError, match=r"\Aconfig=9x9: .*\Z"):
+        stage.run(run)
+    with pytest.raises(ConfigError, match=r"\Aevaluate_on=9x9: give a dataset and its config"):
+        make_run(small_dataset.data_dir, **options, evaluate_on="9x9")
+    with pytest.raises(ConfigError, match=r"\Aevaluate_on=d/3x3 is for policies of runs"):
+        make_run(tmp_path, stages=["evaluate"], policy="module:name", evaluate_on="d/3x3")
+
+
+def test_under_partial_observability_the_replanner_stands_beside_the_policy(
+    datasets, make_run, tmp_path, capsys
+):
+    run = make_run(
+        datasets,
+        size="3x4",
+        task="partial_observability",
+        stages=["train", "evaluate"],
+        run_dir=str(tmp_path),
+        device="cpu",
+        method={"name": "bc", "epochs": 1},
+    )
+    train.run(run)
+    stage.run(run)
+    content = json.loads((run.training_folder / "evaluation.json").read_bytes())
+    own = evaluate(Replanner(3, 4), datasets, run.dataset.name, observation="vector")
+    assert content["baselines"]["test"]["replanner"] == own.splits["test"].summary()
+    assert "without" in capsys.readouterr().out
 
 
 def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(

@@ -14,10 +14,10 @@ import yaml
 from torch import nn
 
 from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.method import Learner, Problem, find
-from pipeline.training.policy import NetworkPolicy
 
 pytestmark = pytest.mark.slow
 

@@ -7,16 +7,16 @@ import torch
 from torch import nn
 
 from labyrinth_core.pictures.vector import tile_count
-from labyrinth_core.world.labyrinth import Task
-from pipeline.training.networks.network import (
+from labyrinth_core.policies.networks.network import (
     Cnn,
     Discriminator,
     Mlp,
     Network,
-    NetworkSpec,
     ResNet18,
     as_input,
 )
+from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.world.labyrinth import Task
 
 pytestmark = pytest.mark.slow
 

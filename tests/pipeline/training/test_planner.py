@@ -12,26 +12,28 @@ import numpy as np
 import pytest
 import torch
 from method_settings import settings_of
-from policies import Remembering
+from policies import RELEASED, Remembering
 from torch import nn
 
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation.following import greedy_episodes, success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.renderer import render
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.planning import FAR, Bellman, Planner
+from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
-from pipeline.training.networks.network import NetworkSpec
-from pipeline.training.networks.planning import FAR, Bellman, Planner
-from pipeline.training.policy import NetworkPolicy, load_policy
-from pipeline.training.record import POLICY, read_record
+from pipeline.training.policy import load_policy
+from pipeline.training.record import read_record
 
 pytestmark = pytest.mark.slow
 
@@ -110,7 +112,7 @@ def test_without_the_grid_prior_the_network_is_not_told_how_large_a_cell_is() ->
             torch.manual_seed(0)
             spec = NetworkSpec("planner", 1, side, side, "navigation")
             settings = settings_of("planner", grid_prior=grid_prior, colour_prior=False)
-            scores.append(planner.Method.plain(spec, settings)(pictures))
+            scores.append(planner.Method.make(spec, settings)(pictures))
         assert torch.equal(*scores) == (not grid_prior)
 
 
@@ -186,12 +188,13 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
 
 def released() -> NetworkPolicy:
     """Return the policy that was released."""
-    folder = Path(__file__).parents[3] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
-    record = read_record(folder)
+    record = read_record(RELEASED)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 1, 5, 5, "navigation")
-    return load_policy(folder / POLICY, spec, make=partial(planner.Method.make, settings=settings))
+    return load_policy(
+        RELEASED / POLICY, spec, make=partial(planner.Method.make, settings=settings)
+    )
 
 
 def test_the_released_policy_scores_the_same_however_it_is_asked(
@@ -225,3 +228,16 @@ def test_the_released_policy_solves_fresh_labyrinths() -> None:
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
     assert np.mean([each.solved for each in greedy_episodes(policy, labyrinths, 64)]) >= 0.9
+
+
+def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_refused() -> None:
+    spec, settings = NetworkSpec("planner", 1, 5, 5, "navigation"), settings_of("planner")
+    assert planner.Method.image_size(spec, settings, 5, 5) == 64
+    assert planner.Method.image_size(spec, settings, 10, 10) == 128
+    with pytest.raises(
+        ConfigError, match=r"\Asize=4x6: method\.grid_prior=true needs as many rows"
+    ):
+        planner.Method.image_size(spec, settings, 4, 6)
+    freely = settings_of("planner", grid_prior=False)
+    assert planner.Method.image_size(spec, freely, 4, 6) == 77
+    assert bc.Method.image_size(spec, settings_of("bc"), 4, 6) == 64

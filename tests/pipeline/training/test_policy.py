@@ -10,8 +10,10 @@ import torch
 from safetensors.torch import save_file
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.training.networks.network import Network, NetworkSpec
-from pipeline.training.policy import BATCH, NetworkPolicy, load_policy, outputs_of, save_policy
+from labyrinth_core.policies.networks.acting import BATCH, NetworkPolicy, outputs_of
+from labyrinth_core.policies.networks.network import Network
+from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.training.policy import load_policy, save_policy
 
 pytestmark = pytest.mark.slow
 

@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from method_settings import settings_of
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.world.dynamics import is_terminal, transition
+from labyrinth_core.world.dynamics import initial, is_terminal, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import distances
+from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.training.methods import bc, planner
 from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem
 from pipeline.training.methods.relabelling import NO_LABEL, ExampleSampler
@@ -23,7 +29,7 @@ pytestmark = pytest.mark.slow
 def sampler_of(datasets: Path, task: str) -> ExampleSampler:
     config = "3x4" if task == "navigation" else f"3x4-{task}"
     arrays = load_arrays(datasets, config, "train")
-    return ExampleSampler(arrays, load_steps(datasets, config, "train", arrays))
+    return ExampleSampler(arrays)
 
 
 @pytest.mark.parametrize("task", list(map(str, Task)))
@@ -54,6 +60,23 @@ def test_a_part_of_a_shortest_route_is_one(problem_of: Callable[..., Problem]) -
             ends = (episode.states[first].agent, episode.states[last].agent)
             labyrinth = Labyrinth(episode.labyrinth.structure, *ends)
             assert distances(labyrinth)[ends[0]] == abs(last - first)
+
+
+@pytest.mark.parametrize("method", [bc, planner])
+def test_routes_that_are_not_shortest_are_not_relabelled(
+    problem_of: Callable[..., Problem], method: ModuleType
+) -> None:
+    problem = problem_of(encoder="cnn")
+    name = method.__name__.rpartition(".")[2]
+    method.Method(problem, settings_of(name, relabel=True))
+    arrays = problem.arrays
+    longer = arrays.demonstrated.copy()
+    longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
+    problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
+    words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
+    with pytest.raises(ConfigError, match=words):
+        method.Method(problem, settings_of(name, relabel=True))
+    method.Method(problem, settings_of(name, relabel=False))
 
 
 def test_without_relabelling_the_pictures_are_those_of_the_demonstrations(
@@ -87,3 +110,29 @@ def test_whole_routes_are_labelled_where_they_go(problem_of: Callable[..., Probl
         expected.add(tuple(cells.ravel().tolist()))
     assert told <= expected
     assert all(action in each for action, each in zip(actions.tolist(), labels, strict=True))
+
+
+@pytest.mark.parametrize("task", ["navigation", "key_and_door", "icy_floor"])
+def test_examples_are_of_one_piece_each_and_learnt_from_as_they_are_where_none_is_relabelled(
+    build: Callable[..., Run], tmp_path: Path, task: str
+) -> None:
+    shown = DemonstrationsConfig(noise=0.3, pieces=2)
+    run = build(tmp_path, size="4", task=task, labyrinths=4, demonstrations=shown)
+    arrays = load_arrays(tmp_path, run.dataset.name, "train")
+    sampler = ExampleSampler(arrays)
+    assert any(each.states[0] != initial(each.labyrinth.from_start()) for each in sampler._episodes)
+    steps = load_steps(tmp_path, run.dataset.name, "train", arrays)
+    assert len(steps.states) == sum(map(len, sampler._episodes))
+    lasts = np.cumsum([len(episode) for episode in sampler._episodes]) - 1
+    ended = [episode.terminated for episode in sampler._episodes]
+    assert arrays.done[steps.states, steps.actions][lasts].tolist() == ended
+    assert False in ended
+    for episode, parts in zip(sampler._episodes, sampler._parts, strict=True):
+        assert len(episode) <= 2
+        for first, last in parts:
+            assert episode.states[first].agent != episode.states[last].agent
+    rng = np.random.default_rng(0)
+    published = {picture.tobytes() for picture in arrays.observations[steps.states]}
+    pictures, _ = sampler.draw(40, rng, relabel=False, whole=False)
+    assert {picture.tobytes() for picture in pictures} <= published
+    sampler.draw(40, rng, relabel=True, whole=True)

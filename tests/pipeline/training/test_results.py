@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import runpy
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ import pytest
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.references import REFERENCES, TrainMemory
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from pipeline.machinery.evaluation_file import check_evaluation
 from pipeline.machinery.schema import read_json
@@ -26,6 +28,8 @@ from pipeline.training.results.paper import METHODS, paper_figures
 from pipeline.training.results.result_tables import MARK, write_tables
 
 PAPER = paper_figures()
+
+complete = runpy.run_path(str(Path(__file__).parents[3] / "scripts/add_references.py"))["complete"]
 
 
 def test_the_paper_has_six_methods_on_five_splits_at_three_sizes():
@@ -101,10 +105,16 @@ def evaluated(small_dataset, tmp_path_factory):
         split: load_arrays(small_dataset.data_dir, "3x3", split, image_size=16)
         for split in EVALUATED_SPLITS
     }
-    baselines = {split: compare(arrays["train"], arrays[split]) for split in EVALUATED_SPLITS}
+    memory, baselines, known = TrainMemory.of(arrays["train"]), {}, {}
+    for split in EVALUATED_SPLITS:
+        known[split], references = memory.figures(arrays[split])
+        baselines[split] = compare(arrays["train"], arrays[split]) | references
     for method, seed in (("bc", 0), ("bc", 1), ("mine", 0)):
         scores = {
-            split: score(Chance(arrays[split], seed), arrays[split]) for split in EVALUATED_SPLITS
+            split: replace(
+                score(Chance(arrays[split], seed), arrays[split]), known_route=known[split]
+            )
+            for split in EVALUATED_SPLITS
         }
         record = {
             "run": {
@@ -169,6 +179,7 @@ def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, 
     assert kept == ["bc-cnn-seed0.json", "bc-cnn-seed1.json", "mine-cnn-seed0.json"]
     text = (folder / "README.md").read_text(encoding="utf-8")
     assert "| train | SR | paper | 53.1 | 65.6 | 59.4 " + MARK in text
+    assert "| oracle | route memory | local walls |\n" in text
     assert "| split |  |  | BC | DAgger | GAIL | BCO | SQIL | IUPE | mine |" in text
     figures = {(each.method, each.split): each for each in summarise(read_all(folder))}
     ours = figures["bc", "test"]
@@ -240,9 +251,16 @@ def test_without_evaluations_or_with_bad_ones_there_is_one_clear_line(evaluated,
         (("splits", "train", "path_efficiency"), 1.5),
         (("splits", "train", "failed"), [{}]),
         (("splits", "train", "by_distance"), {}),
+        (("splits", "train", "spl"), 2),
+        (("splits", "train", "sr_new_route"), "none"),
+        (("splits", "train", "known_route"), "01"),
+        (("splits", "train", "known_route"), "<b>"),
         (("splits",), {}),
         (("baselines",), {}),
         (("baselines", "test", "oracle", "aer"), float("nan")),
+        (("baselines", "test", "route_memory"), {}),
+        (("baselines", "test", "stranger"), {}),
+        (("baselines", "test", "random", "spl"), -0.1),
     ],
 )
 def test_an_evaluation_that_is_none_is_refused_in_one_line(evaluated, tmp_path, place, value):
@@ -256,6 +274,53 @@ def test_an_evaluation_that_is_none_is_refused_in_one_line(evaluated, tmp_path, 
     file.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match=r"\A.*evaluation\.json cannot be read: .+\Z"):
         read(file)
+
+
+def older_content(path):
+    """Return the content of an evaluation, as it was before there were references."""
+    content = json.loads(path.read_bytes())
+    for scores in content["splits"].values():
+        for name in ("sr_within_cells", "spl", "sr_known_route", "sr_new_route", "known_route"):
+            del scores[name]
+    for baselines in content["baselines"].values():
+        for name in REFERENCES:
+            del baselines[name]
+        for figures in baselines.values():
+            del figures["sr_within_cells"], figures["spl"]
+    return content
+
+
+def test_an_older_file_is_completed_from_its_outcomes_if_all_else_follows_from_them(
+    evaluated, small_dataset
+):
+    path = evaluated / "3x3" / "mine-cnn-seed0" / "evaluation.json"
+    content = older_content(path)
+    complete(path, content, small_dataset.data_dir)
+    assert content == json.loads(path.read_bytes())
+    for place, figure in (("splits", "sr"), ("baselines", "oracle")):
+        wrong = older_content(path)
+        wrong[place]["test"][figure] = 0.123 if figure == "sr" else {"sr": 0.123}
+        with pytest.raises(SystemExit, match=r"test: sr is 0\.123, but follows as"):
+            complete(path, wrong, small_dataset.data_dir)
+
+
+def test_an_older_file_gives_what_follows_from_it_and_dashes_for_the_rest(
+    evaluated, run_of, tmp_path
+):
+    newer = {figures.split: figures for figures in summarise([read(*evaluated.glob("*/mine-*/*"))])}
+    runs = shutil.copytree(evaluated, tmp_path / "runs")
+    for path in runs.glob("*/*/evaluation.json"):
+        path.write_text(json.dumps(older_content(path)), encoding="utf-8")
+    older = {figures.split: figures for figures in summarise([read(*runs.glob("*/mine-*/*"))])}
+    for split in EVALUATED_SPLITS:
+        averages = newer[split].averages | {"sr_known_route": None, "sr_new_route": None}
+        assert older[split].averages == pytest.approx(averages)
+    assert newer["train"].averages["sr_known_route"] == newer["train"].sr
+    run = run_of(runs)
+    results.run(run)
+    text = (Path(run.options.results_dir) / "README.md").read_text(encoding="utf-8")
+    assert "| split |  | random | majority | fixed path | oracle |\n" in text
+    assert "| test | SPL | - | - | - | - |\n" in text
 
 
 def test_evaluations_of_other_labyrinths_are_not_averaged(evaluated, run_of, tmp_path):

@@ -8,15 +8,15 @@ from torch import Tensor, nn
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.dynamics import State, transition
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from pipeline.training.networks.symmetry import (
+from labyrinth_core.policies.networks.symmetry import (
     SYMMETRIES,
     Averaged,
     transform,
     transform_examples,
     transformed_actions,
 )
+from labyrinth_core.world.dynamics import State, transition
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
 pytestmark = pytest.mark.slow
 

@@ -19,9 +19,10 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training import train
 from pipeline.training.methods import bc
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES, POLICY, RECORD
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +60,7 @@ def test_a_run_leaves_policy_curves_and_a_record_of_how_it_was_made(
     train.run(run)
     folder = folder_of(run)
     assert folder.name == "bc-cnn-seed0"
-    assert sorted(path.name for path in folder.iterdir()) == [CURVES, POLICY, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [CURVES, RECORD]
     record = json.loads((folder / RECORD).read_text())
     assert record["run"]["settings"]["epochs"] == 3
     assert len(record["run"]["fingerprint"]) == 64

@@ -47,7 +47,8 @@ function refreshEditor() {
     said = sentence(problem.message);
   } else {
     const distance = distances(labyrinth);
-    const moves = distance[labyrinth.start];
+    const moves = distance[initial(labyrinth)];
+    if (labyrinth.agent != null) view.state = labyrinth.agent;
     said = `Solvable; the shortest route has ${plural(moves, "move")}.`;
     if (editor.solved) {
       const actions = shortestRoute(labyrinth, distance);
@@ -71,7 +72,7 @@ function refreshEditor() {
 /** Return the optimal actions of each cell; on the route, those of the state it has there. */
 function solvedArrows(labyrinth, distance, states) {
   const cells = labyrinth.up.length;
-  const arrows = new Map(arrowsOf(labyrinth, distance, labyrinth.start));
+  const arrows = new Map(arrowsOf(labyrinth, distance, initial(labyrinth)));
   for (const state of states) arrows.set(state % cells, optimalActions(labyrinth, distance, state));
   return arrows;
 }
@@ -262,7 +263,8 @@ function setUpEditor() {
   }
   chooseTool("wall");
   byId("edit-task").addEventListener("change", (event) => {
-    edit({ ...editor.labyrinth, task: event.target.value, key: null, door: null, ice: [] });
+    const none = { key: null, door: null, ice: [], agent: null };
+    edit({ ...editor.labyrinth, task: event.target.value, ...none });
   });
   for (const id of ["edit-height", "edit-width"]) byId(id).addEventListener("change", resize);
   const board = byId("board");

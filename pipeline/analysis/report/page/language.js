@@ -7,7 +7,18 @@ const SETTINGS = {
 };
 const LOOK = "look";
 const LOOKS = ["plain", "recoloured", "thin_walls"];
-const NAMES = [...Object.keys(SETTINGS), LOOK];
+const AGENT = "agent";
+const NAMES = [...Object.keys(SETTINGS), LOOK, AGENT];
+const VALUES = {
+  ...Object.fromEntries(Object.keys(SETTINGS).map((name) => [name, /^(true|false)$/])),
+  [LOOK]: new RegExp(`^(${LOOKS.join("|")})$`),
+  [AGENT]: /^\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?$/,
+};
+const EXPECTED = {
+  ...Object.fromEntries(Object.keys(SETTINGS).map((name) => [name, "True or False"])),
+  [LOOK]: `${LOOKS.slice(0, -1).join(", ")} or ${LOOKS.at(-1)}`,
+  [AGENT]: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
+};
 const HEADING = "labyrinth";
 const MAX_TEXT = 32 * 1024 * 1024;
 const WINDOW = 94; // The longest part of a source line that a message shows, in characters.
@@ -243,11 +254,15 @@ function parse(text) {
       source.fail(offset + line.length - rest.length, message, wanted, quoted(rest));
     }
   }
+  let atFault = settings.offset;
   try {
-    return build(source, drawing, settings);
+    const labyrinth = build(source, drawing, settings);
+    if (settings.agent === null || missingTiles(labyrinth)) return labyrinth;
+    atFault = settings.agent.offset;
+    return checked({ ...labyrinth, agent: agentOf(source, labyrinth, settings.agent) });
   } catch (error) {
     if (!(error instanceof LabyrinthError)) throw error;
-    const offset = error.cell === null ? settings.offset : drawing.offset(error.cell);
+    const offset = error.cell === null ? atFault : drawing.offset(error.cell);
     throw source.error(offset, error.message);
   }
 }
@@ -255,6 +270,7 @@ function parse(text) {
 function parseSettings(source) {
   let switchedOn = null;
   let look = LOOKS[0];
+  let agent = null;
   const seen = new Map();
   for (;;) {
     const [offset, line] = source.nextLine();
@@ -265,7 +281,7 @@ function parseSettings(source) {
     const value = trimBlanks(after);
     const place = offset + before.length - trimStart(before).length;
     if (name === HEADING && colon >= 0 && !value) {
-      return { ...(switchedOn ?? { task: "navigation", offset: place }), look };
+      return { ...(switchedOn ?? { task: "navigation", offset: place }), look, agent };
     }
     if (!NAMES.includes(name) || colon < 0) refuseSetting(source, offset, line);
     if (seen.has(name)) {
@@ -273,15 +289,15 @@ function parseSettings(source) {
       source.fail(place, "a setting is given twice", "each setting at most once", found);
     }
     seen.set(name, place);
-    const allowed = name === LOOK ? LOOKS : ["true", "false"];
-    if (!allowed.includes(value.toLowerCase())) {
-      const at = offset + before.length + 1 + after.length - trimStart(after).length;
+    const at = offset + before.length + 1 + after.length - trimStart(after).length;
+    if (!VALUES[name].test(value.toLowerCase())) {
       const found = value ? quoted(value) : "the end of the line";
-      const looks = `${LOOKS.slice(0, -1).join(", ")} or ${LOOKS.at(-1)}`;
-      source.fail(at, `in the value of ${name}`, name === LOOK ? looks : "True or False", found);
+      source.fail(at, `in the value of ${name}`, EXPECTED[name], found);
     }
     if (name === LOOK) {
       look = value.toLowerCase();
+    } else if (name === AGENT) {
+      agent = { value: value.toLowerCase(), offset: at };
     } else if (value.toLowerCase() === "true") {
       if (switchedOn) {
         const found = `${name}, after line ${source.lineNumber(switchedOn.offset)}`;
@@ -456,6 +472,17 @@ function build(source, drawing, { task, look }) {
   return checked(labyrinth);
 }
 
+/** Return the number of the state that a value of the setting `agent` stands for. */
+function agentOf(source, { height, width }, { value, offset }) {
+  const [, row, column, holds] = VALUES[AGENT].exec(value);
+  if (+row >= height || +column >= width) {
+    const expected = `a row from 0 to ${height - 1} and a column from 0 to ${width - 1}`;
+    source.fail(offset, "the agent is outside the grid", expected, `(${+row}, ${+column})`);
+  }
+  const phase = holds === undefined ? 0 : holds === "key" ? 1 : 2;
+  return +row * width + +column + phase * height * width;
+}
+
 function only(source, drawing, tile) {
   const cells = [...drawing.tiles.keys()].filter((cell) => drawing.tiles[cell] === tile);
   if (cells.length < 2) return cells.length ? cells[0] : null;
@@ -490,5 +517,11 @@ function dump(labyrinth) {
     ([name, switchedOn]) => `${name}: ${switchedOn === task ? "True" : "False"}\n`,
   );
   if ((look ?? LOOKS[0]) !== LOOKS[0]) settings.push(`${LOOK}: ${look}\n`);
+  const state = initial(labyrinth);
+  if (state !== labyrinth.start) {
+    const [row, column] = [Math.floor((state % up.length) / width), state % up.length % width];
+    const holds = ["", " with key", " with open door"][Math.floor(state / up.length)];
+    settings.push(`${AGENT}: (${row}, ${column})${holds}\n`);
+  }
   return `${settings.join("")}\n${HEADING}:\n${lines.join("\n")}\n${outerWall}\nend\n`;
 }

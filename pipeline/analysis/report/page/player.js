@@ -41,9 +41,18 @@ function openPlayer(place) {
 
 function chooseEpisode(number) {
   player.actions = player.episodes[number];
-  player.states = replay(player.labyrinth, player.actions);
+  player.states = replay(player.labyrinth, player.actions, firstState(number));
   byId("progress").max = player.actions.length;
   showState(0);
+}
+
+/** Return the state that an episode begins in: where the one before it was cut, or the start. */
+function firstState(number) {
+  const { labyrinth, episodes } = player;
+  return episodes.slice(0, number).reduce((state, actions) => {
+    const last = replay(labyrinth, actions, state).at(-1);
+    return isTerminal(labyrinth, last) ? initial(labyrinth) : last;
+  }, initial(labyrinth));
 }
 
 function showState(at) {
@@ -138,8 +147,10 @@ function setUpPlayer() {
     showPart("editor");
     edit(player.labyrinth);
   });
-  on("copy-shown", () => copyText(dump(player.labyrinth), byId("step")));
   on("save-gif", saveMovingPicture);
+  on("copy-shown", () => {
+    copyText(dump({ ...player.labyrinth, agent: player.states[0] }), byId("step"));
+  });
   byId("progress").addEventListener("input", (event) => {
     stopPlaying();
     showState(+event.target.value);

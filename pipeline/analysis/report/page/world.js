@@ -109,8 +109,39 @@ function checked(labyrinth) {
       throw new LabyrinthError("the key cannot be reached without passing the door", key);
     }
   }
+  checkAgent(labyrinth, initial(labyrinth));
   return labyrinth;
 }
+
+/** Throw LabyrinthError if no episode can begin in a state. */
+function checkAgent(labyrinth, state) {
+  const { start, goal, key, door, ice } = labyrinth;
+  const cells = labyrinth.up.length;
+  const [cell, phase] = [state % cells, Math.floor(state / cells)];
+  if (state === start || missingTiles(labyrinth)) return;
+  if (phase && key === null) {
+    throw new LabyrinthError("a key and an open door belong to key_and_door");
+  }
+  if (cell === goal || ice.includes(cell)) {
+    const where = cell === goal ? "goal" : "ice";
+    throw new LabyrinthError(`the agent cannot begin on the ${where}, where an episode ends`);
+  }
+  if ((cell === key && !phase) || (cell === door && phase < 2)) {
+    const where = cell === key ? "key without it" : "closed door";
+    throw new LabyrinthError(`the agent cannot begin on the ${where}`);
+  }
+  if (distances(labyrinth)[state] === UNREACHABLE) {
+    const without = ice.length ? " without ice" : "";
+    throw new LabyrinthError(`no route${without} leads from the agent to the goal`);
+  }
+}
+
+/** Return the number of the state that episodes begin in: on the start, if nothing else is said. */
+const initial = (labyrinth) => labyrinth.agent ?? labyrinth.start;
+
+/** Return whether an episode ends in a state. */
+const isTerminal = ({ goal, ice, up }, state) =>
+  state % up.length === goal || ice.includes(state % up.length);
 
 // The number of a state is its cell, plus the number of cells if the agent has the key, and once
 // more if the door is open.
@@ -166,7 +197,7 @@ function optimalActions(labyrinth, distance, state) {
 /** Return the actions of a shortest route: in each state the first optimal one. */
 function shortestRoute(labyrinth, distance) {
   const actions = [];
-  let state = labyrinth.start;
+  let state = initial(labyrinth);
   while (distance[state] > 0) {
     const [action] = optimalActions(labyrinth, distance, state);
     actions.push(action);
@@ -175,9 +206,9 @@ function shortestRoute(labyrinth, distance) {
   return actions;
 }
 
-/** Return the states that actions lead through, beginning with the initial one. */
-function replay(labyrinth, actions) {
-  const states = [labyrinth.start];
+/** Return the states that actions lead through, beginning with the first one. */
+function replay(labyrinth, actions, first = initial(labyrinth)) {
+  const states = [first];
   for (const action of actions) states.push(transition(labyrinth, states.at(-1), action));
   return states;
 }

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from pipeline.training.networks.network import ACTIONS, as_input
+from labyrinth_core.policies.networks.network import ACTIONS, as_input
 
 FAR = 1e9
 """The cost of ending outside the picture."""

@@ -6,13 +6,12 @@ All take observations as they are stored, and scale them themselves: pictures as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.pictures.vector import tile_count
+from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
 
@@ -23,20 +22,6 @@ MOMENTUM = 0.1
 """The momentum of the running statistics of batch normalisation."""
 WIDTH = 512
 """The width of every classifier's hidden layers (Table 1)."""
-
-
-@dataclass(frozen=True)
-class NetworkSpec:
-    """Everything that the shape of a policy's network depends on."""
-
-    encoder: str
-    """cnn, resnet18 or mlp."""
-    pool_stride: int
-    """The stride of ResNet-18's first pooling: 1 in Table 1, 2 in the original ResNet."""
-    height: int
-    """The height of the labyrinths in cells, on which the length of vectors depends."""
-    width: int
-    task: str
 
 
 class Cnn(nn.Sequential):

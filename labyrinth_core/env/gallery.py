@@ -1,0 +1,128 @@
+"""The pictures of many labyrinths, of which only what changes is drawn.
+
+Of each labyrinth the picture without the agent is kept, and the patches that show the agent in each
+of its cells, so that a step copies the picture and puts a patch into it, or exchanges two patches
+in place. Under partial observability more than a patch changes: there the picture with the agent is
+kept, and drawn anew when the agent has moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from labyrinth_core.env.labyrinth_source import Shape
+from labyrinth_core.env.stack import Stack
+from labyrinth_core.pictures.backdrops import Backdrops, Mask, Scene, backdrops_of
+from labyrinth_core.pictures.bands import bands_of
+from labyrinth_core.pictures.renderer import style_of
+from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.pictures.windows import Corners, Numbers, Pictures, cut, paste
+from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.labyrinth import Look, Task
+
+LOOKS = tuple(Look)
+
+
+class Gallery:
+    """The pictures of a number of labyrinths of one size and task.
+
+    It keeps the first of them, as many as its memory holds; of the others all is drawn every time.
+    """
+
+    def __init__(
+        self, count: int, shape: Shape, image_size: int, memory: int, *, copy: bool
+    ) -> None:
+        """Make room for pictures.
+
+        Args:
+            count: The number of labyrinths.
+            shape: Their size and task.
+            image_size: Pixels on each side of a picture.
+            memory: The most bytes to keep.
+            copy: Whether `pictures` returns a new array, instead of the same one each time.
+
+        Raises:
+            ValueError: The labyrinths are too large for every wall to have a pixel.
+        """
+        self._count, self._size, self._copy = count, image_size, copy
+        self._cells = shape.height * shape.width
+        self._hides = shape.task is Task.PARTIAL_OBSERVABILITY
+        self._reach = reach = bands_of(shape.height, shape.width, None, image_size).reach
+        patches = 0 if self._hides else self._cells
+        self._kept = kept = min(count, memory // (3 * (image_size**2 + patches * reach**2)))
+        self._shown = np.empty((kept if copy else count, image_size, image_size, 3), np.uint8)
+        self._patches = np.empty((kept, patches, reach, reach, 3), np.uint8)
+        self._corners = np.zeros((len(LOOKS), 2, self._cells), np.intp)
+        self._look = np.zeros(kept, np.intp)
+        self._drawn = np.full(kept, -1, np.int64)
+        """What is kept: the number of the state if cells are hidden, else what became of the key
+        and the door, as `state_index` counts it; -1 for nothing."""
+        self._covered: tuple[Corners, Pictures] | None = None
+        """What is under the patches that are shown, if they are put in place."""
+
+    def forget(self, places: Numbers) -> None:
+        """Forget the labyrinths in some places, since others are there now."""
+        self._drawn[places[places < self._kept]] = -1
+
+    def pictures(self, stack: Stack) -> Pictures:
+        """Return the pictures of all labyrinths, shape (count, image_size, image_size, 3)."""
+        states, kept = stack.states(), np.arange(self._kept)
+        if self._covered is not None:
+            paste(self._shown, kept, *self._covered)
+        phases, agents = np.divmod(states[: self._kept], self._cells)
+        self._renew(stack, states[: self._kept] if self._hides else phases)
+        shown = self._shown
+        if self._copy:
+            shown = np.empty((self._count, *shown.shape[1:]), np.uint8)
+            shown[: self._kept] = self._shown
+        if not self._hides:
+            tops, lefts = self._corners[self._look, :, agents].T
+            if not self._copy:
+                self._covered = (tops, lefts), cut(shown, kept, (tops, lefts), self._reach)
+            paste(shown, kept, (tops, lefts), self._patches[kept, agents])
+        if self._kept < self._count:
+            shown[self._kept :] = self._draw(stack, range(self._kept, self._count))
+        if not self._copy:
+            shown = shown.view()
+            shown.setflags(write=False)
+        return shown
+
+    def _draw(self, stack: Stack, places: Iterable[int]) -> Pictures:
+        shown = map(stack.at, places)
+        return draw([(each, state_at(each, number)) for each, number in shown], self._size)
+
+    def _renew(self, stack: Stack, needed: Numbers) -> None:
+        """Draw what is needed, and not what is kept; see `_drawn`."""
+        stale = np.flatnonzero(self._drawn != needed)
+        if not len(stale):
+            return
+        if self._hides:
+            self._shown[stale] = self._draw(stack, stale.tolist())
+        else:
+            self._draw_scenes(stack, stale, needed)
+        self._drawn[stale] = needed[stale]
+
+    def _draw_scenes(self, stack: Stack, stale: Numbers, needed: Numbers) -> None:
+        looks = np.array([LOOKS.index(stack.at(each)[0].look) for each in stale.tolist()], np.intp)
+        self._look[stale] = looks
+        for look in set(looks.tolist()):
+            alike = stale[looks == look]
+            scenes = [
+                Scene(stack.at(place)[0], key_gone=needed[place] >= 1, door_open=needed[place] == 2)
+                for place in alike.tolist()
+            ]
+            style = style_of(scenes[0].labyrinth)
+            for first, backdrops in backdrops_of(scenes, self._size, style):
+                places = alike[first : first + len(backdrops)]
+                self._shown[places] = backdrops.bare()
+                self._patches[places] = self._everywhere(backdrops, needed[places] == 1)
+            self._corners[look] = backdrops.corners(np.arange(self._cells))
+
+    def _everywhere(self, backdrops: Backdrops, with_key: Mask) -> Pictures:
+        """Return the patches of an agent in each cell, shape (N, cells, reach, reach, 3)."""
+        scenes = np.repeat(np.arange(len(backdrops)), self._cells)
+        agents = np.tile(np.arange(self._cells), len(backdrops))
+        patches = backdrops.patches(scenes, agents, with_key[scenes])
+        return patches.reshape(-1, *self._patches.shape[1:])

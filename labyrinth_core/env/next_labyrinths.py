@@ -1,0 +1,103 @@
+"""The next labyrinth of many sub-environments, drawn for hundreds of them together.
+
+One at a time, a labyrinth takes ten times as long. Each still comes from the generator of its
+sub-environment, and is the one that a single environment draws from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.env.labyrinth_source import Shape
+from labyrinth_core.env.stack import Stack
+from labyrinth_core.world.batch_sampling import sample_each
+from labyrinth_core.world.batch_tables import tabulate_many
+from labyrinth_core.world.batch_trees import WORD
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.tasks import default_start_and_goal
+
+FEWEST = 128
+"""The number of sub-environments from which on this takes less time."""
+
+
+class NextLabyrinths:
+    """At most one labyrinth for each sub-environment, fresh ones of one size, without tiles."""
+
+    def __init__(self, count: int, shape: Shape, *, normalised: bool) -> None:
+        """Make room for the labyrinths of `count` sub-environments.
+
+        Args:
+            count: The number of sub-environments.
+            shape: Size and task of all labyrinths.
+            normalised: As in `state_tables.tabulate`.
+        """
+        self._shape, self._normalised = shape, normalised
+        self._stack = Stack(count, *shape)
+        self._there = np.zeros(count, np.bool_)
+        self._left_out = np.zeros(count, np.bool_)
+        """Whether the labyrinth is one that has to be drawn alone; it is not tried again."""
+        self._before: list[Any] = [None] * count
+        """The state that each generator was in when the labyrinth was drawn."""
+        self._enough = 8 * isqrt(count)
+
+    @staticmethod
+    def pay(count: int, shape: Shape) -> bool:
+        """Return whether so many labyrinths of a shape can be drawn together, in less time."""
+        without_tiles = shape.task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
+        return without_tiles and count >= FEWEST and shape.height * shape.width <= WORD
+
+    def load(
+        self,
+        stack: Stack,
+        places: NDArray[np.int64],
+        generator: Callable[[int], np.random.Generator],
+    ) -> NDArray[np.int64]:
+        """Load the next labyrinths into some places of a stack.
+
+        Args:
+            stack: The stack of the sub-environments.
+            places: Which of them begin an episode.
+            generator: Returns the generator of a sub-environment.
+
+        Returns:
+            The places for which there is none; their generators are ready to draw it.
+        """
+        if not self._there[places].all():
+            empty = np.flatnonzero(~(self._there | self._left_out))
+            if len(empty) >= self._enough:
+                self._draw(empty, generator)
+        there = self._there[places]
+        stack.adopt(self._stack, places[there])
+        self._there[places] = self._left_out[places] = False
+        return places[~there]
+
+    def _draw(
+        self, places: NDArray[np.int64], generator: Callable[[int], np.random.Generator]
+    ) -> None:
+        height, width, task = self._shape
+        drawn = sample_each(height, width, [generator(place) for place in places.tolist()])
+        ends = default_start_and_goal(height, width)
+        tables = tabulate_many(drawn.structures, *ends, normalised=self._normalised)
+        filled = places[drawn.numbers]
+        self._stack.load_many(filled, tables, task)
+        self._left_out[places] = True
+        self._left_out[filled] = False
+        self._there[filled] = True
+        for place, before in zip(filled.tolist(), drawn.before, strict=True):
+            self._before[place] = before
+
+    def forget(self, place: int, generator: np.random.Generator | None) -> None:
+        """Drop the labyrinth of a sub-environment.
+
+        Args:
+            place: The number of the sub-environment.
+            generator: Its generator, which goes back to where it was; None if it has a new one.
+        """
+        if self._there[place] and generator is not None:
+            generator.bit_generator.state = self._before[place]
+        self._there[place] = self._left_out[place] = False

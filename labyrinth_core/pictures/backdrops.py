@@ -1,0 +1,215 @@
+"""Scenes, all that a picture shows but the agent, drawn many at once; the agent is then a patch.
+
+A patch is a small window of the picture, which is all that differs from the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.bands import INSETS, Bands, Sums, bands_of
+from labyrinth_core.pictures.renderer import (
+    AGENT_INSET,
+    AGENT_WITH_KEY,
+    DOOR,
+    FLOOR,
+    GOAL,
+    HIDDEN,
+    ICE,
+    KEY,
+    OPEN_DOOR,
+    START,
+    Colour,
+    Style,
+    squares,
+)
+from labyrinth_core.pictures.vector import hide, initial_vector, tile_count
+from labyrinth_core.pictures.windows import Corners, Numbers, Pictures, paste, runs
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.visibility import visible_from
+
+Mask = NDArray[np.bool_]
+
+_WALL_CODE = HIDDEN + 1
+_CODE_OF_ENTRY = np.array([FLOOR, _WALL_CODE, ICE], np.uint8)
+"""What an entry of a wall grid shows: `OPEN`, `WALL` or `ICE` of `vector`."""
+
+SUMS_BYTES = 2**20
+"""The memory for the sums of scenes that are drawn together, which a cache should hold."""
+
+
+class Scene(NamedTuple):
+    """All that a picture shows but the agent."""
+
+    labyrinth: Labyrinth
+    key_gone: bool = False
+    door_open: bool = False
+    seen_from: int | None = None
+    """The agent's cell under partial observability, else None."""
+
+
+def backdrops_of(
+    scenes: Sequence[Scene], image_size: int, style: Style, resize: str = "area"
+) -> Iterator[tuple[int, Backdrops]]:
+    """Yield the backdrops of scenes, as many together as a cache holds, and the first's number."""
+    labyrinth = scenes[0].labyrinth
+    shape = labyrinth.structure.height, labyrinth.structure.width
+    insets = INSETS if labyrinth.task is Task.KEY_AND_DOOR else ()
+    bands = bands_of(*shape, style.wall_pixels, image_size, resize, insets)
+    together = max(1, SUMS_BYTES // (3 * bands.rows.bands[:, 0].nbytes * image_size))
+    for first in range(0, len(scenes), together):
+        yield first, Backdrops(scenes[first : first + together], bands, style)
+
+
+class Backdrops:
+    """Scenes of labyrinths of one size, task and style, drawn and ready for agents."""
+
+    def __init__(self, scenes: Sequence[Scene], bands: Bands, style: Style) -> None:
+        self._count, self._bands = len(scenes), bands
+        self._width = scenes[0].labyrinth.structure.width
+        self._codes, shown = _codes(scenes)
+        self._palette = _palette(style, bands.rows.bands.dtype)
+        planes = self._palette.ground.T[:, shown]
+        # A channel at a time, which is multiplied fastest; then the channels of a pixel together.
+        sums = (bands.rows.bands @ planes @ bands.columns.bands.T).transpose(1, 2, 3, 0)
+        self._sums: Sums = np.add(sums, bands.unit // 2, order="C")
+        if scenes[0].labyrinth.door is not None:
+            for code in (KEY, OPEN_DOOR):
+                self._add_squares(code, squares(style, code))
+        self._colours = bands.rounded(self._sums)
+
+    def __len__(self) -> int:
+        """Return the number of scenes."""
+        return self._count
+
+    def _add_squares(self, code: int, nested: Sequence[tuple[int, Colour]]) -> None:
+        """Add the squares inside the cells that show a code, at most one in each scene."""
+        scenes, cells = np.nonzero(self._codes == code)
+        row, column = np.divmod(cells, self._width)
+        for (_, outer), (inset, inner) in pairwise(nested):
+            if inset:
+                down = self._bands.rows.squares[inset][row]
+                across = self._bands.columns.squares[inset][column]
+                change = np.subtract(inner, outer, dtype=down.dtype)
+                self._sums[scenes] += (down[:, :, None] * across[:, None])[..., None] * change
+
+    def bare(self) -> Pictures:
+        """Return the picture of each scene without an agent, (N, image_size, image_size, 3)."""
+        return self._colours.take(self._bands.row, axis=1)
+
+    def draw(self, pictures: Pictures, scenes: Numbers, agents: Numbers, with_key: Mask) -> None:
+        """Fill pictures with a scene and an agent each; the arguments are those of `patches`."""
+        lines, *row = self._colours.shape[1:]
+        rows = scenes[:, None] * lines + self._bands.row
+        # Every index is within bounds; clipping only spares a copy.
+        self._colours.reshape(-1, *row).take(rows, axis=0, out=pictures, mode="clip")
+        patches = self.patches(scenes, agents, with_key)
+        paste(pictures, np.arange(len(agents)), self.corners(agents), patches)
+
+    def corners(self, agents: Numbers) -> Corners:
+        """Return the first rows and the first columns of the windows around agents."""
+        row, column = np.divmod(agents, self._width)
+        return self._bands.rows.begins[row], self._bands.columns.begins[column]
+
+    def patches(self, scenes: Numbers, agents: Numbers, with_key: Mask) -> Pictures:
+        """Return the windows around agents in some scenes, shape (N, reach, reach, 3).
+
+        Args:
+            scenes: The number of each scene.
+            agents: The agents' cells.
+            with_key: Whether the agents show a key.
+        """
+        bands = self._bands
+        row, column = np.divmod(agents, self._width)
+        lines, lefts = bands.row_in_windows[row], bands.columns.begins[column]
+        cut = runs(self._sums, bands.reach)[scenes[:, None], lines, lefts[:, None]]
+        sums = cut.view(self._sums.dtype).reshape(*lines.shape, bands.reach, 3)
+        changes = self._palette.agent[self._codes[scenes, agents]]
+        self._add_to_windows(sums, row, column, AGENT_INSET, changes)
+        if with_key.any():
+            changes = self._palette.key * with_key[:, None]
+            self._add_to_windows(sums, row, column, self._palette.key_inset, changes)
+        return bands.rounded(sums)
+
+    def _add_to_windows(
+        self, sums: Sums, row: Numbers, column: Numbers, inset: int, changes: Sums
+    ) -> None:
+        down = self._bands.rows.in_windows[inset][row]
+        across = self._bands.columns.in_windows[inset][column]
+        sums += down[:, :, None, None] * (across[:, :, None] * changes[:, None])[:, None]
+
+
+class _Palette(NamedTuple):
+    """The colours of a style, and what changes where squares are added."""
+
+    ground: Sums
+    """The colour of what a cell shows, but for squares inside it, and last of walls, (9, 3)."""
+    agent: Sums
+    """What an agent adds to the colour of what it covers, (8, 3)."""
+    key: Sums
+    """What a key adds to the colour of an agent, (3,)."""
+    key_inset: int
+
+
+@lru_cache(maxsize=64)
+def _palette(style: Style, dtype: np.dtype[Any]) -> _Palette:
+    nested = [squares(style, code) for code in range(HIDDEN + 1)]
+    *_, (_, agent), (key_inset, key) = squares(style, FLOOR + AGENT_WITH_KEY)
+    covered = np.array([_innermost(each, AGENT_INSET) for each in nested], dtype)
+    return _Palette(
+        ground=np.array([*[_innermost(each, 0) for each in nested], style.wall], dtype),
+        agent=np.array(agent, dtype) - covered,
+        key=np.subtract(key, agent, dtype=dtype),
+        key_inset=key_inset,
+    )
+
+
+def _innermost(nested: Sequence[tuple[int, Colour]], inset: int) -> Colour:
+    """Return the colour of the last of nested squares that are not further in than an inset."""
+    return [colour for twelfths, colour in nested if twelfths <= inset][-1]
+
+
+def _codes(scenes: Sequence[Scene]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return what the cells of scenes show, and what the bands show, from the top left.
+
+    Returns:
+        Shapes (N, cells) and (N, 2 height + 3, 2 width + 3).
+    """
+    labyrinth = scenes[0].labyrinth
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    vectors = np.stack([initial_vector(scene.labyrinth) for scene in scenes])
+    first = tile_count(labyrinth.task)
+    tiles = vectors[:, :first]
+    grids = vectors[:, first:].reshape(-1, 2 * height - 1, 2 * width - 1)
+    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+        hide(grids, _visible(scenes))
+    shown = _CODE_OF_ENTRY[grids]
+    cells = shown[:, ::2, ::2]
+    cells[cells == _WALL_CODE] = HIDDEN  # A cell is a wall only where it is hidden.
+    every, entries = np.arange(len(scenes)), shown.reshape(len(scenes), -1)
+    entries[every, tiles[:, 1]], entries[every, tiles[:, 2]] = START, GOAL
+    if labyrinth.task is Task.KEY_AND_DOOR:
+        key_gone = np.array([scene.key_gone for scene in scenes])
+        door_open = np.array([scene.door_open for scene in scenes])
+        entries[every, tiles[:, 3]] = np.where(key_gone, FLOOR, KEY)
+        entries[every, tiles[:, 4]] = np.where(door_open, OPEN_DOOR, DOOR)
+    bands = np.full((len(scenes), 2 * height + 3, 2 * width + 3), FLOOR, np.uint8)
+    bands[:, 1:-1, 1:-1] = _WALL_CODE
+    bands[:, 2:-2, 2:-2] = shown[:, ::-1]
+    return cells.reshape(len(scenes), -1), bands
+
+
+def _visible(scenes: Sequence[Scene]) -> Mask:
+    """Return which cells are seen in each scene, shape (N, height, width)."""
+    structure = scenes[0].labyrinth.structure
+    visible = np.zeros((len(scenes), structure.cells), np.bool_)
+    for row, scene in zip(visible, scenes, strict=True):
+        assert scene.seen_from is not None
+        row[list(visible_from(scene.labyrinth.structure, scene.seen_from))] = True
+    return visible.reshape(-1, structure.height, structure.width)

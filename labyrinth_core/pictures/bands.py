@@ -1,0 +1,148 @@
+"""How the bands of a picture become its pixels, at any size.
+
+A picture of `PICTURE_SIZE` consists of bands of rows times bands of columns: margins, walls, and
+what lies between two walls. With P, the colours of the bands, the picture at another size is
+A P B: A and B say how much of each band the rows and the columns of pixels cover. A square inside a
+cell, such as the agent, adds the product of a column and a row to that. All are whole numbers that
+floats hold exactly, so that the order of additions does not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.renderer import AGENT_INSET, grid_of
+from labyrinth_core.pictures.resize import weights
+
+Sums = NDArray[np.floating[Any]]
+"""Whole numbers, in floats of single precision where they are below 2 ** 24."""
+
+INSETS = (1, AGENT_INSET, 3, 4)
+"""How far the squares inside cells are from the walls, in twelfths of a cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """The weights of bands, and of squares in cells, in the lines of pixels along an axis.
+
+    Bands and lines are counted from the top left, rows of cells from the bottom.
+    """
+
+    bands: Sums
+    """The weight of each band in each line, shape (lines, 2 * cells + 3)."""
+    squares: dict[int, Sums]
+    """Inset -> the weight of the square in each cell in each line, shape (cells, lines)."""
+    begins: NDArray[np.intp]
+    """The first line of the window around an agent in each cell, shape (cells,)."""
+    in_windows: dict[int, Sums]
+    """Inset -> the weight of the square in each line of the window, shape (cells, reach)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """How the bands of pictures of labyrinths of one size become pixels."""
+
+    rows: Axis
+    """The rows of pixels, of which many are alike: those of `bands` and `squares` all differ."""
+    columns: Axis
+    row: NDArray[np.intp]
+    """Which of the different rows each row of pixels is, shape (image_size,)."""
+    row_in_windows: NDArray[np.intp]
+    """The same for the rows of the windows, shape (height, reach)."""
+    unit: int
+    """The sum of the weights of a pixel."""
+    reach: int
+    """The pixels on each side of a window, whatever the thickness of walls."""
+
+    def rounded(self, sums: Sums) -> NDArray[np.uint8]:
+        """Return the colours of sums that half a unit was added to."""
+        # No quotient is rounded up to a whole number: it differs by 2 ** -16 from one that it is
+        # not, and floats of single precision between 128 and 256 by as much from each other.
+        colours = np.empty(sums.shape, np.uint8)
+        return np.divide(sums, self.unit, out=colours, casting="unsafe")
+
+
+@lru_cache(maxsize=16)
+def bands_of(
+    height: int,
+    width: int,
+    wall_pixels: int | None,
+    image_size: int,
+    resize: str = "area",
+    insets: tuple[int, ...] = INSETS,
+) -> Bands:
+    """Return how the pictures of labyrinths of a size become pixels.
+
+    Args:
+        height: Rows of cells.
+        width: Columns of cells.
+        wall_pixels: The thickness of walls, as in `Style`.
+        image_size: Pixels on each side of a picture.
+        resize: One of `resize.RESIZES`.
+        insets: Which of `INSETS` cells may show besides the agent; fewer make fewer different rows.
+
+    Raises:
+        ValueError: The labyrinth is too large for every wall to have a pixel.
+    """
+    grid = grid_of(height, width, wall_pixels)
+    shares = weights(image_size, resize)
+    unit = int(shares[0].sum()) ** 2
+    dtype = np.dtype(np.float32 if 256 * unit < 2**24 else np.float64)
+    up_to = np.zeros((image_size, PICTURE_SIZE + 1), dtype)
+    np.cumsum(shares, axis=1, out=up_to[:, 1:])
+    reach = _reach(max(height, width), image_size)
+    rows = _axis(grid.rows[::-1], grid.thickness, up_to, reach)
+    parts = np.concatenate([rows.bands.T, *[rows.squares[inset] for inset in insets]])
+    _, some, row = np.unique(parts, axis=1, return_index=True, return_inverse=True)
+    return Bands(
+        rows=Axis(
+            rows.bands[some],
+            {inset: rows.squares[inset][:, some] for inset in insets},
+            rows.begins,
+            rows.in_windows,
+        ),
+        columns=_axis(grid.columns, grid.thickness, up_to, reach),
+        row=row,
+        row_in_windows=row[rows.begins[:, None] + np.arange(reach)],
+        unit=unit,
+        reach=reach,
+    )
+
+
+def _axis(lines: tuple[int, ...], thickness: int, up_to: Sums, reach: int) -> Axis:
+    """Return an axis.
+
+    Args:
+        lines: The first pixel of each wall, that before cell 0 first.
+        thickness: The thickness of walls.
+        up_to: The weights of all pixels before each one, shape (image_size, PICTURE_SIZE + 1).
+        reach: The length of windows.
+    """
+    walls = np.array(lines)
+    edges = np.sort(np.concatenate([[0, PICTURE_SIZE], walls, walls + thickness]))
+    low, high = np.minimum(walls[:-1], walls[1:]) + thickness, np.maximum(walls[:-1], walls[1:])
+    into = {inset: (high - low) * inset // 12 for inset in INSETS}
+    squares = {
+        inset: (up_to[:, high - each] - up_to[:, low + each]).T for inset, each in into.items()
+    }
+    first = squares[AGENT_INSET].astype(np.bool_).argmax(axis=1)
+    begins = np.minimum(first, len(up_to) - reach)
+    windows = begins[:, None] + np.arange(reach)
+    in_windows = {
+        inset: np.take_along_axis(each, windows, axis=1) for inset, each in squares.items()
+    }
+    return Axis(up_to[:, edges[1:]] - up_to[:, edges[:-1]], squares, begins, in_windows)
+
+
+def _reach(most: int, image_size: int) -> int:
+    """Return the largest number of pixels in a line that the square of an agent can touch."""
+    wide = -(-PICTURE_SIZE // most) - 1  # Walls have a pixel at least.
+    # The square of a narrower cell may be a pixel wider, since insets are rounded down.
+    square = wide - 2 * (wide * AGENT_INSET // 12) + 2
+    return min(image_size, square * image_size // PICTURE_SIZE + 2)

@@ -1,0 +1,142 @@
+"""`load_policy`: a policy from a folder or from the Hub, as `evaluate` takes it.
+
+Two files are read, and they are data: `config.json`, of which each value is checked, and
+`model.safetensors`, a format without code. Nothing else is downloaded, and nothing is run.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.source import HUB_ID
+from labyrinth_core.policies.spec import CONFIG, WEIGHTS, PolicySpec
+
+if TYPE_CHECKING:
+    from labyrinth_core.policies.networks.acting import LoadedPolicy
+
+MOST_BYTES: Mapping[str, int] = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
+"""The largest size of each file; the weights of the largest network here take 46 MB."""
+
+_REFUSED = (OSError, *MALFORMED)
+"""What is raised for a file that is missing, or that is no such file."""
+
+
+def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy:
+    """Return a policy that was published, or lies in a folder, as `evaluate` takes it.
+
+    It is called with B observations, and returns the scores of the four actions, shape (B, 4);
+    `network` is its module of PyTorch, on the processor, and `spec` says what it looks at.
+
+    Args:
+        source: A folder with `config.json` and `model.safetensors`, or an id on the Hub such as
+            `user/planner-5x5`.
+        revision: Branch, tag or commit on the Hub; not for folders.
+
+    Raises:
+        ValueError: A folder is given with a revision.
+        DatasetError: There is no such policy, one of its files is too large, or is not what it
+            should be; or PyTorch is not installed.
+    """
+    try:
+        import safetensors.torch  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise DatasetError(
+            f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
+        ) from error
+    folder = _located(source, revision)
+    spec = _read_spec(folder / CONFIG)
+    return _with_weights(spec, folder / WEIGHTS)
+
+
+def holds_policy(source: str) -> bool:
+    """Return whether the Hub, or the cache of its client, has a policy under an id."""
+    from huggingface_hub import HfApi, try_to_load_from_cache
+
+    try:
+        return HfApi().file_exists(source, WEIGHTS)
+    except (OSError, ValueError):
+        return isinstance(try_to_load_from_cache(source, WEIGHTS), str)
+
+
+def _located(source: str | Path, revision: str | None) -> Path:
+    """Return the folder with the two files, downloaded if an id is given."""
+    folder = Path(source).expanduser()
+    if folder.is_dir():
+        if revision is not None:
+            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+        return folder
+    if not HUB_ID.fullmatch(str(source)):
+        raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
+    from huggingface_hub import hf_hub_download
+
+    def had(name: str, **options: Any) -> Any:
+        return hf_hub_download(str(source), name, revision=revision, **options)
+
+    try:
+        for name in MOST_BYTES:  # Before a byte of them is downloaded.
+            _check_size(f"{source}: {name}", name, had(name, dry_run=True).file_size)
+        folders = {Path(had(name)).parent for name in MOST_BYTES}
+    except (OSError, ValueError) as error:
+        reason = f"{source} is no folder, and not to be had from the Hub"
+        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
+    if len(folders) > 1:
+        raise DatasetError(f"{source} has changed while it was downloaded: load it again")
+    return folders.pop()
+
+
+def _check_size(place: object, name: str, size: int) -> None:
+    if size > MOST_BYTES[name]:
+        raise DatasetError(f"{place} has {size:,} bytes, more than {MOST_BYTES[name]:,}")
+
+
+def _read_spec(path: Path) -> PolicySpec:
+    try:
+        _check_size(path, CONFIG, path.stat().st_size)
+        return PolicySpec.from_json(json.loads(path.read_bytes()))
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path} is not there: this is no policy of ours") from error
+    except _REFUSED as error:
+        raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
+
+
+def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy:
+    """Return the policy with its weights, of which names, shapes and types are those expected."""
+    import torch
+    from safetensors import SafetensorError, safe_open
+
+    from labyrinth_core.policies.networks.acting import LoadedPolicy
+    from labyrinth_core.policies.networks.assembly import make_network
+
+    def make() -> torch.nn.Module:
+        return make_network(spec.network, average=spec.average, planner=spec.planner)
+
+    with torch.device("meta"):  # Without memory for weights, of which a file could ask for any.
+        expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
+    try:
+        _check_size(path, WEIGHTS, path.stat().st_size)
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path} is not there: this is no policy of ours") from error
+    except (*_REFUSED, SafetensorError) as error:
+        raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
+    for name in sorted(expected.keys() | tensors.keys()):
+        tensor = tensors.get(name)
+        found = None if tensor is None else (tensor.shape, tensor.dtype)
+        if found != expected.get(name):
+            told = [_described(each) for each in (found, expected.get(name))]
+            raise DatasetError(f"{path} is of another network: {name} is {told[0]}, not {told[1]}")
+    network = make()
+    network.load_state_dict(tensors)
+    return LoadedPolicy(network.eval(), spec)
+
+
+def _described(tensor: Any) -> str:
+    if tensor is None:
+        return "absent"
+    shape, dtype = tensor
+    return f"{str(dtype).removeprefix('torch.')} of shape {tuple(shape)}"

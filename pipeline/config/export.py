@@ -1,0 +1,31 @@
+"""The options of the stage `export`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from pipeline.config.option import LOCAL_FOLDER, option
+from pipeline.config.training import IMAGE_SIZE
+
+EXPORTS = {
+    "minari": "pipeline.export.minari",
+    "imitation": "pipeline.export.imitation",
+    "lerobot": "pipeline.export.lerobot",
+    "npz": "pipeline.export.npz",
+}
+"""Format -> the module whose `write` writes a split in it."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """In which format a dataset is written for another library, and where."""
+
+    format: str = option("", "format of another library: " + ", ".join(EXPORTS), one_of=EXPORTS)
+    folder: str = option(
+        "exports", "folder of the exports; each format is a folder in it", like=LOCAL_FOLDER
+    )
+    splits: tuple[str, ...] = option((), "splits to export (all)")
+    image_size: int = option(
+        IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
+    )

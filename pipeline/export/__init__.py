@@ -1,0 +1,1 @@
+"""A dataset written in the formats of other libraries, for their own loaders to read."""

@@ -1,0 +1,237 @@
+"""LeRobot datasets of version 3.0, written in the layout that the library documents.
+
+The library itself cannot be installed beside ours, as it asks for older versions of torch and
+`datasets`. Layout, columns and types are those of `lerobot.datasets.lerobot_dataset` and
+`lerobot.datasets.utils` of https://pypi.org/project/lerobot/, 0.4.4; see also
+https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
+
+Each state is a frame, also the last of an episode, whose action is -1 and whose reward is 0.
+Pictures are PNG files within Parquet; there is no video.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import chain, repeat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import table_rows, table_schema
+from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.transitions import LoadedEpisode
+from pipeline.export.frame_statistics import FrameStatistics
+from pipeline.export.picture import image_value
+from pipeline.export.split import Split
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+IMAGE = "observation.image"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+
+FPS = 10
+"""Frames a second, which the format asks for; at that rate the environment shows them, too."""
+
+CHUNK_FILES, FILE_MB, VIDEO_MB = 1000, 100, 200
+"""The files of a folder, and the most megabytes of a file, as LeRobot has them."""
+
+PART_BYTES = 16 << 20
+"""The bytes of PNG files that a file has at least, but for the last."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Consecutive episodes, which become one file."""
+
+    frames: list[dict[str, Any]] = field(default_factory=list)
+    """The columns of the frames of each episode."""
+    episodes: list[dict[str, Any]] = field(default_factory=list)
+    """The row of each episode in the table of episodes."""
+
+
+def write(split: Split, folder: Path) -> None:
+    """Write a split into an empty folder.
+
+    Raises:
+        DatasetError: The dataset has no table of labyrinths, being of an earlier version, or one
+            that does not fit.
+    """
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    statistics = FrameStatistics()
+    schema = _frame_schema()
+    (folder / EPISODES).parent.mkdir(parents=True)
+    with pq.ParquetWriter(folder / EPISODES, _episode_schema()) as episodes:
+        for number, part in enumerate(_parts(split, statistics)):
+            chunk, file = divmod(number, CHUNK_FILES)
+            path = folder / DATA.format(chunk_index=chunk, file_index=file)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with pq.ParquetWriter(path, schema) as frames:
+                frames.write_table(_joined(part.frames, schema))
+            place = {"data/chunk_index": chunk, "data/file_index": file}
+            rows = [row | place for row in part.episodes]
+            episodes.write_table(pa.Table.from_pylist(rows, episodes.schema))
+    task = str(split.manifest.config.task)
+    pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
+    write_text(folder / "meta/stats.json", json.dumps(statistics.values(), indent=4))
+    write_text(folder / "meta/info.json", json.dumps(_info(split), indent=4))
+
+
+def _parts(split: Split, statistics: FrameStatistics) -> Iterator[_Part]:
+    """Yield the episodes of a split in parts, and count them in the statistics."""
+    part = _Part()
+    first = held = 0
+    task = str(split.manifest.config.task)
+    labyrinths = chain(_labyrinths(split), repeat({"labyrinth_id": ""}))  # It may be too short.
+    pairs = zip(split.episodes(), labyrinths, strict=False)
+    for number, (episode, labyrinth) in enumerate(pairs):
+        if labyrinth["labyrinth_id"] != f"{episode.labyrinth_id:016x}":
+            raise DatasetError(
+                f"split={split.name}: the table of labyrinths is not of its episodes"
+            )
+        frames = _frames(episode, number, first, truncated=split.is_truncated(episode))
+        statistics.add({**frames, IMAGE: episode.observations})
+        frames[IMAGE] = [image_value(picture) for picture in episode.observations]
+        part.frames.append(frames)
+        part.episodes.append(
+            {
+                "episode_index": number,
+                "tasks": [task],
+                "length": len(episode) + 1,
+                "dataset_from_index": first,
+                "dataset_to_index": first + len(episode) + 1,
+                "meta/episodes/chunk_index": 0,
+                "meta/episodes/file_index": 0,
+                "info": episode.info,
+                **labyrinth,
+            }
+        )
+        first += len(episode) + 1
+        held += sum(len(picture["bytes"]) for picture in frames[IMAGE])
+        if held >= PART_BYTES:
+            yield part
+            part, held = _Part(), 0
+    if part.episodes:
+        yield part
+
+
+def _labyrinths(split: Split) -> Iterator[dict[str, Any]]:
+    """Yield, for each episode, the row of its labyrinth in the table of labyrinths."""
+    for row in table_rows(split.folder, split.manifest):
+        if row["split"] == split.name:
+            for _ in range(row["episodes"]):
+                yield row
+
+
+def _frames(episode: LoadedEpisode, number: int, first: int, *, truncated: bool) -> dict[str, Any]:
+    """Return the columns of the frames of an episode, but for the pictures.
+
+    Args:
+        episode: The episode.
+        number: The number of the episode.
+        first: The number of its first frame.
+        truncated: Whether an environment truncates it.
+    """
+    steps = np.arange(len(episode) + 1)
+    done = steps >= len(episode) - 1
+    return {
+        "action": np.append(episode.actions, NO_ACTION),
+        "next.reward": np.append(episode.rewards, np.float32(0)),
+        "next.done": done,
+        "next.truncated": done & truncated,
+        "timestamp": (steps / FPS).astype(np.float32),
+        "frame_index": steps,
+        "episode_index": np.full(len(steps), number),
+        "index": first + steps,
+        "task_index": np.zeros(len(steps), np.int64),
+    }
+
+
+def _joined(frames: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:
+    """Return the frames of some episodes as a table."""
+    import pyarrow as pa
+
+    pictures = [picture for each in frames for picture in each[IMAGE]]
+    columns = {
+        name: pictures if name == IMAGE else np.concatenate([each[name] for each in frames])
+        for name in schema.names
+    }
+    return pa.table(columns, schema)
+
+
+def _info(split: Split) -> dict[str, Any]:
+    """Return what LeRobot has to know of a dataset: its counts, files, and columns of frames."""
+    size = split.image_size
+    picture = {
+        "dtype": "image",
+        "shape": [size, size, 3],
+        "names": ["height", "width", "channels"],
+    }
+    scalars = {
+        name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _SCALARS.items()
+    }
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": None,
+        "total_episodes": split.count,
+        "total_frames": split.rows,
+        "total_tasks": 1,
+        "chunks_size": CHUNK_FILES,
+        "data_files_size_in_mb": FILE_MB,
+        "video_files_size_in_mb": VIDEO_MB,
+        "fps": FPS,
+        "splits": {"train": f"0:{split.count}"},
+        "data_path": DATA,
+        "video_path": None,
+        "features": {IMAGE: picture, **scalars},
+    }
+
+
+_SCALARS = {
+    "action": "int64",
+    "next.reward": "float32",
+    "next.done": "bool",
+    "next.truncated": "bool",
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+"""Column of the frames -> its type, but for the pictures."""
+
+
+def _frame_schema() -> pa.Schema:
+    """Return the Arrow schema of the frames, with the features of `datasets` in its metadata."""
+    import datasets
+
+    scalars = {name: datasets.Value(dtype) for name, dtype in _SCALARS.items()}
+    return datasets.Features({IMAGE: datasets.Image(), **scalars}).arrow_schema
+
+
+def _episode_schema() -> pa.Schema:
+    """Return the Arrow schema of the table of episodes, with the columns of our own table."""
+    import pyarrow as pa
+
+    fields: list[tuple[str, Any]] = [
+        ("episode_index", pa.int64()),
+        ("tasks", pa.list_(pa.string())),
+        ("length", pa.int64()),
+        ("data/chunk_index", pa.int64()),
+        ("data/file_index", pa.int64()),
+        ("dataset_from_index", pa.int64()),
+        ("dataset_to_index", pa.int64()),
+        ("meta/episodes/chunk_index", pa.int64()),
+        ("meta/episodes/file_index", pa.int64()),
+        ("info", pa.string()),
+    ]
+    return pa.schema([*fields, *((each.name, each.type) for each in table_schema())])

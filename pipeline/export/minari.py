@@ -1,0 +1,140 @@
+"""Minari datasets (https://minari.farama.org), written by the library itself.
+
+An episode keeps the options that `reset` of the recovered environment takes, so that it can be
+replayed there. Pictures are raw arrays: those of JPEG would not be the ones that were observed.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labyrinth_core.data.transitions import LoadedEpisode
+from labyrinth_core.version import __version__
+from pipeline.export.split import NAMESPACE, Split
+from pipeline.machinery.front_matter import DEVELOPERS
+
+if TYPE_CHECKING:
+    from gymnasium.envs.registration import EnvSpec
+    from minari.data_collector import EpisodeBuffer
+
+NEEDS = ("minari", "h5py")
+
+BATCH_BYTES = 16 << 20
+"""The bytes of pictures that are given to Minari at once."""
+
+EPISODE_BYTES = 1 << 17
+"""More than HDF5 takes for an episode, besides its text and thrice the bytes of its pictures."""
+
+
+def write(split: Split, folder: Path) -> None:
+    """Write a split into an empty folder, as Minari does.
+
+    Raises:
+        OSError: The files cannot be written.
+    """
+    import minari
+
+    folder = folder.absolute()  # Minari adds up relative paths.
+    with _placed_in(folder), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Of addresses and scores that we have none of.
+        storage = minari.create_dataset_from_buffers(
+            split.id,
+            [],
+            env=_environment(split),
+            algorithm_name=split.demonstrator,
+            author={DEVELOPERS},
+            description=split.description,
+            requirements=[f"labyrinth-datasets>={__version__}"],
+            data_format="hdf5",
+            jpeg_encoding=False,
+        ).storage
+    for batch in _batches(split):
+        _check_disk(folder, batch)
+        storage.update_episodes(batch)
+    storage.update_metadata({"licence": split.licence, "labyrinth": split.record()})
+    (folder / split.id / "data").replace(folder / "data")
+    shutil.rmtree(folder / NAMESPACE)
+
+
+def _batches(split: Split) -> Iterator[list[EpisodeBuffer]]:
+    """Yield the episodes of a split in lists of at least one, bounded in memory."""
+    from minari.data_collector import EpisodeBuffer
+
+    batch: list[EpisodeBuffer] = []
+    size = 0
+    for episode in split.episodes():
+        terminations, truncations = [[False] * len(episode) for _ in range(2)]
+        terminations[-1], truncations[-1] = episode.terminated, split.is_truncated(episode)
+        batch.append(
+            EpisodeBuffer(
+                options=_options(episode),
+                observations=episode.observations,
+                actions=episode.actions,
+                rewards=episode.rewards,
+                terminations=terminations,
+                truncations=truncations,
+                infos={},
+            )
+        )
+        size += episode.observations.nbytes
+        if size >= BATCH_BYTES:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
+
+
+def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
+    """Raise OSError if a disk has no room for a batch: HDF5 would crash in the middle of it."""
+    needed = sum(
+        3 * each.observations.nbytes + len(each.options["labyrinth"].encode()) + EPISODE_BYTES
+        for each in batch
+    )
+    if shutil.disk_usage(folder).free < needed:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _options(episode: LoadedEpisode) -> dict[str, Any]:
+    """Return the options with which `LabyrinthEnv.reset` begins the episode, and ends it, too."""
+    options: dict[str, Any] = {"labyrinth": episode.info}
+    if not episode.terminated:
+        options["max_episode_steps"] = len(episode)
+    return options
+
+
+def _environment(split: Split) -> EnvSpec:
+    """Return the specification of the environment of a split, which samples other labyrinths."""
+    import gymnasium
+
+    config = split.manifest.config
+    environment = gymnasium.make(
+        "labyrinth_core.env:Labyrinth-v0",
+        size=f"{config.height}x{config.width}",
+        task=str(config.task),
+        image_size=split.image_size,
+        max_episode_steps=split.step_limit,
+    )
+    assert environment.spec is not None
+    return environment.spec
+
+
+@contextmanager
+def _placed_in(folder: Path) -> Iterator[None]:
+    """Let Minari make datasets in a folder instead of the user's."""
+    name = "MINARI_DATASETS_PATH"
+    before = os.environ.get(name)
+    os.environ[name] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before

@@ -1,0 +1,125 @@
+"""One split of a dataset, as it is exported: its episodes, and what a format may say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from labyrinth_core import load_episodes
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.transitions import LoadedEpisode
+from labyrinth_core.version import __version__
+from labyrinth_core.world.dynamics import STEP_LIMIT
+from pipeline.machinery.console import tracked
+from pipeline.machinery.front_matter import DEVELOPERS
+
+NAMESPACE = "labyrinth"
+VERSION = 0
+"""The first and the last part of the names of exports, which stay as they are."""
+
+
+@dataclass(frozen=True)
+class Split:
+    """One split of a dataset that is exported."""
+
+    source: str
+    """The dataset: a folder, or an id on the Hub."""
+    revision: str | None
+    folder: AnyPath
+    """Where its manifest and its table of labyrinths lie."""
+    manifest: Manifest
+    name: str
+    """Such as `train`."""
+    image_size: int
+    """Pixels on each side of the pictures."""
+    licence: str
+
+    @property
+    def id(self) -> str:
+        """The name of the export, such as `labyrinth/5x5/train-v0`."""
+        return f"{NAMESPACE}/{self.manifest.config.name}/{self.name}-v{VERSION}"
+
+    @property
+    def rows(self) -> int:
+        """The number of states in its episodes."""
+        return sum(shard.rows for shard in self.manifest.of(self.name))
+
+    @property
+    def count(self) -> int:
+        """The number of its episodes."""
+        return sum(shard.episodes for shard in self.manifest.of(self.name))
+
+    @property
+    def step_limit(self) -> int:
+        """The number of steps after which an environment truncates an episode."""
+        return STEP_LIMIT * self.manifest.config.height * self.manifest.config.width
+
+    @property
+    def description(self) -> str:
+        """What it holds, in a sentence."""
+        config = self.manifest.config
+        return (
+            f"Grid labyrinths of {config.height} x {config.width} cells, task {config.task}; "
+            f"split {self.name}: {SPLITS[self.name].meaning}."
+        )
+
+    @property
+    def demonstrator(self) -> str:
+        """Who acts in its episodes."""
+        config = self.manifest.config
+        if self.name == "random":
+            return "a uniformly random policy"
+        if config.noise:
+            return f"a shortest route, erring with probability {config.noise}"
+        return {
+            "shortest": "a shortest route",
+            "all_shortest": "every shortest route",
+            "all": "every simple route",
+        }[config.solutions]
+
+    def record(self) -> dict[str, Any]:
+        """Return where the export comes from, in plain types; equal records are equal exports."""
+        return {
+            "id": self.id,
+            "description": self.description,
+            "fingerprint": self.manifest.fingerprint,
+            "config": self.manifest.config.to_json(),
+            "split": self.name,
+            "episodes": self.count,
+            "rows": self.rows,
+            "image_size": self.image_size,
+            "authors": [DEVELOPERS],
+            "licence": self.licence,
+            "exported_by": f"labyrinth-datasets {__version__}",
+        }
+
+    def episodes(self) -> Iterator[LoadedEpisode]:
+        """Yield its episodes in order, under a progress bar.
+
+        Raises:
+            DatasetError: They cannot be read, or are not as many as the manifest says.
+        """
+        found = load_episodes(
+            self.source,
+            self.manifest.config.name,
+            split=self.name,
+            image_size=self.image_size,
+            revision=self.revision,
+        )
+        steps = ((len(episode) + 1, episode) for episode in found)
+        number = 0
+        for episode in tracked(steps, self.name, self.rows):
+            number += 1
+            yield episode
+        if number != self.count:
+            raise DatasetError(
+                f"split={self.name}: {number} episodes, but the manifest says {self.count}"
+            )
+
+    def is_truncated(self, episode: LoadedEpisode) -> bool:
+        """Return whether an environment truncates the episode with its last step."""
+        return not episode.terminated or len(episode) >= self.step_limit

@@ -1,0 +1,210 @@
+"""Let other libraries read our data with their own code, and compare it with what our loader gives.
+
+    python scripts/check_clients.py --folder clients
+    python scripts/check_clients.py --folder clients --only minari --again
+
+A small dataset is made, exported in all formats, and released on a Hub of this machine. Then each
+client is installed in a virtual environment of its own, and a script of scripts/clients/ reads the
+data there, compares every value, and takes a few steps of learning where the client learns. It is
+printed as a table, which docs/clients.md keeps. What a client's script found is kept in the folder,
+so that an interrupted check goes on; --again does it anew.
+
+Packages come from where pip is told to look for them, by its variables and its configuration. They
+are installed with a constraint on torch, whose processor-only build is enough; torchvision, which
+brings another torch, is stood in for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPTS = ROOT / "scripts" / "clients"
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from hub.local_hub import LocalHub  # noqa: E402
+
+from labyrinth_core import load_episodes  # noqa: E402
+
+TORCH = "torch==2.13.0"
+CONFIG, SPLITS, FORMATS = "5x5", ("train", "random"), ("minari", "imitation", "lerobot", "npz")
+SECONDS = 1800
+"""After so long the installation or the script of a client is given up."""
+
+
+@dataclass(frozen=True)
+class Client:
+    """A library that reads our data."""
+
+    name: str
+    script: str
+    requirements: tuple[str, ...]
+    bare: str = ""
+    """What is installed without what it asks for, torchvision among it, which is stood in for."""
+
+
+MINARI = ("minari[hdf5]==0.5.4", "pillow")
+CLIENTS = (
+    Client("Minari", "read_minari.py", MINARI),
+    Client("imitation", "read_imitation.py", ("imitation==1.0.1", "numpy<2", "pyarrow<22")),
+    Client("d3rlpy", "read_d3rlpy.py", ("d3rlpy==2.8.1", *MINARI)),
+    Client("TorchRL", "read_torchrl.py", ("torchrl==0.14.1", *MINARI)),
+    Client(
+        "LeRobot",
+        "read_lerobot.py",
+        (
+            *("datasets>=4,<5", "huggingface-hub>=0.34.2,<0.36", "jsonlines", "packaging", "torch"),
+            *("einops", "av>=15,<16", "draccus==0.10.0", "termcolor", "deepdiff", "accelerate"),
+            *("gymnasium", "safetensors", "pillow"),
+        ),
+        bare="lerobot==0.4.4",
+    ),
+    Client(
+        "IL-Datasets",
+        "read_il_datasets.py",
+        (
+            *("datasets==3.4.1", "torch", "pandas", "tqdm", "psutil", "shimmy>=0.2.1", "pillow"),
+            *("stable_baselines3", "sb3_contrib", "huggingface_sb3", "tensorboard-wrapper", "gym"),
+        ),
+        bare="IL-Datasets==1.0.0",
+    ),
+    Client("polars", "read_tables.py", ("polars", "pillow", "numpy")),
+    Client("DuckDB", "read_tables.py", ("duckdb", "pillow", "numpy")),
+    Client("WebDataset", "read_webdataset.py", ("webdataset", "pyarrow", "pillow")),
+)
+
+
+def make(folder: Path, hub: LocalHub) -> None:
+    """Make the dataset, its release, its exports, and what our loader reads of it."""
+    data, done = folder / "data", folder / "reference" / "done"
+    if done.exists():
+        return
+    common = [sys.executable, str(ROOT / "run.py"), "size=5", f"data_dir={data}"]
+    commands = [["stages=[build,card]"]] + [
+        ["stages=[export]", f"export.format={format_}", f"export.folder={folder / 'exports'}"]
+        for format_ in FORMATS
+    ]
+    for command in commands:
+        subprocess.run([*common, *command], check=True)
+    release = ["stages=[publish]", "publish.repo_id=user/labyrinth", "publish.version=1.0.0"]
+    subprocess.run([*common, *release], check=True, env=os.environ | hub.env("write"))
+    done.parent.mkdir(exist_ok=True)
+    for split in SPLITS:
+        np.savez(done.parent / f"{split}.npz", **reference(data, split))
+        np.savez(done.parent / f"{split}-600.npz", **large_pairs(data, split))
+    done.touch()
+
+
+def reference(data: Path, split: str) -> dict[str, Any]:
+    """Return all episodes of a split as our loader gives them, joined."""
+    episodes = list(load_episodes(data, CONFIG, split=split))
+    return {
+        "observations": np.concatenate([each.observations for each in episodes]),
+        "actions": np.concatenate([each.actions for each in episodes]),
+        "rewards": np.concatenate([each.rewards for each in episodes]),
+        "lengths": [len(each) for each in episodes],
+        "terminated": [each.terminated for each in episodes],
+    }
+
+
+def large_pairs(data: Path, split: str) -> dict[str, Any]:
+    """Return all actions of a split, and one in thirty pairs of pictures of 600 x 600 pixels."""
+    actions: list[int] = []
+    places, states, next_states = [], [], []
+    for episode in load_episodes(data, CONFIG, split=split, image_size=600):
+        for step, action in enumerate(episode.actions.tolist()):
+            if len(actions) % 30 == 0:
+                places.append(len(actions))
+                states.append(episode.observations[step])
+                next_states.append(episode.observations[step + 1])
+            actions.append(action)
+    return {"actions": actions, "places": places, "states": states, "next_states": next_states}
+
+
+def check(client: Client, folder: Path, hub: LocalHub) -> dict[str, Any]:
+    """Return what came of a client: its versions and what was compared, or why it failed."""
+    place = folder / "environments" / client.name
+    python = place / "bin" / "python"
+    log = (folder / f"{client.name}.log").open("w+", encoding="utf-8")
+    variables = os.environ | hub.env("write") | {"MINARI_DATASETS_PATH": f"{folder}/exports/minari"}
+    outside = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    constraints = folder / "constraints.txt"
+    constraints.write_text(f"{TORCH}\n", encoding="utf-8")
+    install = [str(python), "-m", "pip", "install", "-q"]
+    script = [str(SCRIPTS / client.script), str(folder), client.name.lower()]
+    if client.bare:
+        script.insert(0, str(SCRIPTS / "torchvision_stand_in.py"))
+    steps = [
+        ([sys.executable, "-m", "venv", str(place)], outside),
+        *[([*install, "--no-deps", client.bare], outside)] * bool(client.bare),
+        ([*install, "-c", str(constraints), *client.requirements], outside),
+        ([str(python), *script], variables | {"PYTHONPATH": str(ROOT)}),
+    ]
+    if python.exists():  # Installed by an earlier run.
+        steps = steps[-1:]
+    with log:
+        for command, environment in steps:
+            done = subprocess.run(
+                command, env=environment, stdout=log, stderr=log, check=False, timeout=SECONDS
+            )
+            if done.returncode:
+                break
+        log.seek(0)
+        last = (log.read().strip().splitlines() or [""])[-1]
+    return {"failed": last} if done.returncode else json.loads(last)
+
+
+def row(client: Client, found: dict[str, Any]) -> str:
+    """Return the row of a client in the table."""
+    if "failed" in found:
+        return f"| {client.name} | | failed: {found['failed']} | |"
+    versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
+    return f"| {client.name} | {versions} | {found['compared']} | {found['trained'] or 'no'} |"
+
+
+def main() -> int:
+    """Check the clients, print the table, and return 1 if one of them failed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = [client.name for client in CLIENTS]
+    parser.add_argument("--folder", type=Path, required=True, help="of all that the check makes")
+    parser.add_argument("--only", nargs="+", choices=names, default=names, help="clients to check")
+    parser.add_argument("--again", action="store_true", help="also those that passed before")
+    arguments = parser.parse_args()
+    folder = arguments.folder.absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    with LocalHub(folder / "hub") as hub:
+        make(folder, hub)
+        for client in CLIENTS:
+            if client.name not in arguments.only:
+                continue
+            kept = folder / f"{client.name}.json"
+            if kept.exists() and not arguments.again:
+                found = json.loads(kept.read_bytes())
+            else:
+                found = check(client, folder, hub)
+            if "failed" not in found:
+                kept.write_text(json.dumps(found), encoding="utf-8")
+            rows.append(row(client, found))
+            print(rows[-1], flush=True)
+    python = ".".join(map(str, sys.version_info[:3]))
+    print(f"\n{date.today()}, Python {python}:\n")
+    print("| client | versions | equal to what our loader gives | learns |")
+    print("\n".join(["|---|---|---|---|", *rows]))
+    return int(any("failed:" in each for each in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

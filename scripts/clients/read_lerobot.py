@@ -1,0 +1,46 @@
+"""LeRobot: its data set and its table of episodes, and a few steps on batches of a DataLoader."""
+
+from __future__ import annotations
+
+import pyarrow.parquet as pq
+import torch
+from comparing import CONFIG, DATA, EXPORTS, IDS, Episode, compare, fitted, report
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+steps = {}
+for split, name in IDS.items():
+    dataset = LeRobotDataset(name, root=EXPORTS / "lerobot" / name)
+
+    def episode(row, dataset=dataset) -> Episode:
+        """Return the episode of a row of the table of episodes."""
+        frames = [dataset[n] for n in range(row["dataset_from_index"], row["dataset_to_index"])]
+        pictures = torch.stack([frame["observation.image"] for frame in frames])
+        actions = [frame["action"].item() for frame in frames]
+        assert actions[-1] == -1
+        return Episode(
+            (pictures * 255).round().byte().permute(0, 2, 3, 1).numpy(),
+            actions[:-1],
+            [frame["next.reward"].numpy() for frame in frames[:-1]],
+            not frames[-1]["next.truncated"].item(),
+        )
+
+    steps[split] = compare(map(episode, dataset.meta.episodes), split)
+    ours = pq.read_table(DATA / CONFIG / "labyrinths.parquet").to_pylist()
+    ours = [row for row in ours if row["split"] == split for _ in range(row["episodes"])]
+    for theirs, row in zip(dataset.meta.episodes, ours, strict=True):
+        assert {name: theirs[name] for name in row} == row
+
+dataset = LeRobotDataset(IDS["train"], root=EXPORTS / "lerobot" / IDS["train"])
+acting = [n for n, action in enumerate(dataset.hf_dataset["action"]) if action >= 0]
+loader = torch.utils.data.DataLoader(
+    torch.utils.data.Subset(dataset, acting),
+    batch_size=64,
+    shuffle=True,
+    generator=torch.Generator().manual_seed(0),
+)
+batches = ((batch["observation.image"], batch["action"]) for _ in range(3) for batch in loader)
+report(
+    ["lerobot", "datasets", "torch"],
+    f"{sum(steps.values()):,} steps, and the table of episodes",
+    fitted(batches),
+)

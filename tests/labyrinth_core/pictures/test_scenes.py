@@ -1,0 +1,145 @@
+"""Pictures of many states at once: those that the renderer draws one by one, to the last bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from known_labyrinths import KEY_AND_DOOR
+from strategies import labyrinths
+
+from labyrinth_core.language.text import parse
+from labyrinth_core.pictures import backdrops
+from labyrinth_core.pictures.bands import bands_of
+from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_of
+from labyrinth_core.pictures.resize import area_average
+from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.world.dynamics import State, initial, state_at, state_count
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure, Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+
+looks = st.sampled_from(Look)
+
+
+@st.composite
+def views(draw_from: st.DrawFn, *tasks: Task) -> list[tuple[Labyrinth, State]]:
+    """Some states of a labyrinth, in any order, with repetitions."""
+    labyrinth = replace(draw_from(labyrinths(*tasks)), look=draw_from(looks))
+    numbers = st.lists(st.integers(0, state_count(labyrinth) - 1), min_size=1, max_size=4)
+    return [(labyrinth, state_at(labyrinth, number)) for number in draw_from(numbers)]
+
+
+def plainly(labyrinth: Labyrinth, state: State, image_size: int) -> np.ndarray:
+    return area_average(Painter(labyrinth).array(state), image_size)
+
+
+def assert_plain(pictures: np.ndarray, drawn: list[tuple[Labyrinth, State]]) -> None:
+    image_size = pictures.shape[1]
+    assert (pictures.shape, pictures.dtype) == ((len(drawn), image_size, image_size, 3), np.uint8)
+    for picture, view in zip(pictures, drawn, strict=True):
+        np.testing.assert_array_equal(picture, plainly(*view, image_size), repr(view))
+
+
+@given(views(), st.integers(1, 130))
+@settings(max_examples=40)
+def test_states_drawn_together_are_those_drawn_plainly(drawn, image_size):
+    assert_plain(draw(drawn, image_size), drawn)
+
+
+@pytest.mark.parametrize("image_size", [224, 299, 599, 600, 601])
+def test_large_pictures_are_those_drawn_plainly_too(image_size):
+    labyrinth = parse(KEY_AND_DOOR)
+    drawn = [(labyrinth, State(4)), (labyrinth, State(8, True)), (labyrinth, State(8, True, True))]
+    assert_plain(draw(drawn, image_size), drawn)
+
+
+@given(st.lists(views(), min_size=2, max_size=3), st.integers(1, 40), st.randoms())
+@settings(max_examples=15)
+def test_labyrinths_of_all_sizes_tasks_and_looks_may_be_drawn_together(several, image_size, random):
+    drawn = [view for some in several for view in some]
+    random.shuffle(drawn)
+    assert_plain(draw(drawn, image_size), drawn)
+
+
+@pytest.mark.parametrize("task", Task)
+@pytest.mark.parametrize(("height", "width", "image_size"), [(17, 30, 64), (40, 9, 31), (6, 6, 61)])
+def test_cells_hardly_larger_than_a_pixel_or_smaller_are_exact(height, width, image_size, task):
+    rng = np.random.default_rng(height)
+    labyrinth = sample_labyrinth(height, width, task, rng)
+    numbers = rng.integers(state_count(labyrinth), size=3).tolist()
+    drawn = [(labyrinth, state_at(labyrinth, number)) for number in numbers]
+    assert_plain(draw(drawn, image_size), drawn)
+
+
+def test_scenes_drawn_a_few_at_a_time_are_those_drawn_at_once(monkeypatch):
+    rng = np.random.default_rng(0)
+    sampled = [sample_labyrinth(4, 4, Task.KEY_AND_DOOR, rng) for _ in range(3)]
+    drawn = [(each, state_at(each, number)) for each in sampled for number in range(48)]
+    at_once = draw(drawn, 32)
+    monkeypatch.setattr(backdrops, "SUMS_BYTES", 1)
+    np.testing.assert_array_equal(draw(drawn, 32), at_once)
+
+
+def test_a_labyrinth_without_a_pixel_for_each_cell_is_refused():
+    corridor = Structure.from_passages(2, 300, [(cell, cell + 1) for cell in range(299)])
+    with pytest.raises(ValueError, match=r"2x300 labyrinth does not fit .* 299 rows"):
+        draw([(Labyrinth(corridor, 0, 299), State(0))], 64)
+
+
+@given(labyrinths(), st.integers(1, 600), st.data())
+@settings(max_examples=25)
+def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
+    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    wall_pixels = data.draw(st.sampled_from([None, 2]))
+    painter = Painter(labyrinth, style_of(labyrinth, wall_pixels))
+    large = torch.tensor(painter.array(state)).permute(2, 0, 1)[None].double()
+    expected = torch.nn.functional.interpolate(
+        large, (image_size, image_size), mode="bilinear", align_corners=False, antialias=False
+    )[0].permute(1, 2, 0)
+    view = [(labyrinth, state)]
+    (small,) = draw(view, image_size, wall_pixels=wall_pixels, resize="bilinear")
+    # Rounded to whole numbers, here exactly.
+    assert np.abs(small - expected.numpy()).max() <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize(("size", "lost"), [(3, 1), (4, 3), (5, 3)])
+def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
+    # No passage leads from one column to the next, save in the top row.
+    columns = [(cell, cell + size) for cell in range(size * (size - 1))]
+    top = [(cell, cell + 1) for cell in range(size * (size - 1), size * size - 1)]
+    walled = Labyrinth(Structure.from_passages(size, size, columns + top), 0, size * size - 1)
+
+    def vanished(wall_pixels, resize):
+        view = [(walled, initial(walled))]
+        (picture,) = draw(view, 64, wall_pixels=wall_pixels, resize=resize)
+        row = picture[64 - 64 // size - 64 // (2 * size)].mean(axis=1)  # The second from below.
+        near = [slice(64 * line // size - 2, 64 * line // size + 3) for line in range(1, size)]
+        return sum(row[pixels].min() == 255 for pixels in near)
+
+    assert vanished(2, "bilinear") == lost
+    assert vanished(2, "area") == vanished(None, "bilinear") == 0
+
+
+@pytest.mark.parametrize("image_size", [1, 7, 64, 600])
+@pytest.mark.parametrize("most", [2, 3, 5, 12, 25, 74, 100, 151, 299])
+def test_a_window_holds_the_whole_agent_whatever_the_walls(most, image_size):
+    for wall_pixels in (None, 1):
+        for resize in ("area", "bilinear"):
+            bands = bands_of(2, most, wall_pixels, image_size, resize)
+            columns = bands.columns
+            within, whole = columns.in_windows[AGENT_INSET], columns.squares[AGENT_INSET]
+            np.testing.assert_array_equal(within.sum(axis=1), whole.sum(axis=1))
+            assert (columns.begins >= 0).all()
+            assert (columns.begins + bands.reach <= image_size).all()
+
+
+@pytest.mark.parametrize("image_size", [64, 100, 61, 600])
+def test_sums_just_below_the_next_colour_are_rounded_down(image_size):
+    bands = bands_of(5, 5, None, image_size)
+    whole = np.arange(1, 256) * bands.unit
+    dtype = bands.rows.bands.dtype
+    assert 256 * bands.unit < 2 ** (np.finfo(dtype).nmant + 1), "sums are exact"
+    assert bands.rounded((whole - 1).astype(dtype)).tolist() == list(range(255))
+    assert bands.rounded(whole.astype(dtype)).tolist() == list(range(1, 256))

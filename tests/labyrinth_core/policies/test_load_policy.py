@@ -1,0 +1,208 @@
+"""Policies from folders: what was written comes back, and nothing else is taken for a policy."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from policies import RELEASED_SPEC, lay_out_released
+from safetensors.torch import load_file, save_file
+
+from labyrinth_core import DatasetError, PolicyError, evaluate, load_policy
+from labyrinth_core.policies.load import MOST_BYTES
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.assembly import make_network
+from labyrinth_core.policies.spec import CONFIG, WEIGHTS, NetworkSpec, PlannerSpec, PolicySpec
+
+torch.set_num_threads(1)
+
+SPECS = [
+    PolicySpec(NetworkSpec("cnn", 1, 3, 4, "key_and_door"), average=True, planner=None),
+    PolicySpec(NetworkSpec("resnet18", 2, 3, 3, "icy_floor"), average=False, planner=None),
+    PolicySpec(NetworkSpec("mlp", 1, 3, 4, "key_and_door"), average=False, planner=None),
+    PolicySpec(
+        NetworkSpec("planner", 1, 4, 3, "navigation"),
+        average=False,
+        planner=PlannerSpec(False, False, False, channels=4, iterations=3, sharpness=1.5),
+    ),
+]
+
+
+@pytest.fixture
+def released(tmp_path: Path) -> Path:
+    """The planner that was released, in a folder to be changed."""
+    return lay_out_released(tmp_path / "planner")
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.network.encoder)
+def test_a_policy_comes_back_as_it_was_written(spec: PolicySpec, tmp_path: Path) -> None:
+    network = make_network(spec.network, average=spec.average, planner=spec.planner)
+    save_file(network.state_dict(), tmp_path / WEIGHTS)
+    (tmp_path / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")
+    loaded = load_policy(tmp_path)
+    assert loaded.spec == spec
+    rng = np.random.default_rng(0)
+    seen: Any = rng.integers(256, size=(2, 64, 64, 3)).astype(np.uint8)
+    if spec.observation == "vector":
+        seen = rng.integers(2, size=(2, 5 + 5 * 7)).astype(np.int32)
+    assert np.array_equal(loaded(seen), NetworkPolicy(network)(seen))
+    assert not loaded.network.training
+
+
+def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
+    released: Path, small_dataset: Any
+) -> None:
+    policy = load_policy(released)
+    for shown in ("vector", "text"):
+        with pytest.raises(PolicyError) as caught:
+            evaluate(policy, small_dataset.data_dir, "3x3", observation=shown, splits=["test"])
+        told = f"the policy looks at observation=image, and is shown {shown}"
+        assert str(caught.value) == told
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (["kind"], "pickle", "kind is 'pickle', not 'labyrinth-policy'"),
+        (["format"], 2, "format is 2, not 1"),
+        (["observation"], "vector", "observation is 'vector', not 'image'"),
+        (["image_size"], 600, "image_size is 600, not 64"),
+        (["network", "encoder"], "transformer", "network.encoder is 'transformer', not one of cnn"),
+        (["network", "encoder"], "cnn", "encoder is 'cnn', and planner is {'path_prior': True"),
+        (["network", "pool_stride"], True, "network.pool_stride is True, not one of 1, 2"),
+        (["network", "height"], 10**9, "network.height is 1000000000, not a whole number from"),
+        (["network", "task"], "__import__('os')", "network.task is \"__import__('os')\", not one"),
+        (["network", "code"], "x", "network is {'encoder': 'planner', "),
+        (["average"], 1, "average is 1, not one of True, False"),
+        (["planner"], None, "encoder is 'planner', and planner is None"),
+        (["planner"], [], "planner is [], not an object with path_prior, "),
+        (["planner", "channels"], 10**6, "planner.channels is 1000000, not a whole number from 1"),
+        (["planner", "iterations"], 1.5, "planner.iterations is 1.5, not a whole number from 1 to"),
+        (["planner", "sharpness"], float("nan"), "planner.sharpness is nan, not a number from 0"),
+        (["planner", "grid_prior"], "yes", "planner.grid_prior is 'yes', not one of True, False"),
+        (["auto_map"], {"AutoModel": "evil.py"}, "it is {'kind': 'labyrinth-policy', "),
+    ],
+)
+def test_a_description_with_a_wrong_value_is_refused_in_one_line(
+    released: Path, place: list[str], value: Any, message: str
+) -> None:
+    content = RELEASED_SPEC.to_json()
+    reduce(lambda of, name: of[name], place[:-1], content)[place[-1]] = value
+    (released / CONFIG).write_text(json.dumps(content), encoding="utf-8")
+    check_refused(released, f"{released / CONFIG} describes no policy: {message}")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[]", "describes no policy: it is [], not an object with kind, "),
+        (b"import os", "describes no policy: "),
+        (b"\xff", "describes no policy: "),
+        (b"[" * 60_000, "describes no policy: "),
+        (b" " * 70_000, "has 70,000 bytes, more than 65,536"),
+    ],
+)
+def test_a_description_that_is_none_is_refused_in_one_line(
+    released: Path, content: bytes, message: str
+) -> None:
+    (released / CONFIG).write_bytes(content)
+    check_refused(released, f"{released / CONFIG} {message}")
+
+
+class Evil:
+    """What a pickle of it would do, if it were loaded."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Path("evil").touch, ())
+
+
+def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
+    released: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(released)
+    path = released / WEIGHTS
+    right = load_file(path)
+    name = sorted(right)[0]
+
+    path.write_bytes(pickle.dumps(Evil()))
+    check_refused(released, f"{path} holds no weights: ")
+    torch.save({name: Evil()}, path)
+    check_refused(released, f"{path} holds no weights: ")
+    assert not (released / "evil").exists()
+    path.write_bytes((2**63).to_bytes(8, "little") + b"{}")
+    check_refused(released, f"{path} holds no weights: ")
+    with path.open("wb") as file:
+        file.truncate(MOST_BYTES[WEIGHTS] + 1)
+    check_refused(released, f"{path} has 268,435,457 bytes, more than 268,435,456")
+    path.unlink()
+    check_refused(released, f"{path} is not there: this is no policy of ours")
+
+    of_another = f"{path} is of another network: "
+    save_file({each: right[each] for each in right if each != name}, path)
+    check_refused(released, f"{of_another}{name} is absent, not float32 of shape ")
+    save_file({**right, "zzz": torch.zeros(1)}, path)
+    check_refused(released, f"{of_another}zzz is float32 of shape (1,), not absent")
+    save_file({**right, name: right[name].double()}, path)
+    check_refused(released, f"{of_another}{name} is float64 of shape ")
+
+
+def test_no_memory_is_taken_for_weights_that_a_description_only_claims(released: Path) -> None:
+    most = NetworkSpec("mlp", 1, 1000, 1000, "key_and_door")  # 41 gigabytes.
+    huge = replace(RELEASED_SPEC, network=most, average=False, planner=None)
+    (released / CONFIG).write_text(json.dumps(huge.to_json()), encoding="utf-8")
+    check_refused(released, f"{released / WEIGHTS} is of another network: classifier.0.bias is ")
+
+
+def check_refused(folder: Path, message: str) -> None:
+    with pytest.raises(DatasetError) as caught:
+        load_policy(folder)
+    told = str(caught.value)
+    assert told.startswith(message)
+    assert "\n" not in told
+    assert len(told) < 500
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("no/folder/at/all", "no/folder/at/all is neither a folder nor an id such as user/pla"),
+        ("user/absent", "user/absent is no folder, and not to be had from the Hub: "),
+    ],
+)
+def test_what_is_not_there_is_refused_in_one_line(
+    source: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DatasetError) as caught:
+        load_policy(source)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_has_no_revisions_and_has_to_hold_a_policy(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"revision=1.0.0: .* is a folder, which has no revisions"):
+        load_policy(tmp_path, revision="1.0.0")
+    check_refused(tmp_path, f"{tmp_path / CONFIG} is not there: this is no policy of ours")
+
+
+@pytest.mark.slow
+def test_without_pytorch_it_is_said_what_to_install(tmp_path: Path) -> None:
+    program = (
+        "import sys; sys.modules['torch'] = None\n"
+        "from labyrinth_core import DatasetError, load_policy\n"
+        "try:\n    load_policy(sys.argv[1])\nexcept DatasetError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, tmp_path], capture_output=True, text=True, check=True
+    )
+    told = f"{tmp_path}: a policy needs torch: pip install 'labyrinth-datasets[train]'\n"
+    assert done.stdout == told

@@ -1,0 +1,113 @@
+"""What lies in the exports whose libraries cannot be installed beside ours.
+
+`scripts/check_clients.py` reads them with the libraries themselves.
+"""
+
+from __future__ import annotations
+
+import json
+
+import datasets
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from exporting import SIZE, episodes, export
+
+from labyrinth_core.data.labyrinth_table import TABLE
+from pipeline.config.run import Run
+from pipeline.export import imitation, lerobot
+
+SPLITS = ("train", "random")
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_the_arrays_for_il_datasets_are_the_rows_of_the_dataset(
+    small_dataset: Run, tmp_path, split
+):
+    folder = export(small_dataset, tmp_path, "npz", split)
+    expected = list(episodes(small_dataset, split))
+    with np.load(folder / f"{split}-v0" / "episodes.npz", allow_pickle=False) as arrays:
+        names = ["obs", "actions", "rewards", "episode_starts", "episode_returns"]
+        assert sorted(arrays) == sorted(names)
+        obs, actions, rewards, starts, returns = (arrays[name] for name in names)
+    assert obs.dtype == np.uint8
+    assert np.array_equal(obs, np.concatenate([each.observations for each in expected]))
+    assert np.array_equal(actions, np.concatenate([[*each.actions, -1] for each in expected]))
+    assert np.array_equal(rewards, np.concatenate([[*each.rewards, 0] for each in expected]))
+    assert np.array_equal(np.flatnonzero(starts[1:]) + 1, np.flatnonzero(actions == -1)[:-1] + 1)
+    assert starts[0]
+    assert np.allclose(returns, [each.rewards.sum() for each in expected])
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_the_trajectories_for_imitation_are_the_episodes(
+    small_dataset: Run, tmp_path, monkeypatch, split
+):
+    monkeypatch.setattr(imitation, "PART_BYTES", 4_000)
+    folder = export(small_dataset, tmp_path, "imitation", split) / f"{split}-v0"
+    assert len(list(folder.glob("data-*.arrow"))) > 1
+    rows = datasets.load_from_disk(folder)
+    assert rows.column_names == ["obs", "acts", "infos", "terminal", "rews"]
+    assert rows.info.license == "mit"
+    for row, episode in zip(rows, episodes(small_dataset, split), strict=True):
+        seen = np.asarray(row["obs"])  # As the library does.
+        assert seen.dtype == np.uint8
+        assert np.array_equal(seen, episode.observations)
+        assert row["acts"] == episode.actions.tolist()
+        assert np.array_equal(np.float32(row["rews"]), episode.rewards)
+        assert row["terminal"] == episode.terminated
+        assert [json.loads(info) for info in row["infos"]] == [
+            {"labyrinth": episode.info},
+            *[{}] * (len(episode) - 1),
+        ]
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(
+    small_dataset: Run, tmp_path, monkeypatch, split
+):
+    monkeypatch.setattr(lerobot, "PART_BYTES", 4_000)
+    folder = export(small_dataset, tmp_path, "lerobot", split) / f"{split}-v0"
+    info = json.loads((folder / "meta/info.json").read_bytes())
+    paths = sorted(folder.glob("data/*/*.parquet"))
+    assert len(paths) > 1
+    frames = datasets.Dataset.from_parquet(list(map(str, paths)), cache_dir=str(tmp_path / "cache"))
+    assert frames.column_names == list(info["features"])
+    assert len(frames) == info["total_frames"]
+    pictures = np.stack([np.asarray(each) for each in frames["observation.image"]])
+    rows = frames.remove_columns("observation.image").with_format("numpy")[:]
+    table = pq.read_table(folder / "meta/episodes").to_pylist()
+    ours = pq.read_table(small_dataset.folder / TABLE)
+    by_first = {row["first_row"]: row for row in ours.to_pylist() if row["split"] == split}
+    for number, episode in enumerate(episodes(small_dataset, split)):
+        row = table[number]
+        place = slice(row["dataset_from_index"], row["dataset_to_index"])
+        assert np.array_equal(pictures[place], episode.observations)
+        assert rows["action"][place].tolist() == [*episode.actions, -1]
+        assert np.array_equal(rows["next.reward"][place], [*episode.rewards, 0])
+        last = [False] * (len(episode) - 1) + [True, True]
+        assert rows["next.done"][place].tolist() == last
+        cut = not episode.terminated
+        assert rows["next.truncated"][place].tolist() == [each and cut for each in last]
+        assert set(rows["episode_index"][place]) == {number}
+        assert rows["frame_index"][place].tolist() == list(range(len(episode) + 1))
+        assert row["info"] == episode.info
+        assert {name: row[name] for name in ours.column_names} == by_first[row["first_row"]]
+        path = info["data_path"].format(
+            chunk_index=row["data/chunk_index"], file_index=row["data/file_index"]
+        )
+        file = pq.read_table(folder / path, columns=["episode_index"])
+        assert number in file["episode_index"].to_pylist()
+    assert number + 1 == len(table) == info["total_episodes"]
+
+    statistics = json.loads((folder / "meta/stats.json").read_bytes())
+    columns = {**rows, "observation.image": pictures / 255}
+    assert list(statistics) == [*list(rows), "observation.image"]
+    for name, found in statistics.items():
+        axes = (0, 1, 2) if columns[name].ndim == 4 else 0
+        for key in ("min", "max", "mean", "std"):
+            expected = getattr(columns[name].astype(float), key)(axis=axes)
+            assert np.allclose(np.ravel(found[key]), expected, atol=1e-6), (name, key)
+        assert found["count"] == [len(frames)]
+    assert np.shape(statistics["observation.image"]["mean"]) == (3, 1, 1)
+    assert info["features"]["observation.image"]["shape"] == [SIZE, SIZE, 3]

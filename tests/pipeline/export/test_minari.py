@@ -1,0 +1,106 @@
+"""Minari reads our export, and its recovered environment replays every episode."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from exporting import SIZE, episodes, export
+
+from pipeline.config.run import Run
+
+pytestmark = pytest.mark.skipif(sys.version_info < (3, 11), reason="Minari needs Python 3.11")
+
+CASES = [
+    ("navigation", ("train", "random")),
+    ("key_and_door", ("random", "s0_and_g")),
+    ("partial_observability", ("test", "recoloured")),
+]
+
+
+@pytest.mark.parametrize(("task", "splits"), CASES, ids=[task for task, _ in CASES])
+def test_every_episode_replays_in_the_recovered_environment(
+    build: Callable[..., Run], tmp_path, monkeypatch, task, splits
+):
+    import minari
+
+    shifts = ("recoloured",) if "recoloured" in splits else ()
+    run = build(tmp_path, size="3x4", task=task, labyrinths=3, shifts=shifts, random_steps=40)
+    export(run, tmp_path / "exports", "minari", *splits)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "exports" / "minari"))
+    for split in splits:
+        dataset = minari.load_dataset(f"labyrinth/{run.dataset.name}/{split}-v0")
+        environment = dataset.recover_environment()
+        assert environment.observation_space == dataset.observation_space
+        kept = dataset.storage.get_episode_metadata(dataset.episode_indices)
+        triples = zip(dataset, kept, episodes(run, split), strict=True)
+        for episode, facts, ours in triples:
+            assert episode.observations.dtype == np.uint8
+            assert np.array_equal(episode.observations, ours.observations)
+            assert np.array_equal(episode.actions, ours.actions)
+            assert np.array_equal(episode.rewards, ours.rewards)
+            assert facts["options"]["labyrinth"] == ours.info
+            assert (episode.terminations[-1], episode.truncations[-1]) in [(1, 0), (0, 1)]
+            observation, _ = environment.reset(options=facts["options"])
+            assert np.array_equal(observation, episode.observations[0])
+            for step, action in enumerate(episode.actions):
+                observation, reward, terminated, truncated, _ = environment.step(action)
+                assert np.array_equal(observation, episode.observations[step + 1])
+                assert np.float32(reward) == episode.rewards[step]
+                assert (terminated, truncated) == (
+                    episode.terminations[step],
+                    episode.truncations[step],
+                )
+
+
+def test_what_minari_does_with_datasets_it_does_with_ours(
+    small_dataset: Run, tmp_path, monkeypatch
+):
+    import minari
+
+    folder = export(small_dataset, tmp_path, "minari", "train")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    assert list(minari.list_local_datasets()) == ["labyrinth/3x3/train-v0"]
+    dataset = minari.load_dataset("labyrinth/3x3/train-v0")
+    assert len(dataset) == 8
+    assert "infos=dict" in repr(dataset[0])
+    assert len(dataset.sample_episodes(3)) == 3
+    upwards = dataset.filter_episodes(lambda episode: episode.actions[0] == 0)
+    assert len(upwards) == sum(each.actions[0] == 0 for each in episodes(small_dataset, "train"))
+    assert [len(part) for part in minari.split_dataset(dataset, [5, 3], seed=0)] == [5, 3]
+    metadata = dataset.storage.metadata
+    record = json.loads((folder / "train-v0" / "labyrinth.json").read_bytes())
+    assert metadata["labyrinth"] == record
+    assert record["image_size"] == SIZE
+    assert metadata["author"] == {"The Labyrinth datasets developers"}
+    assert metadata["licence"] == "mit"
+    assert metadata["algorithm_name"] == "a shortest route"
+    assert metadata["total_steps"] == record["rows"] - 8
+
+
+@pytest.mark.slow
+def test_the_command_line_of_minari_lists_and_shows_our_export(small_dataset: Run, tmp_path):
+    export(small_dataset, tmp_path, "minari", "test")
+    program = """
+from minari.cli import app
+for arguments in (["list", "local"], ["show", "labyrinth/3x3/test-v0"]):
+    app(arguments, standalone_mode=False)
+"""
+    variables = {"MINARI_DATASETS_PATH": str(tmp_path / "minari"), "COLUMNS": "200"}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=variables | {"PYTHONPATH": os.pathsep.join(sys.path), "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    listed, _, shown = done.stdout.partition("Number of datasets: 1")
+    for part in (listed, shown):
+        assert "labyrinth/3x3/test-v0" in part
+        assert "The Labyrinth datasets developers" in part

@@ -1,0 +1,218 @@
+"""Exports are whole or absent, and a mistake is told in one line."""
+
+from __future__ import annotations
+
+import json
+import resource
+import shutil
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+
+import huggingface_hub
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from exporting import export
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import file_sha256
+from pipeline.config.errors import ConfigError
+from pipeline.config.export import EXPORTS
+from pipeline.config.run import Run
+from pipeline.export import minari, npz, stage
+
+FORMATS = tuple(EXPORTS)
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_all_splits_are_exported_unless_some_are_named(small_dataset: Run, tmp_path):
+    folder = export(small_dataset, tmp_path, "npz")
+    splits = [f"{split}-v0" for split in small_dataset.dataset.splits]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(splits)
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_a_finished_export_is_kept_and_made_alike_where_it_is_missing(
+    small_dataset: Run, tmp_path, capsys, format_
+):
+    folder = export(small_dataset, tmp_path, format_, "train", "test")
+    before = content_of(folder)
+    shutil.rmtree(folder / "test-v0")
+    kept = (folder / "train-v0" / stage.RECORD).stat().st_ino
+    export(small_dataset, tmp_path, format_, "train", "test")
+    assert "train-v0 is there already" in capsys.readouterr().out
+    assert (folder / "train-v0" / stage.RECORD).stat().st_ino == kept
+    after = content_of(folder)
+    assert list(after) == list(before)
+    if format_ != "imitation":  # `datasets` draws the fingerprint in state.json at random.
+        assert after == before
+
+
+def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
+    small_dataset: Run, tmp_path
+):
+    folder = export(small_dataset, tmp_path, "npz", "train")
+    before = content_of(folder)
+    with pytest.raises(ConfigError, match=r"train-v0 is an export .*: overwrite=true replaces it"):
+        export(small_dataset, tmp_path, "npz", "train", image_size=8)
+    assert content_of(folder) == before
+    export(small_dataset, tmp_path, "npz", "train", image_size=8, overwrite=True)
+    assert json.loads((folder / "train-v0" / stage.RECORD).read_bytes())["image_size"] == 8
+    assert [path.name for path in folder.iterdir()] == ["train-v0"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, overwrite):
+    theirs = tmp_path / "npz" / "labyrinth" / "3x3" / "test-v0"
+    theirs.mkdir(parents=True)
+    (theirs / "thesis.txt").write_text("mine")
+    with pytest.raises(ConfigError, match="test-v0 is no export: move it elsewhere, or choose"):
+        export(small_dataset, tmp_path, "npz", overwrite=overwrite)
+    assert content_of(tmp_path) == {"npz/labyrinth/3x3/test-v0/thesis.txt": b"mine"}
+
+
+@contextmanager
+def files_of_at_most(size: int):
+    """Let every file of this process end at so many bytes, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+@pytest.mark.parametrize("size", [300, 2_000])
+def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(
+    small_dataset: Run, tmp_path, monkeypatch, capfd, format_, size
+):
+    monkeypatch.chdir(tmp_path)
+    if format_ == "minari":  # Nothing is left to HDF5 that it has no room for.
+        usage = shutil.disk_usage(tmp_path)._replace(free=100 * size)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+        size = resource.RLIM_INFINITY
+    reason = "train-v0 cannot be written: .*(File too large|No space left on device)"
+    with files_of_at_most(size), pytest.raises(DatasetError, match=reason) as caught:
+        export(small_dataset, Path("exports"), format_, "train")
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_run_left_is_removed_and_its_finished_splits_stay(
+    small_dataset: Run, tmp_path, monkeypatch
+):
+    write = npz.write
+
+    def killed(split, folder):
+        if split.name == "test":
+            (folder / "half").write_text("written")
+            raise KeyboardInterrupt
+        write(split, folder)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(npz, "write", killed)
+        patch.setattr(shutil, "rmtree", lambda *_, **__: None)
+        with pytest.raises(KeyboardInterrupt):
+            export(small_dataset, tmp_path, "npz", "train", "test")
+    folder = tmp_path / "npz" / "labyrinth" / "3x3"
+    assert {path.name for path in folder.iterdir()} == {"train-v0", ".test-v0.exporting"}
+    export(small_dataset, tmp_path, "npz", "train", "test")
+    assert {path.name for path in folder.iterdir()} == {"train-v0", "test-v0"}
+    assert not (folder / "test-v0" / "half").exists()
+
+
+MISTAKES = [
+    ({"format_": "hdf4"}, r"export.format=hdf4: choose one of \[minari, imitation, lerobot, npz\]"),
+    ({"format_": ""}, r"export.format=: choose one of \[minari"),
+    ({"splits": ["train", "eval"]}, r"export.splits=\[train, eval\]: choose from \[train, vali"),
+    ({"image_size": 0}, "export.image_size=0: give a whole number from 1 to 600"),
+    ({"revision": "main"}, "revision=main: .* is a folder, which has no revisions"),
+    ({"folder": "s3://bucket/exports"}, "export.folder=s3://bucket/exports: give a folder on this"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), MISTAKES)
+def test_a_mistake_is_told_in_one_line(small_dataset: Run, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    given = {"folder": tmp_path / "exports", "format_": "npz", "splits": ()} | options
+    place, splits = (given.pop("folder"), given.pop("format_")), given.pop("splits")
+    with pytest.raises(ConfigError, match=message):
+        export(small_dataset, *place, *splits, **given)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_library_that_is_missing_is_named_before_anything_is_read(
+    small_dataset: Run, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(minari, "NEEDS", ("minari", "a_library_that_nobody_has"))
+    message = r"minari needs a_library_that_nobody_has: pip install 'labyrinth-datasets\[minari\]'"
+    with pytest.raises(ConfigError, match=message):
+        export(small_dataset, tmp_path, "minari")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_a_dataset_from_elsewhere_is_refused_and_leaves_nothing(
+    small_dataset: Run, tmp_path, format_
+):
+    """Its files are those of somebody else, under the names that a manifest gives."""
+    theirs, manifest = tmp_path / "theirs" / "3x3", small_dataset.folder / MANIFEST
+    theirs.mkdir(parents=True)
+    with pytest.raises(DatasetError, match=r"config=3x3: .* holds none"):
+        export(small_dataset, tmp_path / "exports", format_, dataset=str(theirs.parent))
+    content = json.loads(manifest.read_bytes())
+    (shard,) = (shard for shard in content["shards"] if shard["split"] == "train")
+    table = pa.table({"image": [b"?"] * shard["rows"], "label": [0] * shard["rows"]})
+    pq.write_table(table, theirs / shard["path"])
+    shard["sha256"] = file_sha256(theirs / shard["path"])
+    shutil.copy(small_dataset.folder / TABLE, theirs)
+    (theirs / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"actions=None: every row needs int") as caught:
+        export(small_dataset, tmp_path / "exports", format_, "train", dataset=str(theirs.parent))
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
+
+
+def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):
+    shutil.copytree(small_dataset.folder, tmp_path / "theirs" / "3x3")
+    path = tmp_path / "theirs" / "3x3" / TABLE
+    pq.write_table(pq.read_table(path).slice(1), path)
+    content = json.loads((path.parent / MANIFEST).read_bytes())
+    content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(DatasetError, match="the table of labyrinths is not of its episodes"):
+        export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
+    assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
+
+
+def test_a_dataset_on_the_hub_is_exported_like_its_folder_with_the_licence_of_its_card(
+    build, tmp_path, monkeypatch
+):
+    run, asked = build(tmp_path / "data"), []
+    (run.data_dir / "README.md").write_text("---\nlicense: [mit, cc0-1.0]\nconfigs: []\n---\n")
+    own = export(run, tmp_path / "own", "lerobot", "test")
+    assert json.loads((own / "test-v0" / stage.RECORD).read_bytes())["licence"] == "mit, cc0-1.0"
+
+    def snapshot_download(_, *, allow_patterns, **__):
+        asked.extend(allow_patterns)
+        cache = tmp_path / "cache"
+        for pattern in allow_patterns:
+            for path in run.data_dir.glob(pattern):
+                (cache / path.relative_to(run.data_dir)).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(path, cache / path.relative_to(run.data_dir))
+        return str(cache)
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    found = export(run, tmp_path / "hub", "lerobot", "test", dataset="user/labyrinth")
+    assert content_of(found) == content_of(own)
+    assert {"3x3/labyrinths.parquet", "README.md", "3x3/test-*.parquet"} <= set(asked)
+    assert "3x3/train-*.parquet" not in asked

@@ -1,0 +1,332 @@
+"""A policy and a report on the Hub: what is sent, what comes back, and what is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hub.local_hub import LocalHub
+from huggingface_hub import EvalResultEntry, HfApi, parse_eval_result_entries
+from publishing import (
+    REPO,
+    built,
+    changes,
+    environment,
+    error_of,
+    held,
+    kill_in,
+    publish,
+    published,
+)
+
+from labyrinth_core.data.errors import DatasetError
+from pipeline.analysis.report import stage as report
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
+from pipeline.release import model
+from pipeline.release.model import staged_policy
+from pipeline.release.remote import PublishError, Remote
+from pipeline.release.space import staged_report
+
+MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
+
+FOUR_WAYS = """
+import json, sys
+import torch
+from huggingface_hub import HfApi
+from policies import Remembering
+from labyrinth_core import evaluate, load_policy
+from pipeline.evaluation.named import named_policy
+
+torch.set_num_threads(1)
+blocks, data_dir, model, space = json.loads(sys.argv[1]), *sys.argv[2:]
+for block in blocks:
+    exec(compile(block, "README.md", "exec"), names := {})
+loaded = load_policy(model, revision="1.0.0")
+asked = {
+    "function": lambda observations: loaded(observations),
+    "module": loaded.network,
+    "steps": Remembering(loaded),
+    "id": named_policy(model),
+    "id and revision": named_policy(model + "@1.0.0"),
+}
+some = ["test", "s0_and_g"]
+figures = {name: evaluate(each, data_dir, "3x3", splits=some) for name, each in asked.items()}
+figures["card"] = names["results"]
+api = HfApi()
+print(json.dumps({
+    "ways": {name: found.way for name, found in figures.items()},
+    "splits": {
+        name: {split: found.to_json(name="x")["splits"][split] for split in some}
+        for name, found in figures.items()
+    },
+    "files": api.list_repo_files(space, repo_type="space"),
+    "sdk": api.space_info(space).sdk,
+}))
+"""
+"""The same policy in four ways, by the card's own program, and by the name of the stage."""
+
+
+def of_run(run: Run) -> tuple[str, ...]:
+    """Return the options that name the policy of a run."""
+    return ("size=3", "method=planner", f"run_dir={run.options.run_dir}")
+
+
+@pytest.fixture
+def of_dataset(local_hub: LocalHub, trained: Run) -> tuple[str, ...]:
+    """The options that publish the policy, whose dataset is on the Hub, but for its rows."""
+    local_hub.create_repo(REPO)
+    manifest = (Path(trained.source) / "3x3" / "manifest.json").read_bytes()
+    local_hub.commit(REPO, "3x3/manifest.json", manifest)
+    return (*of_run(trained), f"publish.model={MODEL}", f"dataset={REPO}")
+
+
+@pytest.mark.slow
+def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_to_each_other(
+    local_hub: LocalHub, trained: Run, tmp_path: Path
+) -> None:
+    data_dir = Path(shutil.copytree(trained.source, tmp_path / "labyrinth"))
+    report.write_report(data_dir, Path(trained.options.run_dir))
+    options = (*of_run(trained), f"publish.model={MODEL}", f"publish.space={SPACE}")
+    printed = published(local_hub, data_dir, "1.0.0", *options)
+    assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
+    assert f"{local_hub.url}/spaces/{SPACE}" in printed
+    for repo, kind in ((REPO, "dataset"), (MODEL, "model"), (SPACE, "space")):
+        refs = local_hub.refs(repo, kind)
+        assert refs["refs/tags/1.0.0"] == refs["refs/heads/main"]
+        assert len(local_hub.history(repo, kind=kind)) == 2
+
+    def text(repo: str, path: str, kind: str) -> str:
+        return local_hub.content(repo, path, "1.0.0", kind).decode()
+
+    card = text(MODEL, "README.md", "model")
+    evaluation = json.loads((trained.training_folder / "evaluation.json").read_bytes())
+    for split, scores in evaluation["splits"].items():
+        assert re.search(rf"\| `{split}` \|.*\| 6 \| {scores['sr']:.1%} \|", card)
+    assert yaml.safe_load(card.split("---\n")[1])["datasets"] == [REPO]
+    assert f"`{evaluation['run']['fingerprint']}`" in card
+    entries = yaml.safe_load(text(MODEL, ".eval_results/labyrinth.yaml", "model"))
+    assert parse_eval_result_entries(entries) == [
+        EvalResultEntry(
+            dataset_id=REPO,
+            task_id=f"3x3-{split}",
+            value=round(100 * scores["sr"], 6),
+            dataset_revision=local_hub.refs(REPO)["refs/tags/1.0.0"],
+            source_url=f"https://huggingface.co/{MODEL}",
+            source_name="Model card",
+            notes="success rate in percent, one greedy episode a labyrinth",
+        )
+        for split, scores in evaluation["splits"].items()
+    ]
+    front = yaml.safe_load(text(SPACE, "README.md", "space").split("---\n")[1])
+    assert (front["sdk"], front["app_file"], front["datasets"]) == ("static", "index.html", [REPO])
+    assert f"(https://huggingface.co/spaces/{SPACE})" in text(REPO, "README.md", "dataset")
+    here, there = built(data_dir / "report"), held(local_hub, "1.0.0", SPACE, "space")
+    assert here.pop("SHA256SUMS")
+    assert {path: there[path] for path in here} == here
+    assert there.keys() - here.keys() == {"README.md", "style.css"}  # The Hub's, left alone.
+
+    blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
+    arguments = (json.dumps(blocks), str(data_dir), MODEL, SPACE)
+    support = str(Path(__file__).parents[2] / "support")
+    fresh = environment(local_hub, None)
+    fresh["PYTHONPATH"] += f":{support}"
+    done = subprocess.run(
+        [sys.executable, "-c", FOUR_WAYS, *arguments],
+        env=fresh,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout.splitlines()[-1])
+    assert len(blocks) == 1
+    assert results["ways"].pop("steps") == "steps"
+    assert set(results["ways"].values()) == {"look-ups"}
+    steps = results["splits"].pop("steps")
+    first, *others = results["splits"].values()
+    assert others == [first] * 4
+    for split in ("test", "s0_and_g"):
+        scores = evaluation["splits"][split]
+        for name in ("sr", "aer", "aer_std", "path_efficiency", "sr_interval"):
+            assert first[split][name] == steps[split][name] == scores[name]
+        assert first[split]["moves"] == steps[split]["moves"] == [scores["moves"]]
+    assert results["sdk"] == "static"
+    assert set(results["files"]) == {*there, ".gitattributes"}
+
+    asked = len(local_hub.log)
+    printed = published(local_hub, data_dir, "1.0.0", *options)
+    assert printed.count("1.0.0 is published already, at ") == 3
+    assert changes(local_hub, asked) == []
+
+
+@pytest.mark.slow
+def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
+    local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
+) -> None:
+    nowhere = trained.local_dir
+    options = ("1.0.0", *of_dataset)
+    for landed in (False, True):  # After all contents were sent, and after the commit.
+        rule = local_hub.faults.hold("POST", "/commit/", after=landed)
+        kill_in(local_hub, rule, nowhere, *options, repo="")
+        files = held(local_hub, "main", MODEL, "model")
+        assert len(files) == (4 if landed else 0)
+        assert local_hub.refs(MODEL, "model").keys() == {"refs/heads/main"}
+    printed = published(local_hub, nowhere, *options, repo="")
+    assert "0 files to add" in printed
+    assert "4 files are those published, and the policy loads." in printed
+    assert held(local_hub, "1.0.0", MODEL, "model") == files
+    assert len(local_hub.history(MODEL, kind="model")) == 2
+
+
+@pytest.mark.slow
+def test_a_version_of_a_policy_is_published_once_and_a_dry_run_changes_nothing(
+    local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
+) -> None:
+    printed = published(
+        local_hub, trained.local_dir, "1.0.0", *of_dataset, "publish.dry_run=true", repo=""
+    )
+    assert re.findall(r"^  add    (\S+)$", printed, re.MULTILINE) == [
+        ".eval_results/labyrinth.yaml",
+        "README.md",
+        "config.json",
+        "model.safetensors",
+    ]
+    assert changes(local_hub) == []
+
+    local_hub.create_repo(MODEL, kind="model")
+    local_hub.commit(MODEL, "config.json", b"{}", kind="model")
+    local_hub.tag(MODEL, "1.0.0", kind="model")
+    error = error_of(publish(local_hub, trained.local_dir, "1.0.0", *of_dataset, repo=""))
+    assert error.startswith(f"the tag 1.0.0 of {MODEL} is at ")
+    assert "with other data (" in error
+    assert error.endswith("choose another publish.version")
+    assert changes(local_hub) == []
+
+
+@pytest.fixture
+def on_the_hub(trained: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in the place of the dataset on the Hub."""
+    folder = Path(shutil.copytree(trained.local_dir / "3x3", tmp_path / "3x3"))
+    monkeypatch.setattr(Remote, "commit", lambda *_: "0" * 40)
+    monkeypatch.setattr(model, "locate", lambda *_: folder)
+    return folder
+
+
+def of_hub(run: Run, **options: Any) -> Run:
+    publishing = PublishOptions(model=MODEL, version="1.0.0")
+    return replace(run, options=replace(run.options, dataset=REPO, publish=publishing, **options))
+
+
+def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
+    trained: Run, on_the_hub: Path
+) -> None:
+    manifest = json.loads((on_the_hub / "manifest.json").read_bytes())
+    manifest["shards"][0]["fingerprint"] = "0" * 64
+    (on_the_hub / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    with pytest.raises(PublishError) as caught, staged_policy(of_hub(trained), HfApi()):
+        pass
+    told = f"{trained.training_folder} was trained on another dataset than {REPO}: their finger"
+    assert str(caught.value).startswith(told)
+
+
+@pytest.mark.usefixtures("on_the_hub")
+def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
+    trained: Run, tmp_path: Path
+) -> None:
+    runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
+    run = of_hub(trained, run_dir=str(runs))
+    path = run.training_folder / "evaluation.json"
+    content = json.loads(path.read_bytes())
+    content["run"]["train_labyrinths"] = 5
+    for name in ("train", "s0"):
+        split = content["splits"][name]
+        split |= {"labyrinths": 5, "outcomes": split["outcomes"][:5], "moves": split["moves"][:5]}
+        split["known_route"] = split["known_route"][:5]
+        split["by_distance"] = {"4": [0, 5]}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with staged_policy(run, HfApi()) as folder:
+        card = (folder / "README.md").read_text(encoding="utf-8")
+        entries = yaml.safe_load((folder / ".eval_results" / "labyrinth.yaml").read_bytes())
+    assert "| learnt from | 5 labyrinths of `train`, the first of 6 |" in card
+    assert re.search(r"\| `s0` \|.*\| 5 \|", card)
+    tasks = [entry.task_id for entry in parse_eval_result_entries(entries)]
+    assert tasks == ["3x3-validation", "3x3-test", "3x3-s0_and_g"]
+
+
+def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
+    trained: Run, tmp_path: Path
+) -> None:
+    def refused(run: Run) -> str:
+        with pytest.raises(DatasetError) as caught, staged_policy(run, HfApi()):
+            pass
+        return str(caught.value)
+
+    runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
+    run = replace(trained, options=replace(trained.options, run_dir=str(runs)))
+    folder = run.training_folder
+    (folder / "policy.safetensors").write_bytes(b"others")
+    told = f"{folder}/evaluation.json is of other weights than policy.safetensors: stages=[evaluate"
+    assert refused(run).startswith(told)
+    content = json.loads((folder / "evaluation.json").read_bytes())
+    content["evaluated"]["weights"] = hashlib.sha256(b"others").hexdigest()
+    (folder / "evaluation.json").write_text(json.dumps(content), encoding="utf-8")
+    assert refused(run).startswith(f"{folder}/policy.safetensors holds no weights: ")
+    del content["evaluated"]["weights"]
+    (folder / "evaluation.json").write_text(json.dumps(content), encoding="utf-8")
+    told = f"{folder}/evaluation.json cannot be used: it.evaluated is "
+    assert refused(run).startswith(told)
+    (folder / "policy.safetensors").unlink()
+    other = replace(run, options=replace(run.options, seed=1))
+    told = "planner-seed1 holds no policy that was evaluated: stages=[train,evaluate] makes one"
+    assert refused(other).endswith(told)
+
+
+def test_a_report_that_is_not_there_or_was_changed_is_not_published(
+    trained: Run, tmp_path: Path
+) -> None:
+    def refused() -> str:
+        with pytest.raises(DatasetError) as caught, staged_report(run):
+            pass
+        return str(caught.value)
+
+    run = replace(trained, data_dir=tmp_path)
+    assert refused() == f"{tmp_path}/report holds no report: run stages=[report] first"
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "index.html").write_text("mine", encoding="utf-8")
+    told = f"{tmp_path}/report/index.html is not as stages=[report] left it: move it away, and run"
+    assert refused().startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"publish": {"model": "planner"}}, "publish.model=planner: give the id of a model on the"),
+        ({"publish": {"space": "a/b/c"}}, "publish.space=a/b/c: give the id of a Space on the Hub"),
+        ({"publish": {"model": MODEL}}, "dataset=: give the id on the Hub of the dataset that wha"),
+        (
+            {"publish": {"space": SPACE}, "dataset": "/data/labyrinth"},
+            "dataset=/data/labyrinth: give the id on the Hub of the dataset that what is published",
+        ),
+        (
+            {"publish": {"model": MODEL}, "dataset": REPO, "protocol": "paper"},
+            "protocol=paper: its pictures are not those that evaluate shows, so that its policy is",
+        ),
+    ],
+)
+def test_options_of_a_policy_or_report_that_cannot_be_are_refused_in_one_line(
+    options: dict[str, Any], message: str
+) -> None:
+    publishing = PublishOptions(version="1.0.0", **options.pop("publish"))
+    with pytest.raises(ConfigError) as caught:
+        resolve(RunConfig(stages=["publish"], data_dir=".", publish=publishing, **options))
+    assert str(caught.value).startswith(message)
