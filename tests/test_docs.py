@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,7 +49,12 @@ def runs(block: str) -> bool:
 FOR_READERS = [document for document in DOCUMENTS if document.name != "new-method.md"]
 """All that do not extend the program; tests/pipeline/training/test_new_method.py has that one."""
 
-RUNNABLE = [document for document in FOR_READERS if any(map(runs, blocks(document)))]
+GET_STARTED = ROOT / "docs" / "get-started.md"
+RUNNABLE = [
+    document
+    for document in FOR_READERS
+    if document != GET_STARTED and any(map(runs, blocks(document)))
+]
 
 
 def table(heading: str, text: str = README) -> dict[str, str]:
@@ -176,6 +184,28 @@ def test_every_python_program_runs(document, folder_with_data, monkeypatch):
     names = {"__name__": "__main__"}
     for block in filter(runs, blocks(document)):
         exec(compile(block, document.name, "exec"), names)
+
+
+@pytest.mark.slow
+def test_a_newcomer_gets_through_the_first_page(tmp_path):
+    """All commands and programs of the page, in their order, but for the installation."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "OMP_NUM_THREADS": "1"}
+    page = GET_STARTED.read_text(encoding="utf-8")
+    ran = []
+    for kind, block in re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL):
+        for line in block.splitlines() if kind == "sh" else [block]:
+            if line.startswith("pip install"):
+                continue
+            command = ["sh", "-ec", line] if kind == "sh" else [sys.executable, "-c", line]
+            result = subprocess.run(
+                command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            )
+            assert result.returncode == 0, f"{line}\n{result.stdout}{result.stderr}"
+            ran.append(line)
+    assert len(ran) == 9
+    assert (tmp_path / "mine.gif").stat().st_size < 100_000
+    assert (tmp_path / "data" / "labyrinth" / "report" / "index.html").is_file()
 
 
 @pytest.mark.parametrize("document", FOR_READERS, ids=lambda path: path.name)
