@@ -28,8 +28,12 @@ bench:
     python scripts/benchmark_leakage.py --quick
     python scripts/benchmark_report.py --quick
 
-# Draw the pictures of the documentation again
+# Build the site of the documentation in build/site; `pip install -c constraints.txt -e '.[docs]'` first
 docs:
+    mkdocs build --strict
+
+# Draw the pictures of the documentation again
+pictures:
     python scripts/draw_pictures.py
 
 # Check everything that is asked of a change, in a fresh environment

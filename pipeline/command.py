@@ -28,6 +28,19 @@ from pipeline.config.run import options_of, refusal, register, resolve, with_bra
 from pipeline.config.training import CONF
 from pipeline.machinery.executor import cluster
 
+INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
+
+  labyrinth-datasets size=5                                    make, check, analyse, describe it
+  labyrinth-datasets stages=report                             look at it, in a browser
+  labyrinth-datasets size=5 stages=[train,evaluate] method=bc  learn from it
+  labyrinth-datasets size=5 stages=evaluate policy=my:policy   judge a policy of your own
+  labyrinth-datasets stages=results                            compare what was evaluated
+  labyrinth-datasets stages=publish publish.repo_id=you/labyrinth publish.version=1.0.0
+
+--help lists the options. In Python: from labyrinth_core import load_transitions, evaluate
+"""
+"""What is printed where nothing is asked for."""
+
 
 class RunError(RuntimeError):
     """A run that ended with a mistake, which one line has explained."""
@@ -35,6 +48,9 @@ class RunError(RuntimeError):
 
 def run_command() -> int:
     """Run what the command line asks for, and return the exit status: 1 for a mistake."""
+    if len(sys.argv) == 1:
+        print(INTRODUCTION, end="")
+        return 0
     if "--version" in sys.argv[1:]:  # Hydra would print its own.
         print(f"labyrinth-datasets {__version__}")
         return 0

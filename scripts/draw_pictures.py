@@ -14,10 +14,11 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.world.labyrinth import LabyrinthError, Task
-from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.rollout import Episode, replay
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place
@@ -31,8 +32,8 @@ SIZE = 300
 GAP = 20
 
 
-def picture(task: Task, part: float, size: int = 5) -> np.ndarray:
-    """Return the picture of the state at a fraction of an optimal episode."""
+def optimal_episode(task: Task, size: int) -> Episode:
+    """Return an optimal episode that is not too short."""
     rng = np.random.default_rng(SEED)
     for structure in sample_structures(size, size, rng):
         try:
@@ -41,8 +42,20 @@ def picture(task: Task, part: float, size: int = 5) -> np.ndarray:
             continue
         episode = replay(labyrinth, shortest_route(labyrinth, rng))
         if len(episode) >= 2 * size:
-            return render(labyrinth, episode.states[int(part * len(episode))])
+            return episode
     raise AssertionError("the sampler never ends")
+
+
+def picture(task: Task, part: float, size: int = 5) -> np.ndarray:
+    """Return the picture of the state at a fraction of an optimal episode."""
+    episode = optimal_episode(task, size)
+    return render(episode.labyrinth, episode.states[int(part * len(episode))])
+
+
+def draw_tasks() -> None:
+    """Write a moving picture of an optimal episode of each task."""
+    episodes = [frames_of(optimal_episode(task, 5), 200) for task in Task]
+    (FOLDER / "tasks.gif").write_bytes(gif([beside(*episodes)]))
 
 
 def side_by_side(pictures: list[np.ndarray]) -> np.ndarray:
@@ -83,6 +96,7 @@ def main() -> None:
     Image.fromarray(tasks).save(FOLDER / "tasks.png", optimize=True)
     sizes = side_by_side([picture(Task.NAVIGATION, 0.4, size) for size in (3, 5, 10, 25)])
     Image.fromarray(sizes).save(FOLDER / "sizes.png", optimize=True)
+    draw_tasks()
     draw_report()
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +25,7 @@ from pipeline.config.run import OPTIONS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+MAKE = (ROOT / "docs" / "make.md").read_text(encoding="utf-8")
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 OURS = ("labyrinth_core", "pipeline", "conf", "scripts", "tests", "docs", "examples", ".ci")
 EXAMPLES = ("pipeline/training/methods/smoothed.py", "conf/method/smoothed.yaml")
@@ -45,7 +49,12 @@ def runs(block: str) -> bool:
 FOR_READERS = [document for document in DOCUMENTS if document.name != "new-method.md"]
 """All that do not extend the program; tests/pipeline/training/test_new_method.py has that one."""
 
-RUNNABLE = [document for document in FOR_READERS if any(map(runs, blocks(document)))]
+GET_STARTED = ROOT / "docs" / "get-started.md"
+RUNNABLE = [
+    document
+    for document in FOR_READERS
+    if document != GET_STARTED and any(map(runs, blocks(document)))
+]
 
 
 def table(heading: str, text: str = README) -> dict[str, str]:
@@ -60,12 +69,14 @@ def table(heading: str, text: str = README) -> dict[str, str]:
     return rows
 
 
-def test_the_readme_explains_every_option_as_the_help_text_does():
-    assert table("option") == OPTIONS
+def test_the_page_of_options_explains_every_option_as_the_help_text_does():
+    text = (ROOT / "docs" / "options.md").read_text(encoding="utf-8")
+    assert table("option", text) == OPTIONS
 
 
-def test_the_readme_explains_every_column():
-    assert table("column") == {column.name: column.meaning for column in COLUMNS}
+@pytest.mark.parametrize("text", [README, MAKE], ids=["README.md", "make.md"])
+def test_readme_and_guide_explain_every_column(text):
+    assert table("column", text) == {column.name: column.meaning for column in COLUMNS}
 
 
 def test_the_page_on_loading_explains_every_column_of_the_table_of_labyrinths():
@@ -73,8 +84,9 @@ def test_the_page_on_loading_explains_every_column_of_the_table_of_labyrinths():
     assert table("column", text) == {column.name: column.meaning for column in TABLE_COLUMNS}
 
 
-def test_the_readme_explains_every_split():
-    assert table("split") == {split: SPLITS[split].meaning for split in BASE_SPLITS}
+@pytest.mark.parametrize("text", [README, MAKE], ids=["README.md", "make.md"])
+def test_readme_and_guide_explain_every_split(text):
+    assert table("split", text) == {split: SPLITS[split].meaning for split in BASE_SPLITS}
 
 
 def test_the_page_on_shifts_explains_every_shift():
@@ -87,8 +99,8 @@ def test_the_page_on_shifts_explains_every_shift():
     ]
 
 
-def test_the_readme_explains_every_task():
-    assert list(table("task")) == [str(task) for task in Task]
+def test_the_guide_explains_every_task():
+    assert list(table("task", MAKE)) == [str(task) for task in Task]
 
 
 def test_the_readme_names_every_public_name_of_the_library():
@@ -172,6 +184,28 @@ def test_every_python_program_runs(document, folder_with_data, monkeypatch):
     names = {"__name__": "__main__"}
     for block in filter(runs, blocks(document)):
         exec(compile(block, document.name, "exec"), names)
+
+
+@pytest.mark.slow
+def test_a_newcomer_gets_through_the_first_page(tmp_path):
+    """All commands and programs of the page, in their order, but for the installation."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "OMP_NUM_THREADS": "1"}
+    page = GET_STARTED.read_text(encoding="utf-8")
+    ran = []
+    for kind, block in re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL):
+        for line in block.splitlines() if kind == "sh" else [block]:
+            if line.startswith("pip install"):
+                continue
+            command = ["sh", "-ec", line] if kind == "sh" else [sys.executable, "-c", line]
+            result = subprocess.run(
+                command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            )
+            assert result.returncode == 0, f"{line}\n{result.stdout}{result.stderr}"
+            ran.append(line)
+    assert len(ran) == 9
+    assert (tmp_path / "mine.gif").stat().st_size < 100_000
+    assert (tmp_path / "data" / "labyrinth" / "report" / "index.html").is_file()
 
 
 @pytest.mark.parametrize("document", FOR_READERS, ids=lambda path: path.name)

@@ -15,6 +15,9 @@ from labyrinth_core.world.labyrinth import Task
 ROUTES = 1_000
 """The default limit of `solve --all`."""
 
+GIF_ROUTES = 10
+"""The default limit of `play --gif --all`."""
+
 
 class RequestError(ValueError):
     """A command that cannot be carried out; the message says why."""
@@ -58,10 +61,13 @@ def _probability(text: str) -> float:
     return number
 
 
-def _png(text: str) -> Path:
-    if not text.lower().endswith(".png"):
-        raise argparse.ArgumentTypeError(f"{text!r}: give a name that ends in .png")
-    return Path(text)
+def _file(suffix: str) -> Callable[[str], Path]:
+    def path(text: str) -> Path:
+        if not text.lower().endswith(suffix):
+            raise argparse.ArgumentTypeError(f"{text!r}: give a name that ends in {suffix}")
+        return Path(text)
+
+    return path
 
 
 def parser() -> argparse.ArgumentParser:
@@ -98,7 +104,11 @@ def parser() -> argparse.ArgumentParser:
         ".zip holds several files; any other file is a list of edges."
     )
     convert = command("convert", text)
-    play = command("play", "Walk through a labyrinth with the arrow keys; q quits.")
+    text = (
+        "Walk through a labyrinth with the arrow keys; q quits. With --gif, a moving picture of a "
+        "shortest route is written instead."
+    )
+    play = command("play", text)
 
     help_of_file = "a file; - for standard input"
     check.add_argument("files", nargs="+", metavar="FILE", help=help_of_file)
@@ -108,8 +118,17 @@ def parser() -> argparse.ArgumentParser:
     for each in (check, show, solve, play):
         each.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
 
-    show.add_argument("--png", type=_png, metavar="OUT", help="write a picture to this file")
+    show.add_argument(
+        "--png", type=_file(".png"), metavar="OUT", help="write a picture to this file"
+    )
     show.add_argument("--solution", action="store_true", help="mark a shortest route")
+
+    text = "write a moving picture to this file"
+    play.add_argument("--gif", type=_file(".gif"), metavar="OUT", help=text)
+    text = "show every route without a loop, one after the other (with --gif)"
+    play.add_argument("--all", action="store_true", help=text)
+    text = f"stop --all after so many routes (default: {GIF_ROUTES})"
+    play.add_argument("--limit", type=_whole(1), metavar="N", help=text)
 
     solve.add_argument("--all", action="store_true", help="print every route without a loop")
     text = f"stop --all after so many routes (default: {ROUTES:,})"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labyrinth_core.command.arguments import ROUTES, RequestError, parser
+from labyrinth_core.command.arguments import GIF_ROUTES, ROUTES, RequestError, parser
 from labyrinth_core.language.source_text import (
     MAX_TEXT,
     LabyrinthSyntaxError,
@@ -128,17 +128,25 @@ def _in_colour() -> bool:
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
 
 
-def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
-    """Return a PNG file of a labyrinth in its initial state, with a route drawn on it."""
-    from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, render, render_png
-    from labyrinth_core.world.dynamics import initial
+def _pictured_side(labyrinth: Labyrinth) -> int:
+    """Return the longer side of a labyrinth in cells, which has to have room in a picture."""
+    from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE
 
-    height, width = labyrinth.structure.height, labyrinth.structure.width
-    most = max(height, width)
+    most = max(labyrinth.structure.height, labyrinth.structure.width)
     if most > MAX_PICTURED_SIDE:
         raise RequestError(
             f"a picture has room for {MAX_PICTURED_SIDE} rows and columns, not {most}"
         )
+    return most
+
+
+def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
+    """Return a PNG file of a labyrinth in its initial state, with a route drawn on it."""
+    from labyrinth_core.pictures.renderer import render, render_png
+    from labyrinth_core.world.dynamics import initial
+
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    most = _pictured_side(labyrinth)
     if not route:
         return render_png(labyrinth, initial(labyrinth))
     try:
@@ -164,21 +172,29 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     return file.getvalue()
 
 
-def _solve(options: Namespace) -> int:
-    from labyrinth_core.world.grid import Action
-    from labyrinth_core.world.solver import simple_routes
-
+def _check_limit(options: Namespace) -> None:
     if options.limit is not None and not options.all:
         raise RequestError("--limit goes with --all")
-    labyrinth = _load(options)
+
+
+def _routes(labyrinth: Labyrinth, options: Namespace, most: int) -> list[list[int]]:
+    """Return a shortest route, or with `--all` every route up to a limit, `most` by default."""
+    from labyrinth_core.world.solver import simple_routes
+
     if not options.all:
-        routes = [_optimal(labyrinth).actions.tolist()]
-    else:
-        limit = options.limit or ROUTES
-        routes = simple_routes(labyrinth, limit)
-        if len(routes) == limit:
-            print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
-    for actions in routes:
+        return [_optimal(labyrinth).actions.tolist()]
+    limit = options.limit or most
+    routes = simple_routes(labyrinth, limit)
+    if len(routes) == limit:
+        print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
+    return routes
+
+
+def _solve(options: Namespace) -> int:
+    from labyrinth_core.world.grid import Action
+
+    _check_limit(options)
+    for actions in _routes(_load(options), options, ROUTES):
         words = " ".join(Action(action).name.lower() for action in actions)
         print(f"{_counted(len(actions), 'move')}: {words}")
     return 0
@@ -224,7 +240,29 @@ def _convert(options: Namespace) -> int:
     return 0
 
 
+def _animate(options: Namespace) -> None:
+    """Write the moving picture that `play --gif` asks for."""
+    from labyrinth_core.world.rollout import replay
+
+    labyrinth = _load(options)
+    _pictured_side(labyrinth)
+    try:
+        from labyrinth_core.pictures.animation import frames_of, gif
+
+        routes = _routes(labyrinth, options, GIF_ROUTES)
+        picture = gif(frames_of(replay(labyrinth, actions)) for actions in routes)
+    except ImportError as error:
+        raise RequestError("a moving picture needs Pillow: pip install pillow") from error
+    options.gif.write_bytes(picture)
+
+
 def _play(options: Namespace) -> int:
+    _check_limit(options)
+    if options.gif is not None:
+        _animate(options)
+        return 0
+    if options.all:
+        raise RequestError("--all goes with --gif")
     if options.file == "-" or sys.stdin is None or not sys.stdin.isatty():
         raise RequestError("play reads keys: give it a file, and a terminal as standard input")
     labyrinth = _load(options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import shutil
 import signal
@@ -22,6 +23,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.run import OPTIONS, Run
+from pipeline.config.run import STAGES as KNOWN_STAGES
 from pipeline.generation.buckets import split_of
 
 pytestmark = pytest.mark.slow
@@ -218,6 +220,18 @@ def test_help_lists_the_options_and_does_nothing_else(tmp_path: Path) -> None:
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     result = run(tmp_path, "--version")
     assert (result.returncode, result.stdout) == (0, f"labyrinth-datasets {__version__}\n")
+
+
+def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
+    tmp_path: Path,
+) -> None:
+    result = run(tmp_path)
+    assert (result.returncode, result.stdout.count("\n"), result.stderr) == (0, 10, "")
+    assert list(tmp_path.iterdir()) == []
+    given = re.findall(r"([\w.]+)=(\S+)", result.stdout)
+    assert {name for name, _ in given} <= set(OPTIONS)
+    named = [stage for name, value in given if name == "stages" for stage in value.split(",")]
+    assert {stage.strip("[]") for stage in named} <= set(KNOWN_STAGES)
 
 
 def test_one_stage_needs_no_brackets(small_dataset: Run, tmp_path: Path) -> None:

@@ -46,6 +46,7 @@ SCRIPTS = (
     "drawing",
     "records",
     "gallery",
+    "gif",
     "player",
     "findings",
     "figures",

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from labyrinth_core.command import __main__ as way_in
 from labyrinth_core.command.arguments import parser
@@ -215,12 +216,30 @@ def test_new_says_that_no_structure_can_hold_the_task(refused):
         ([], "the following arguments are required: COMMAND"),
         (["solve", "/nowhere"], "/nowhere: No such file or directory"),
         (["play", NAVIGATION], "play reads keys: give it a file, and a terminal"),
+        (["play", NAVIGATION, "--all"], "--all goes with --gif"),
+        (["play", NAVIGATION, "--limit", "3"], "--limit goes with --all"),
+        (
+            ["play", NAVIGATION, "--gif", "x.png"],
+            "argument --gif: 'x.png': give a name that ends in",
+        ),
         (["play", "-"], "play reads keys: give it a file, and a terminal"),
     ],
 )
 def test_a_mistake_of_the_user_gets_one_message(refused, monkeypatch, arguments, message):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO()))
     assert message in refused(*arguments)
+
+
+def test_play_writes_a_moving_picture_of_a_shortest_route_or_of_all(run, tmp_path):
+    path, one, routes = (tmp_path / name for name in ("open.labyrinth", "one.gif", "routes.gif"))
+    path.write_text(run("new", "--size", "2x3", "--open-walls", "1")[1])
+    assert run("play", path, "--gif", one) == (0, "", "")
+    assert run("play", path, "--gif", routes, "--all") == (0, "", "")
+    for file, frames in ((one, 4), (routes, 4 + 4 + 4 + 6)):
+        with Image.open(file) as picture:
+            assert (picture.n_frames, picture.size) == (frames, (300, 300))
+    status, _, err = run("play", path, "--gif", routes, "--all", "--limit", "2")
+    assert (status, err) == (0, "labyrinth: stopped after 2 routes (--limit)\n")
 
 
 def test_convert_turns_a_list_of_edges_into_the_language(run, tmp_path):

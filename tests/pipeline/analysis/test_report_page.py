@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from reporting import METHOD, analyse, evaluate, ids_of
 
@@ -259,6 +260,33 @@ def test_a_labyrinth_is_found_played_edited_solved_and_copied(open_report, tmp_p
     assert solution.startswith(f"{moves} moves: ")
     assert main(["check", str(copied)]) == 0
     assert capsys.readouterr().out == f"{copied}: ok, 4x4, key_and_door, {moves} moves\n"
+
+
+def test_an_episode_is_saved_as_a_moving_picture(open_report, tmp_path):
+    page = open_report()
+    page.select_option("select[name=task]", "key_and_door")
+    page.locator(".tile").first.click()
+    with page.expect_download() as download:
+        page.locator("#save-gif").click()
+    path = tmp_path / download.value.suggested_filename
+    download.value.save_as(path)
+    states = int(page.locator("#progress").get_attribute("max")) + 1
+    with Image.open(path) as picture:
+        assert (picture.n_frames, picture.info["loop"]) == (states, 0)
+        for at in range(states):
+            picture.seek(at)
+            frame = np.array(picture.convert("RGB"))
+            drawn = page.evaluate(
+                """([state, size]) => {
+                  const canvas = document.createElement("canvas");
+                  const { paint, player } = window.labyrinths;
+                  paint(canvas, player.labyrinth, size, { state: player.states[state] });
+                  const pencil = canvas.getContext("2d");
+                  return Array.from(pencil.getImageData(0, 0, size, size).data);
+                }""",
+                [at, len(frame)],
+            )
+            assert np.array_equal(frame, np.reshape(drawn, (*frame.shape[:2], 4))[..., :3])
 
 
 def test_a_piece_of_a_route_is_played_from_where_it_begins(open_report, reported):

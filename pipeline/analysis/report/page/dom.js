@@ -57,3 +57,10 @@ async function copyText(text, status) {
     status.textContent = "The browser does not allow copying: select the text and copy it.";
   }
 }
+
+/** Hand a file to the person, as the browser does with downloads. */
+function saveAs(name, content, type) {
+  const address = URL.createObjectURL(new Blob([content], { type }));
+  element("a", { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address));
+}

@@ -245,9 +245,7 @@ async function openFile(event) {
 }
 
 function saveFile() {
-  const address = URL.createObjectURL(new Blob([byId("text").value], { type: "text/plain" }));
-  element("a", { href: address, download: "edited.labyrinth" }).click();
-  setTimeout(() => URL.revokeObjectURL(address));
+  saveAs("edited.labyrinth", byId("text").value, "text/plain");
 }
 
 function setUpEditor() {

@@ -72,6 +72,6 @@ function setUp() {
 
 // For the tests and the browser's console.
 window.labyrinths = {
-  BLOCKS, decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute,
+  BLOCKS, decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute, paint, player,
 };
 setUp();

@@ -1,6 +1,6 @@
 // The player: one labyrinth, its episodes step by step, and the optimal actions in every state.
 
-const player = { place: 0, labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
+const player = { place: 0, id: "", labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
 const STEP_MILLISECONDS = 350;
 
 function openPlayer(place) {
@@ -12,6 +12,7 @@ function openPlayer(place) {
   player.distance = distances(player.labyrinth);
   player.episodes = block.episodes(index);
   const id = block.hex("id", index);
+  player.id = id;
   byId("player-title").textContent = `Labyrinth ${id}`;
   const facts = {
     Dataset: `${block.dataset.name}, ${block.split.name}, number ${grouped(index)}`,
@@ -127,6 +128,12 @@ function playerKey(event) {
   keys[event.key]();
 }
 
+function saveMovingPicture() {
+  const { labyrinth, states } = player;
+  const hides = byId("seen").checked && labyrinth.task === "partial_observability";
+  saveAs(`${player.id}.gif`, gifOf(labyrinth, states, hides), "image/gif");
+}
+
 function setUpPlayer() {
   const on = (id, act) => byId(id).addEventListener("click", act);
   on("first", () => showState(0));
@@ -140,6 +147,7 @@ function setUpPlayer() {
     showPart("editor");
     edit(player.labyrinth);
   });
+  on("save-gif", saveMovingPicture);
   on("copy-shown", () => {
     copyText(dump({ ...player.labyrinth, agent: player.states[0] }), byId("step"));
   });

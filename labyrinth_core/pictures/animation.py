@@ -1,0 +1,74 @@
+"""Moving pictures: episodes as GIF files, a frame for each state."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.rollout import Episode
+
+STEP_SECONDS = 0.3
+END_SECONDS = 1.5
+"""How long the last frame of an episode is shown."""
+
+Frame = NDArray[np.uint8]
+
+
+def frames_of(episode: Episode, image_size: int = 300) -> list[Frame]:
+    """Return the pictures of an episode's states, T + 1 of shape (image_size, image_size, 3).
+
+    Raises:
+        ValueError: The labyrinth is too large for every wall to have a pixel.
+    """
+    painter = Painter(episode.labyrinth)
+    return [painter.array(state, image_size) for state in episode.states]
+
+
+def beside(*episodes: Sequence[Frame], gap: int = 20) -> list[Frame]:
+    """Return several episodes as one, side by side on white; each waits at its end for the longest.
+
+    Args:
+        episodes: The frames of each, all of one shape (image_size, image_size, 3).
+        gap: The pixels between two of them.
+    """
+    between = np.full((len(episodes[0][0]), gap, 3), 255, np.uint8)
+    joined = []
+    for at in range(max(map(len, episodes))):
+        parts = [part for each in episodes for part in (between, each[min(at, len(each) - 1)])]
+        joined.append(np.concatenate(parts[1:], axis=1))
+    return joined
+
+
+def gif(episodes: Iterable[Sequence[Frame]]) -> bytes:
+    """Return a GIF file that shows episodes one after the other, for ever.
+
+    Up to 256 different colours are kept as they are; more are reduced to that number.
+
+    Args:
+        episodes: The frames of each, at least one, all of one shape (height, width, 3).
+
+    Raises:
+        ImportError: Pillow, which writes the file, is not installed.
+    """
+    from PIL import Image
+
+    images, milliseconds = [], []
+    for frames in episodes:
+        images += [Image.fromarray(frame) for frame in frames]
+        milliseconds += [round(1000 * STEP_SECONDS)] * (len(frames) - 1)
+        milliseconds.append(round(1000 * END_SECONDS))
+    file = io.BytesIO()
+    images[0].save(
+        file,
+        "GIF",
+        save_all=True,
+        append_images=images[1:],
+        duration=milliseconds,
+        loop=0,
+        optimize=True,
+    )
+    return file.getvalue()

@@ -1,0 +1,152 @@
+"""A hook of MkDocs: the pages of the site that are made of other files, and their links.
+
+`mkdocs build --strict` calls the functions below; see mkdocs.yml.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import pkgutil
+import re
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.plugins import event_priority
+from mkdocs.structure.files import File, Files
+
+import labyrinth_core
+from labyrinth_core.command.arguments import parser
+
+ROOT = Path(__file__).parents[1]
+
+ROOT_PAGES = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
+"""Page of the site -> the file at the top of the repository that it shows."""
+
+NO_ALTERNATIVE = "No description has been provided for this image"
+"""What nbconvert has for every picture."""
+
+
+@event_priority(100)  # Before the plugins that look at files.
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages and examples that lie outside docs/."""
+    for page, source in ROOT_PAGES.items():
+        files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
+    for path in sorted((ROOT / "examples").iterdir()):
+        if path.suffix in (".ipynb", ".py"):
+            name = f"examples/{path.name}"
+            files.append(File(name, str(ROOT), config.site_dir, config.use_directory_urls))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Return the text of a page with links and placeholders resolved."""
+    source = page.file.src_uri
+    if source in ROOT_PAGES:
+        markdown = re.sub(r"\]\(docs/", "](", markdown)
+    elif "/" not in source:
+        for target, original in ROOT_PAGES.items():
+            markdown = markdown.replace(f"](../{original}", f"]({target}")
+        markdown = markdown.replace("](../examples/", "](examples/")
+    return re.sub(r"<!-- (modules|help) of (\S+) -->", _filled, markdown)
+
+
+def on_page_content(html: str, *, page: Any, **_: Any) -> str:
+    """Return the body of a page, a notebook's links to the documentation resolved."""
+    if page.file.src_uri.endswith(".ipynb"):
+        html = re.sub(r'href="\.\./docs/([\w-]+)\.md', r'href="../\1.html', html)
+        for words in alternatives(ROOT / page.file.src_uri):
+            html = html.replace(NO_ALTERNATIVE, words, 1)
+    return html
+
+
+def alternatives(notebook: Path) -> Iterator[str]:
+    """Yield what stands for each picture of a notebook, in words; nbconvert leaves that out."""
+    for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"]:
+        for output in cell.get("outputs", ()):
+            if "image/png" in output.get("data", {}):
+                yield output["metadata"].get("image/png", {}).get("alt", NO_ALTERNATIVE)
+
+
+def _filled(placeholder: re.Match[str]) -> str:
+    """Return what takes the place of a placeholder."""
+    kind, of = placeholder.groups()
+    if kind == "modules":
+        return "\n\n".join(
+            f"::: {name}\n    options: {{show_root_full_path: true}}"
+            for name in modules(of.replace("/", "."))
+        )
+    return "\n\n".join(f"```text\n{text.rstrip()}\n```" for text in helps(of))
+
+
+def modules(package: str) -> Iterator[str]:
+    """Yield the names of a package's modules that say what they are."""
+    folder = ROOT / package.replace(".", "/")
+    for module in pkgutil.iter_modules([str(folder)]):
+        if not module.name.startswith("_"):
+            yield f"{package}.{module.name}"
+
+
+def helps(program: str) -> Iterator[str]:
+    """Yield the texts of a program's `--help`, and of those of its commands."""
+    if program == "labyrinth-datasets":
+        command = [sys.executable, str(ROOT / "run.py"), "--help"]
+        yield subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout
+        return
+    os.environ["COLUMNS"] = "90"
+    grammar = parser()
+    yield grammar.format_help()
+    for action in grammar._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            yield from (each.format_help() for each in action.choices.values())
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Check that every public name has its entry, and every picture its alternative in words.
+
+    Raises:
+        PluginError: One has not; the text names all.
+    """
+    site = Path(config.site_dir)
+    missing = sorted(public_names() - entries(site / "objects.inv"))
+    silent = [
+        f"{page.relative_to(site)}: {image}"
+        for page in sorted(site.rglob("*.html"))
+        for image in re.findall(r"<img [^>]*>", page.read_text(encoding="utf-8"))
+        if NO_ALTERNATIVE in image or not re.search(r'alt="[^"]', image)
+    ]
+    if missing or silent:
+        raise PluginError(
+            "; ".join([f"{name} is not in the reference" for name in missing] + silent)
+        )
+
+
+def public_names() -> set[str]:
+    """Return the dotted names of all that the library offers: functions, classes, its own names."""
+    names = {f"labyrinth_core.{name}" for name in labyrinth_core.__all__}
+    for path in (ROOT / "labyrinth_core").glob("*/*.py"):
+        module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        if path.parent.name == "command" or path.name == "__init__.py":
+            continue
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            kinds = (ast.FunctionDef, ast.ClassDef)
+            if isinstance(node, kinds) and not node.name.startswith("_"):
+                names.add(f"{module}.{node.name}")
+    return names
+
+
+def entries(inventory: Path) -> set[str]:
+    """Return the names in the list of objects that a site leaves for others to link to.
+
+    Its format is that of Sphinx: four lines of text, then lines compressed by zlib.
+    """
+    compressed = inventory.read_bytes().split(b"\n", 4)[4]
+    return {line.split(" ", 1)[0] for line in zlib.decompress(compressed).decode().splitlines()}

@@ -1,0 +1,57 @@
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import shortest_route
+
+
+def episode(task, size=5):
+    rng = np.random.default_rng(3)
+    labyrinth = sample_labyrinth(size, size, task, rng)
+    return replay(labyrinth, shortest_route(labyrinth, rng))
+
+
+def decoded(data):
+    """Return the frames of a GIF file and how long each is shown, in milliseconds."""
+    with Image.open(io.BytesIO(data)) as picture:
+        frames, durations = [], []
+        for at in range(picture.n_frames):
+            picture.seek(at)
+            frames.append(np.array(picture.convert("RGB")))
+            durations.append(picture.info["duration"])
+        assert picture.info["loop"] == 0
+    return np.stack(frames), durations
+
+
+@pytest.mark.parametrize("task", Task)
+def test_a_gif_holds_the_pictures_of_every_state_to_the_pixel(task):
+    frames = frames_of(episode(task))
+    shown, durations = decoded(gif([frames]))
+    assert np.array_equal(shown, np.stack(frames))
+    assert durations == [300] * (len(frames) - 1) + [1500]
+
+
+def test_a_route_at_5x5_takes_less_than_a_tenth_of_a_megabyte():
+    for task in Task:
+        assert len(gif([frames_of(episode(task), image_size=600)])) < 100_000
+
+
+def test_the_shorter_of_two_episodes_waits_for_the_other():
+    short, long = frames_of(episode(Task.NAVIGATION, 3)), frames_of(episode(Task.NAVIGATION))
+    both = beside(short, long, gap=4)
+    assert len(both) == len(long)
+    assert both[0].shape == (300, 604, 3)
+    assert np.array_equal(both[-1][:, :300], short[-1])
+    assert np.array_equal(both[-1][:, 304:], long[-1])
+
+
+def test_episodes_follow_one_another():
+    first, second = frames_of(episode(Task.NAVIGATION)), frames_of(episode(Task.ICY_FLOOR))
+    shown, _ = decoded(gif([first, second]))
+    assert np.array_equal(shown, np.stack(first + second))
