@@ -345,6 +345,7 @@ def resolve(options: RunConfig) -> Run:
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)
+        check_options(options.evaluation, EvaluationOptions, "evaluation.")
     if "environments" in stages:
         check_analysis(options.analysis)
     if "publish" in stages:

@@ -142,6 +142,13 @@ class EvaluationOptions:
         None, "episodes a labyrinth, for a policy that draws at random", at_least=1
     )
     splits: tuple[str, ...] = option((), "splits, [test] or more (all but random)")
+    gifs: int = option(
+        0,
+        "moving pictures of the policy, or of a run's, beside optimal episodes: of labyrinths of "
+        "test, those that it fails in first",
+        at_least=0,
+        at_most=1_000,
+    )
     name: str = option("", "what the policy is called in tables (what policy says)")
     author: str = option("", "who made it")
     url: str = option("", "where it is described", like=_URL)

@@ -8,10 +8,15 @@ from __future__ import annotations
 import re
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import EvaluationOptions
@@ -19,6 +24,7 @@ from pipeline.evaluation.named import named_policy
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import fingerprint_of
 from pipeline.machinery.evaluation_file import RESULTS
+from pipeline.machinery.moving_pictures import write_attempts
 
 
 def run(run: Run) -> None:
@@ -48,11 +54,30 @@ def run(run: Run) -> None:
             revision=options.revision,
         )
         results.save(folder / RESULTS, **asdict(about))
+        if asked.gifs:
+            _show(run, policy, results, folder)
     except PolicyError:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
     say(f"{name}\n{results}\n{folder / RESULTS}")
+
+
+def _show(run: Run, policy: Any, results: Results, folder: Path) -> None:
+    """Leave moving pictures of the policy in test, or in the first split that was evaluated."""
+    options, split = run.options, "test" if "test" in results.splits else next(iter(results.splits))
+    arrays = load_arrays(
+        run.source,
+        run.dataset.name,
+        split,
+        observation=options.observation,
+        image_size=options.evaluation.image_size,
+        revision=options.revision,
+    )
+    solved = np.atleast_2d(results.splits[split].episodes.solved).min(axis=0)
+    count, seed = options.evaluation.gifs, options.seed
+    paths = write_attempts(folder, policy, arrays, solved, count, seed)
+    say(f"{paths[0].parent} has {len(paths)} moving pictures.")
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

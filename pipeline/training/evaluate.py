@@ -30,9 +30,10 @@ from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check
 from pipeline.config.run import Run
-from pipeline.machinery.console import console, tracked
+from pipeline.machinery.console import console, say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.evaluation_file import EVALUATION, FORMAT, POLICY
+from pipeline.machinery.moving_pictures import write_attempts
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import current_versions, read_record
@@ -84,6 +85,10 @@ def run(run: Run) -> None:
         content["evaluated"] |= {"on": options.evaluate_on, "fingerprint": fingerprint}
         del content["train_test_gap"]  # The policy was not trained on that train.
     write_text(folder / name, as_text(content))
+    if options.evaluation.gifs:
+        test, solved = loader_of(judged, size)("test"), scores["test"].episodes.solved
+        paths = write_attempts(folder, policy, test, solved, options.evaluation.gifs, options.seed)
+        say(f"{paths[0].parent} has {len(paths)} moving pictures.")
     for table in summaries(f"{run.training_name} on {judged.source}/{config.name}", content):
         console.print(table)
 

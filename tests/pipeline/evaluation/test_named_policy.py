@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hub.fixture import local_hub
 from making import make
+from PIL import Image
 from publishing import REPO, environment, published
 
 from labyrinth_core import PolicyError, evaluate
@@ -99,6 +100,25 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     assert content["splits"]["test"]["moves"] == [expected.splits["test"].episodes.moves.tolist()]
     unsaid = dict.fromkeys(("author", "url", "date", "budget"), "")
     assert content["method"] == unsaid | {"name": f"strange:{name}", "details": {}}
+
+
+def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folder, capsys):
+    stage.run(run_of("strange:right", gifs=3))
+    results = folder / "runs" / "3x3" / "strange-right"
+    content = json.loads((results / "results.json").read_text(encoding="utf-8"))["splits"]["test"]
+    pictures = sorted((results / "attempts").iterdir())
+    assert f"{results / 'attempts'} has 3 moving pictures." in capsys.readouterr().out
+    failed = [
+        number
+        for number, outcome in zip(content["labyrinth_ids"], content["outcomes"][0], strict=True)
+        if outcome != "s"
+    ]
+    assert sorted(path.stem for path in pictures) == sorted(failed[:3])
+    for path in pictures:
+        with Image.open(path) as picture:
+            assert picture.size == (620, 300)
+            assert picture.n_frames > 2
+        assert path.stat().st_size < 100_000
 
 
 def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsys):
