@@ -26,6 +26,7 @@ from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import options_of, refusal, register, resolve, with_brackets
 from pipeline.config.training import CONF
+from pipeline.machinery.console import say
 from pipeline.machinery.executor import cluster
 
 INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
@@ -40,6 +41,22 @@ INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in th
 --help lists the options. In Python: from labyrinth_core import load_transitions, evaluate
 """
 """What is printed where nothing is asked for."""
+
+
+NEXT = {
+    "build": "stages=[validate,analyse,card] replays every row, and describes the dataset",
+    "validate": "stages=[analyse,card] says what splits have in common, and describes them",
+    "analyse": "stages=card describes the dataset; stages=report shows it",
+    "card": "stages=report shows it; stages=[train,evaluate] method=bc learns from it",
+    "report": "stages=[train,evaluate] method=bc learns from a dataset; stages=publish shares it",
+    "publish": "labyrinth_core.load_transitions takes the id, from any machine",
+    "export": "docs/clients.md has the lines that load it with each library",
+    "train": "stages=evaluate judges the policy on every split",
+    "evaluate": "stages=results compares it with others; stages=report shows where it fails",
+    "results": "stages=report shows which labyrinths each method fails in",
+    "environments": "docs/analysis.md says what the tables mean",
+}
+"""Stage -> what can be done after it, as the last line of a run says it."""
 
 
 class RunError(RuntimeError):
@@ -100,6 +117,7 @@ def _mistake(config: DictConfig) -> str | None:
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in options.stages:
                 import_module(run.module_of(stage)).run(run)
+        say(f"Next: {NEXT[options.stages[-1]]}.")
     except OmegaConfBaseException as error:
         return refusal(error)
     except (ConfigError, DatasetError) as error:

@@ -91,6 +91,7 @@ HOMES = {
         "labyrinth_core.env",
         "labyrinth_core.command",
         "labyrinth_core.language.wall_picture",
+        "labyrinth_core.pictures.animation",
         "labyrinth_core.data.observations",
         "pipeline.generation.check",
         "pipeline.release",

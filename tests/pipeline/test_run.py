@@ -22,6 +22,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
 from labyrinth_core.world.labyrinth import Structure
+from pipeline.command import NEXT
 from pipeline.config.run import OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
 from pipeline.generation.buckets import split_of
@@ -232,6 +233,15 @@ def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
     assert {name for name, _ in given} <= set(OPTIONS)
     named = [stage for name, value in given if name == "stages" for stage in value.split(",")]
     assert {stage.strip("[]") for stage in named} <= set(KNOWN_STAGES)
+
+
+def test_every_stage_ends_with_what_to_do_next(small_dataset: Run, tmp_path: Path) -> None:
+    assert list(NEXT) == list(KNOWN_STAGES)
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
+    options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}", "data_dir=data"]
+    for stage in ("validate", "card"):
+        printed = run(tmp_path, f"stages={stage}", *options).stdout
+        assert printed.splitlines()[-1] == f"Next: {NEXT[stage]}."
 
 
 def test_one_stage_needs_no_brackets(small_dataset: Run, tmp_path: Path) -> None:
