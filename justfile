@@ -25,6 +25,7 @@ bench:
     python scripts/benchmark_env.py --quick
     python scripts/benchmark_core.py --quick
     python scripts/benchmark_evaluate.py --quick
+    python scripts/benchmark_export.py --folder build/exports-measured --labyrinths 204
     python scripts/benchmark_leakage.py --quick
     python scripts/benchmark_report.py --quick
 
