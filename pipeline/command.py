@@ -117,7 +117,8 @@ def _mistake(config: DictConfig) -> str | None:
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in options.stages:
                 import_module(run.module_of(stage)).run(run)
-        say(f"Next: {NEXT[options.stages[-1]]}.")
+        if not options.publish.dry_run:
+            say(f"Next: {NEXT[options.stages[-1]]}.")
     except OmegaConfBaseException as error:
         return refusal(error)
     except (ConfigError, DatasetError) as error:

@@ -293,12 +293,12 @@ def options_of(config: DictConfig) -> RunConfig:
 def check_publish(options: RunConfig) -> None:
     """Raise a ConfigError if an option of what is published is impossible, or missing."""
     publish = options.publish
-    check_options(publish, PublishOptions, "publish.")
     check(
         bool(publish.repo_id or publish.model or publish.space),
         "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
         "publish.model, or publish.space",
     )
+    check_options(publish, PublishOptions, "publish.")
     check(
         bool(publish.repo_id) or re.fullmatch(_ID, options.dataset or "", re.ASCII) is not None,
         f"dataset={options.dataset or ''}: give the id on the Hub of the dataset that what is "

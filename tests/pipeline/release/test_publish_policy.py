@@ -45,6 +45,7 @@ import torch
 from huggingface_hub import HfApi
 from policies import Remembering
 from labyrinth_core import evaluate, load_policy
+from labyrinth_core.evaluation.description import Description
 from pipeline.evaluation.named import named_policy
 
 torch.set_num_threads(1)
@@ -66,7 +67,7 @@ api = HfApi()
 print(json.dumps({
     "ways": {name: found.way for name, found in figures.items()},
     "splits": {
-        name: {split: found.to_json(name="x")["splits"][split] for split in some}
+        name: {split: found.to_json(Description("x"))["splits"][split] for split in some}
         for name, found in figures.items()
     },
     "files": api.list_repo_files(space, repo_type="space"),

@@ -60,7 +60,7 @@ def test_a_run_leaves_policy_curves_and_a_record_of_how_it_was_made(
     train.run(run)
     folder = folder_of(run)
     assert folder.name == "bc-cnn-seed0"
-    assert sorted(path.name for path in folder.iterdir()) == [CURVES, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [CURVES, POLICY, RECORD]
     record = json.loads((folder / RECORD).read_text())
     assert record["run"]["settings"]["epochs"] == 3
     assert len(record["run"]["fingerprint"]) == 64
