@@ -24,7 +24,7 @@ from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
 from pipeline.generation.check_table import table_file_problems, table_parts
 from pipeline.generation.extremes import NO_EXTREMES, extremes_of
-from pipeline.machinery.console import console, tracked
+from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.routes import routes_of
 
@@ -54,7 +54,10 @@ def run(run: Run) -> None:
     if problems:
         raise ValidationError(run.folder, problems)
     rows = sum(shard.rows for shard in manifest.shards)
-    console.print(f"{run.folder} is valid: {rows:,} rows replayed.", highlight=False)
+    say(f"{run.folder} is valid: {rows:,} rows replayed.")
+    for shift in manifest.config.shifts:
+        held = sum(shard.labyrinths for shard in manifest.of(shift))
+        say(f"  {shift}, {held:,} labyrinths: {SPLITS[shift].meaning}")
 
 
 def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:

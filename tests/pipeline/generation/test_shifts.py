@@ -113,6 +113,18 @@ def test_what_was_built_is_valid(shifted: Run) -> None:
     assert problems(shifted.folder) == []
 
 
+def test_the_stage_that_validates_has_a_line_for_each_shift(
+    plain: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    validation.run(plain)
+    lines = capsys.readouterr().out.splitlines()
+    manifest = Manifest.read(plain.folder)
+    assert manifest.config.shifts
+    for shift in manifest.config.shifts:
+        held = sum(shard.labyrinths for shard in manifest.of(shift))
+        assert f"  {shift}, {held} labyrinths: {SPLITS[shift].meaning}" in lines
+
+
 @pytest.mark.parametrize("split", [s for s in SHIFTS if SPLITS[s].new_start or SPLITS[s].new_goal])
 def test_start_and_goal_are_changed_as_the_split_says(shifted: Run, split: str) -> None:
     for child, parent in with_parents(shifted.folder, split):
