@@ -1,10 +1,15 @@
 """Add to kept evaluations what newer versions evaluate, and nothing has to be trained again for.
 
     python run.py size=5 && python scripts/add_references.py docs/results --data-dir data/labyrinth
+    python scripts/add_references.py docs/results/goals/on_fixed --data-dir data/fixed \
+        --trained-on data/varied
 
 The references of `labyrinth_core.evaluation.references` and the success rates on known and on new
 routes depend on the dataset and on the outcomes that a file has. Everything else that a file says
 is computed again, too, and has to be the same. Evaluations on other datasets are left as they are.
+
+With `--trained-on` those of `evaluate_on` are completed: their references remember the train of the
+dataset that the policy has learnt from, in place of that which it is evaluated on.
 """
 
 from __future__ import annotations
@@ -23,11 +28,14 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.references import TrainMemory
+from labyrinth_core.evaluation.references import REFERENCES, TrainMemory
 from labyrinth_core.evaluation.scores import Scores, episodes_of
 from pipeline.machinery.evaluation_file import check_evaluation
 from pipeline.machinery.schema import read_json
 from pipeline.training.evaluate import as_text
+
+KNOWN_ROUTES = {"known_route", "sr_known_route", "sr_new_route"}
+"""What an evaluation says of routes that are remembered."""
 
 
 def main() -> None:
@@ -35,28 +43,53 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path, help="folder with runs/, such as docs/results")
     parser.add_argument("--data-dir", type=Path, required=True)
+    parser.add_argument("--trained-on", type=Path, help="another folder, that runs were trained on")
     given = parser.parse_args()
     for path in sorted(given.results.glob("runs/*/*.json")):
         content = read_json(path)
         check_evaluation(content)
-        run = content["run"]
+        run, evaluated = content["run"], content["evaluated"]
+        judged_on = given.data_dir / judged_config(content)
+        expected = {judged_on: evaluated.get("fingerprint", run["fingerprint"])}
+        if given.trained_on is not None:
+            expected[given.trained_on / run["config"]] = run["fingerprint"]
         try:
-            found = Manifest.read(given.data_dir / run["config"]).fingerprint
+            known = all(Manifest.read(place).fingerprint == expected[place] for place in expected)
         except DatasetError as error:
             raise SystemExit(str(error)) from error
-        if found != run["fingerprint"]:
+        if not known:
             print(f"{path}: of another dataset, left as it is")
             continue
-        complete(path, content, given.data_dir)
+        complete(path, content, given.data_dir, given.trained_on)
         write_text(path, as_text(content))
 
 
-def complete(path: Path, content: dict[str, Any], data_dir: Path) -> None:
-    """Add to the content of an evaluation what it does not have."""
+def judged_config(content: Mapping[str, Any]) -> str:
+    """Return the config that an evaluation is on, such as `5x5`."""
+    on: str = content["evaluated"].get("on", content["run"]["config"])
+    return on.rpartition("/")[2]
+
+
+def complete(
+    path: Path, content: dict[str, Any], data_dir: Path, trained_on: Path | None = None
+) -> None:
+    """Add to the content of an evaluation what it does not have.
+
+    Args:
+        path: The file of the evaluation.
+        content: Its content, which is changed.
+        data_dir: The folder with the dataset that it is on.
+        trained_on: The folder with the dataset that references remember, if it is another one.
+    """
     run = content["run"]
-    memory, train = memory_of(data_dir, run["config"], run.get("train_labyrinths"))
+    place = data_dir, judged_config(content)
+    some = run.get("train_labyrinths") if trained_on is None else None
+    memory, train = memory_of(*place, some)
+    if trained_on is not None:
+        memory, _ = memory_of(trained_on, run["config"], run.get("train_labyrinths"))
+        content["evaluated"]["references"] = "of the dataset that was trained on"
     for split, told in content["splits"].items():
-        arrays = load(data_dir, run["config"], split, run.get("train_labyrinths"))
+        arrays = load(*place, split, some)
         known, references = memory.figures(arrays)
         scores = Scores(
             episodes_of(told, arrays.cells),
@@ -66,10 +99,13 @@ def complete(path: Path, content: dict[str, Any], data_dir: Path) -> None:
             told["accuracy_elsewhere"],
             known,
         ).to_json()
-        require_same(f"{path}: {split}", told, scores)
+        same = told if trained_on is None else told.keys() - KNOWN_ROUTES
+        require_same(f"{path}: {split}", {name: told[name] for name in same}, scores)
         content["splits"][split] = scores
         baselines = compare(train, arrays) | references
         for name, figures in content["baselines"][split].items():
+            if name in REFERENCES and trained_on is not None:
+                continue
             require_same(f"{path}: {name} on {split}", figures, baselines[name])
         content["baselines"][split] = baselines
 

@@ -247,12 +247,16 @@ def report(rates: dict[str, list[float]], everyone: dict[str, Contestant]) -> No
         print(line)
 
 
-def build(data_dir: Path, labyrinths: int) -> None:
+def build(data_dir: Path, labyrinths: int, random_steps: int = 1) -> None:
     """Build the dataset."""
     from pipeline.generation import build
 
     options = RunConfig(
-        stages=["build"], size="5", labyrinths=labyrinths, data_dir=str(data_dir), random_steps=1
+        stages=["build"],
+        size="5",
+        labyrinths=labyrinths,
+        data_dir=str(data_dir),
+        random_steps=random_steps,
     )
     build.run(resolve(options))
 

@@ -1,6 +1,8 @@
-"""Make tables and figures of the results of scripts/ablate.py and scripts/generalise.py.
+r"""Make tables and figures of the results of scripts/ablate.py and scripts/generalise.py.
 
     python scripts/report_ablation.py --figures docs/pictures
+    python scripts/report_ablation.py --results docs/results/controls/exchanged \
+        --larger docs/results/controls/looks
 
 Prints Markdown tables of the ingredients and tasks, of the number of labyrinths, and of larger
 labyrinths by seed. Figures are PNG and SVG. Intervals: 95% bootstrap over seeds and labyrinths.
@@ -96,12 +98,18 @@ def as_table(groups: Groups) -> str:
 
 
 def by_seed(results: Sequence[Results]) -> str:
-    """Return a table with a row for each set and a column for each run of generalise.py."""
+    """Return a table with a row for each set, and a column for each run.
+
+    The results are of generalise.py, or of controls.py, which looks at runs of several methods.
+    """
+    runs = [each.get("run", each) for each in results]
+    several = len({run["method"] for run in runs}) > 1
+    heading = [f"{run['method']} " * several + f"seed {run['seed']}" for run in runs]
     sets = list(dict.fromkeys(name for each in results for name in each["solved"]))
     rows = [
         [name, *(f"{100 * each['solved'][name].mean():.0f}" for each in results)] for name in sets
     ]
-    return table(["% solved", *(f"seed {each['run']['seed']}" for each in results)], rows)
+    return table(["% solved", *heading], rows)
 
 
 def draw_ingredients(groups: Groups) -> Figure:

@@ -1,10 +1,11 @@
 """Make tables and a figure of how methods fare on every shift, from their evaluations.
 
     python scripts/report_shifts.py --figures docs/pictures
+    python scripts/report_shifts.py --results docs/results/goals
 
 Prints Markdown: success rates by split and method, and the effects of structure, start and goal,
-each as in train or new, with their interactions. Intervals: 95% bootstrap over labyrinths and
-seeds. The figure is a PNG and an SVG.
+each as in train or new, with their interactions, unless a split is missing that these need.
+Intervals: 95% bootstrap over labyrinths and seeds. The figure is a PNG and an SVG.
 """
 
 from __future__ import annotations
@@ -64,7 +65,9 @@ def main() -> None:
     evaluations = read_all(given.results)
     methods = by_method(evaluations)
     baselines = evaluations[0].content["baselines"]
-    print(rates(methods, baselines), effects(methods), sep="\n\n")
+    print(rates(methods, baselines))
+    if set(CELLS.values()) <= set(splits_of(methods)):
+        print("", effects(methods), sep="\n")
     if given.figures is not None:
         with mpl.rc_context(STYLE):
             save(draw(methods), given.figures / "shifts")
@@ -148,11 +151,16 @@ def draw(methods: Mapping[str, Solved]) -> Figure:
     """Return a heat map: how much each method solves of each split."""
     splits = splits_of(methods)
     shares = 100 * np.array([[of[split].mean() for of in methods.values()] for split in splits])
-    figure = Figure(figsize=(6.4, 0.6 + 0.27 * len(splits)), layout="constrained")
+    return heat_map(shares, splits, list(methods))
+
+
+def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str]) -> Figure:
+    """Return a heat map of shares in percent, shape (rows, columns), with the figures in it."""
+    figure = Figure(figsize=(6.4, 0.6 + 0.27 * len(rows)), layout="constrained")
     panel = figure.subplots()
     image = panel.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
-    panel.set_xticks(range(len(methods)), list(methods))
-    panel.set_yticks(range(len(splits)), splits)
+    panel.set_xticks(range(len(columns)), columns)
+    panel.set_yticks(range(len(rows)), rows)
     panel.tick_params(length=0, labeltop=True, labelbottom=False)
     for (row, column), share in np.ndenumerate(shares):
         colour = "white" if share < 50 else "black"

@@ -93,7 +93,7 @@ HOMES = {
         "labyrinth_core.language.wall_picture",
         "labyrinth_core.pictures.animation",
         "labyrinth_core.data.observations",
-        "pipeline.generation.check",
+        "pipeline.generation.check_rows",
         "pipeline.release",
         "pipeline.export.picture",
     ),

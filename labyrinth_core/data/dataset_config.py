@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, get_type_hints
 
-from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS
+from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
 from labyrinth_core.world.grid import parse_size
@@ -16,6 +16,9 @@ from labyrinth_core.world.tasks import check_open_walls
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
+
+GOALS = ("fixed", "varied")
+"""Where start and goal of train, validation and test may lie: in the corners, or drawn for each."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ class DatasetConfig:
     """The probability with which a demonstrator takes a uniformly random action."""
     pieces: int = 0
     """The number of steps of the pieces that routes are handed out in; 0 for whole routes."""
+    goals: str = "fixed"
+    """Where start and goal of train, validation and test lie, one of `GOALS`."""
 
     def __post_init__(self) -> None:
         size = f"{self.height}x{self.width}"
@@ -59,7 +64,8 @@ class DatasetConfig:
         for name in ("labyrinths", "solutions_limit", "random_steps"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}={getattr(self, name)}: give 1 or more")
-        for name, allowed in {"solutions": SOLUTIONS, "sampler": tuple(ALGORITHMS)}.items():
+        choices = {"solutions": SOLUTIONS, "sampler": tuple(ALGORITHMS), "goals": GOALS}
+        for name, allowed in choices.items():
             if (given := getattr(self, name)) not in allowed:
                 raise ValueError(f"{name}={given}: choose one of [{', '.join(allowed)}]")
         if not 0 <= self.open_walls <= 1:
@@ -110,6 +116,9 @@ class DatasetConfig:
             return "with open_walls=0 train has no loops already"
         if shift == "open" and self.open_walls == 1:
             return "with open_walls=1 train has all loops already"
+        kind = SPLITS[shift]
+        if kind.parent == "test" and (kind.new_start or kind.new_goal) and self.goals == "varied":
+            return "with goals=varied each labyrinth of test has a start and a goal of its own"
         if shift == "one_wall" and self.min_walls > 1:
             return f"splits.min_walls={self.min_walls} keeps structures farther apart"
         if shift == "one_wall" and self.noise:
@@ -162,7 +171,13 @@ class DatasetConfig:
         return cls(task=Task(task), buckets=buckets, shifts=tuple(shifts), **plain)
 
 
-_NEWER: dict[str, Any] = {"min_walls": 1, "shifts": [], "noise": 0.0, "pieces": 0}
+_NEWER: dict[str, Any] = {
+    "min_walls": 1,
+    "shifts": [],
+    "noise": 0.0,
+    "pieces": 0,
+    "goals": "fixed",
+}
 """The options that datasets of earlier versions lack, with what they stand for there."""
 
 _IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}

@@ -26,7 +26,6 @@ def episodes_of(
     spec: ObservationSpec,
     part: int = 0,
     parts: int = 1,
-    together: int = 1,
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of rows in order, which may cross the ends of shards and batches.
 
@@ -35,27 +34,20 @@ def episodes_of(
         spec: What is observed.
         part: Which of the parts to yield, from 0.
         parts: The number of parts that the episodes are dealt out to, one after the other.
-        together: How many episodes are read and observed before the first of them is yielded.
 
     Raises:
         DatasetError: The rows do not make episodes.
     """
-    chosen = islice(grouped(rows), part, None, parts)
-    while some := list(islice(chosen, together)):
-        numbers, episodes = zip(*map(_replayed, some), strict=True)
-        pngs = [[row.png for row in episode_rows] for episode_rows in some]
-        observations = spec.observe(episodes, pngs)
-        for number, episode_rows, episode, seen in zip(
-            numbers, some, episodes, observations, strict=True
-        ):
-            yield LoadedEpisode(
-                labyrinth_id=number,
-                info=episode_rows[0].info,
-                observations=seen,
-                actions=np.array([row.actions for row in episode_rows[:-1]], np.int64),
-                rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
-                terminated=episode.terminated,
-            )
+    for episode_rows in islice(grouped(rows), part, None, parts):
+        number, episode = _replayed(episode_rows)
+        yield LoadedEpisode(
+            labyrinth_id=number,
+            info=episode_rows[0].info,
+            observations=spec.observe(episode, [row.png for row in episode_rows]),
+            actions=np.array([row.actions for row in episode_rows[:-1]], np.int64),
+            rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
+            terminated=episode.terminated,
+        )
 
 
 def _replayed(rows: list[RawRow]) -> tuple[int, Episode]:

@@ -17,7 +17,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.transitions import LoadedEpisode, Transitions, gather
+from labyrinth_core.data.transitions import Fill, Transitions
 
 FRAMES = np.dtype("u1")
 COLUMNS: dict[str, np.dtype[Any]] = {
@@ -92,10 +92,8 @@ def limit() -> int:
     return int(gigabytes * 1e9)
 
 
-def load(
-    path: Path, key: str, size: int, episodes: Callable[[], Iterable[LoadedEpisode]]
-) -> Transitions:
-    """Return the transitions of a cache file, made of `episodes` if it is missing or wrong.
+def load(path: Path, key: str, size: int, fill: Fill) -> Transitions:
+    """Return the transitions of a cache file, made by `fill` if it is missing or wrong.
 
     All that its content depends on is in the key. Files that were not used for the longest time
     make room for it, where there would be more than the limit; it says so if it gets large.
@@ -104,7 +102,7 @@ def load(
         path: The file.
         key: What the content is known by.
         size: The bytes that the frames will have.
-        episodes: Makes the content.
+        fill: Makes the content.
 
     Raises:
         OSError: The file can be neither read nor made.
@@ -131,7 +129,7 @@ def load(
             temporary = path.with_name(f".{path.name}.tmp")
             _make_room(path, most - size)
             try:
-                _write(temporary, key, episodes())
+                _write(temporary, key, fill)
                 temporary.replace(path)
             finally:
                 temporary.unlink(missing_ok=True)
@@ -181,7 +179,7 @@ def _digest(key: str, frames: tuple[int, ...], columns: Mapping[str, NDArray[Any
     return digest.digest()
 
 
-def _write(path: Path, key: str, episodes: Iterable[LoadedEpisode]) -> None:
+def _write(path: Path, key: str, fill: Fill) -> None:
     """Write a cache file, which is on the disk when this returns."""
     with path.open("wb") as file:
         shape: tuple[int, ...] = ()
@@ -194,7 +192,7 @@ def _write(path: Path, key: str, episodes: Iterable[LoadedEpisode]) -> None:
             file.write(np.ascontiguousarray(observations).data)
             shape = (shape[0] + len(observations), *shape[1:])
 
-        arrays = gather(episodes, keep)
+        arrays = fill(keep)
         columns = {name: arrays[name].astype(dtype) for name, dtype in COLUMNS.items()}
         _pad(file)
         for array in columns.values():

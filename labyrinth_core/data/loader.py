@@ -20,16 +20,27 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from numpy.typing import NDArray
 
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import episodes_of, optimal_actions_of
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
+from labyrinth_core.data.replays import replays_of
 from labyrinth_core.data.selection import Filter, Numbers, Part, find_numbers, find_part, rows_of
 from labyrinth_core.data.source import local_folder, stream_rows
-from labyrinth_core.data.transitions import LoadedEpisode, Transition, Transitions, collect
+from labyrinth_core.data.transitions import (
+    Keep,
+    LoadedEpisode,
+    Transition,
+    Transitions,
+    collect,
+    gather,
+)
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
@@ -95,8 +106,12 @@ def load_transitions(
 def _transitions(
     part: Part, split: str, spec: ObservationSpec, cache_dir: str | Path | bool | None
 ) -> Transitions:
-    def episodes() -> Generator[LoadedEpisode]:
-        return episodes_of(part.rows(pictures=spec.decodes), spec, together=spec.together)
+    def fill(keep: Keep, *, at_once: bool = False) -> dict[str, NDArray[Any]]:
+        columns = part.columns() if spec.draws_many else None
+        replays = None if columns is None else replays_of(columns)
+        if replays is None:
+            return gather(episodes_of(part.rows(pictures=spec.decodes), spec), keep)
+        return replays.fill(keep, spec, at_once=at_once)
 
     if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
         try:
@@ -104,11 +119,11 @@ def _transitions(
             key = _key(part.shards, spec, numbers=part.numbers)
             path = cache / frame_cache.name_of(part.config, split, spec.image_size, key)
             size = sum(shard.rows for shard in part.shards) * 3 * spec.image_size**2
-            return frame_cache.load(path, key, size, episodes)
+            return frame_cache.load(path, key, size, fill)
         except OSError as error:
             reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
             warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
-    return collect(episodes())
+    return collect(partial(fill, at_once=True))
 
 
 def _key(

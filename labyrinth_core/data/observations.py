@@ -15,8 +15,10 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
-from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.pictures.scenes import draw, draw_many
 from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.pictures.windows import Pictures
+from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode
@@ -40,8 +42,11 @@ PICTURES_VERSION = 1
 Any change of a pixel increases it.
 """
 
-DRAWN_BYTES = 2**20
-"""The bytes of pictures, one for each of the episodes that are drawn together."""
+DRAWN_BYTES = 2**23
+"""The bytes of the pictures that are drawn together."""
+
+HELD_BYTES = 2**30
+"""The most bytes of pictures of all states of a split that are drawn at once, and held."""
 
 CACHED_BYTES = 64 * 2**20
 """The size of the cache of decoded pictures."""
@@ -78,43 +83,75 @@ class ObservationSpec:
         return self.observation == "image" and not self.draw and self.resize == "area"
 
     @property
-    def together(self) -> int:
-        """How many episodes are best observed together, if all of them are needed."""
-        if self.observation != "image" or self.decodes:
-            return 1
-        return max(1, min(64, DRAWN_BYTES // (3 * self.image_size**2)))
+    def draws_many(self) -> bool:
+        """Whether `draw_many` draws what is observed."""
+        return self.observation == "image" and not self.decodes and self.image_size != PICTURE_SIZE
 
-    def observe(
-        self, episodes: Sequence[Episode], pngs: Sequence[Sequence[bytes | None]]
-    ) -> list[NDArray[Any]]:
-        """Return the observations of episodes, whose pictures are used only if it `decodes`.
+    @property
+    def together(self) -> int:
+        """How many pictures are best drawn together."""
+        return max(1, DRAWN_BYTES // (3 * self.image_size**2))
+
+    def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
+        """Return the observations of an episode, whose pictures are used only if it `decodes`.
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
         if self.decodes:
             decode = _remembering_decoder(self.image_size)
-            return [np.stack([decode(png) for png in of_one]) for of_one in pngs]
-        places = [
-            {state: place for place, state in enumerate(dict.fromkeys(episode.states))}
-            for episode in episodes
-        ]
-        both = list(zip(episodes, places, strict=True))
-        seen = self.look([(episode.labyrinth, state) for episode, place in both for state in place])
-        parts = np.split(seen, np.cumsum(list(map(len, places)))[:-1])
-        return [
-            part[[place[state] for state in episode.states]]
-            for (episode, place), part in zip(both, parts, strict=True)
-        ]
+            return np.stack([decode(png) for png in pngs])
+        places = {state: place for place, state in enumerate(dict.fromkeys(episode.states))}
+        seen = self.look([(episode.labyrinth, state) for state in places])
+        return seen[[places[state] for state in episode.states]]
 
-    def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
-        """Return the observations of states of several labyrinths; pictures are drawn together."""
+    def look(
+        self,
+        views: Sequence[tuple[Labyrinth, State]],
+        seen_from: Sequence[frozenset[int]] | None = None,
+    ) -> NDArray[Any]:
+        """Return the observations of states of several labyrinths; pictures are drawn together.
+
+        `seen_from` is for pictures that show more than the agent sees: see `scenes.draw`.
+        """
         if self.observation == "text":
             return np.array([describe(labyrinth, state) for labyrinth, state in views])
         if self.observation == "vector":
             return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
         wall_pixels, resize = RESIZES[self.resize]
-        return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
+        size = self.image_size
+        return draw(views, size, wall_pixels=wall_pixels, resize=resize, seen_from=seen_from)
+
+    def draw_many(
+        self,
+        pictures: Pictures,
+        labyrinths: Labyrinths,
+        which: NDArray[np.int64],
+        states: NDArray[np.int64],
+    ) -> None:
+        """Fill pictures with states of labyrinths by their numbers; see `scenes.draw_many`."""
+        wall_pixels, resize = RESIZES[self.resize]
+        draw_many(pictures, labyrinths, which, states, wall_pixels=wall_pixels, resize=resize)
+
+    def look_later(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any] | Looks:
+        """Return the observations, or what makes them once they are asked for if they are large."""
+        large = self.observation == "image" and len(views) * 3 * self.image_size**2 > HELD_BYTES
+        return Looks(self, views) if large else self.look(views)
+
+
+class Looks:
+    """Observations of states which are made anew whenever they are asked for."""
+
+    def __init__(self, spec: ObservationSpec, views: Sequence[tuple[Labyrinth, State]]) -> None:
+        self._spec, self._views = spec, views
+
+    def __len__(self) -> int:
+        """Return the number of states."""
+        return len(self._views)
+
+    def __getitem__(self, states: NDArray[np.int64]) -> NDArray[Any]:
+        """Return the observations of some states, shape (states, ...)."""
+        return self._spec.look([self._views[state] for state in states.tolist()])
 
 
 @lru_cache(maxsize=1)

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.row_arrays import Columns, columns_of, read_columns
 from labyrinth_core.data.source import RawRow, locate, read_rows
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import without_agent
@@ -45,6 +47,33 @@ class Part:
         return chain.from_iterable(
             rows_of(read_rows(self.folder, [shard], pictures=pictures), numbers)
             for shard, numbers in held
+        )
+
+    def columns(self) -> Columns | None:
+        """Return the columns of its rows; None if `rows` has to read them, or to say what is wrong.
+
+        Texts of labyrinths that it does not have may be among them.
+        """
+        parts: list[Columns] = []
+        texts: dict[str, int] = {}
+        for shard, numbers in zip(self.shards, self.numbers, strict=True):
+            most = None if numbers is None else int(numbers[-1]) + 1
+            try:
+                columns = read_columns(self.folder, shard, most)
+            except DatasetError:
+                return None
+            if columns is None:
+                return None
+            if numbers is not None:
+                columns = columns_of(columns, numbers)
+            here = [texts.setdefault(text, len(texts)) for text in columns.texts]
+            parts.append(columns._replace(info=np.array(here, np.int64)[columns.info]))
+        return Columns(
+            np.concatenate([part.actions for part in parts]),
+            np.concatenate([part.rewards for part in parts]),
+            np.concatenate([part.episode_starts for part in parts]),
+            np.concatenate([part.info for part in parts]),
+            list(texts),
         )
 
 

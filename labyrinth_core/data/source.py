@@ -17,9 +17,11 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_c
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
-_TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
+TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
+"""Column -> what its values are, the pictures left out."""
 
 
 class RawRow(NamedTuple):
@@ -99,17 +101,24 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
     Raises:
         DatasetError: A shard is missing, damaged or another one.
     """
-    columns = [*_TYPES, "obs.bytes"] if pictures else [*_TYPES]
+    columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
     for shard in shards:
-        path = folder / shard.path
-        with _readable(path), local_copy(path) as local:
-            check_file(local, shard, path)
-            with open_shard(local) as file:
-                problem = footer_problem(file, shard.rows)
-                if problem is not None:
-                    raise DatasetError(f"{path} is damaged: {problem}")
-                for table in tables_of(file, columns):
-                    yield from _rows(table, pictures=pictures)
+        with opened(folder, shard) as file:
+            for table in tables_of(file, columns):
+                yield from _rows(table, pictures=pictures)
+
+
+@contextmanager
+def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
+    """Open a shard that is what its manifest says; what goes wrong within is a DatasetError."""
+    path = folder / shard.path
+    with _readable(path), local_copy(path) as local:
+        check_file(local, shard, path)
+        with open_shard(local) as file:
+            problem = footer_problem(file, shard.rows)
+            if problem is not None:
+                raise DatasetError(f"{path} is damaged: {problem}")
+            yield file
 
 
 def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
@@ -132,7 +141,7 @@ def stream_rows(
     from datasets import Image, load_dataset
 
     # `datasets` casts a selection of columns to their declared types, and leaves all as they are.
-    columns = None if pictures else [*_TYPES]
+    columns = None if pictures else [*TYPES]
     with _had(source):
         stream = load_dataset(
             source, config, split=split, streaming=True, revision=revision, columns=columns
@@ -195,8 +204,8 @@ def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
             return [None] * table.num_rows
         return texts(table[name]) if name == "info" else table[name].to_pylist()
 
-    columns = {name: values(name) for name in _TYPES}
-    for name, kind in _TYPES.items():
+    columns = {name: values(name) for name in TYPES}
+    for name, kind in TYPES.items():
         wrong = [value for value in columns[name] if type(value) is not kind]
         if wrong:
             raise DatasetError(f"{name}={wrong[0]!r}: every row needs {kind.__name__}")

@@ -157,9 +157,13 @@ def as_received(sent: NDArray[Any] | tuple[Any, ...]) -> NDArray[Any]:
         raise DatasetError(f"{sent[0]} is gone since it was loaded: {error}") from error
 
 
-def gather(
-    episodes: Iterable[LoadedEpisode], keep: Callable[[NDArray[Any]], None]
-) -> dict[str, NDArray[Any]]:
+Keep = Callable[[NDArray[Any]], None]
+"""Gets observations in order, shape (any number, ...)."""
+Fill = Callable[[Keep], dict[str, NDArray[Any]]]
+"""Gives all observations away, and returns the fields of `Transitions` except the frames."""
+
+
+def gather(episodes: Iterable[LoadedEpisode], keep: Keep) -> dict[str, NDArray[Any]]:
     """Return the fields of `Transitions` except the frames; `keep` gets those of each episode.
 
     Raises:
@@ -186,8 +190,8 @@ def gather(
     }
 
 
-def collect(episodes: Iterable[LoadedEpisode]) -> Transitions:
+def collect(fill: Fill) -> Transitions:
     """Return the transitions of one or more episodes, in memory."""
     frames: list[NDArray[Any]] = []
-    columns = gather(episodes, frames.append)
-    return Transitions(np.concatenate(frames), **columns)
+    columns = fill(frames.append)
+    return Transitions(frames[0] if len(frames) == 1 else np.concatenate(frames), **columns)

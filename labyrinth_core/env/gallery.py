@@ -14,7 +14,7 @@ import numpy as np
 
 from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
-from labyrinth_core.pictures.backdrops import Backdrops, Mask, Scene, backdrops_of
+from labyrinth_core.pictures.backdrops import Backdrops, Mask, Scene, Scenes, backdrops_of
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import style_of
 from labyrinth_core.pictures.scenes import draw
@@ -114,7 +114,7 @@ class Gallery:
                 for place in alike.tolist()
             ]
             style = style_of(scenes[0].labyrinth)
-            for first, backdrops in backdrops_of(scenes, self._size, style):
+            for first, backdrops in backdrops_of(Scenes.of(scenes), self._size, style):
                 places = alike[first : first + len(backdrops)]
                 self._shown[places] = backdrops.bare()
                 self._patches[places] = self._everywhere(backdrops, needed[places] == 1)

@@ -85,7 +85,8 @@ class Stack:
         texts = dump_many(structures, start, goal, task)
         self._names[0, places] = [labyrinth_id(text) for text in texts]
         self._names[1, places] = texts
-        self._vectors[places] = initial_vectors(structures, start, goal, task)
+        tiles = np.tile((start, goal), (len(places), 1))
+        self._vectors[places] = initial_vectors(structures, tiles)
         self._changed(places)
 
     def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:

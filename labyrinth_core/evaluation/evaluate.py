@@ -27,8 +27,8 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arr
 from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.evaluation.scores import Scores, score, stepped_score
+from labyrinth_core.evaluation.stepping import Player
 from labyrinth_core.world.labyrinth import Task
 
 NOT_EVALUATED = ("random",)
@@ -91,7 +91,8 @@ def evaluate(
     load = partial(load_arrays, source, config, revision=revision)
     chosen = _chosen(splits, manifest)
     memory = TrainMemory.of(load("train", observation="vector"))
-    judge = partial(_looked_up if looks_up else partial(_stepped, episodes=episodes or 1), player)
+    stepped = partial(stepped_score, episodes=episodes or 1)
+    judge = partial(_looked_up if looks_up else stepped, player)
     scores: dict[str, Scores] = {}
     baselines: dict[str, dict[str, dict[str, float]]] = {}
     for split in chosen:
@@ -149,8 +150,3 @@ def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
             "draws at random, or reset(count) and act(observations) if it remembers"
         )
     return score(player.act, arrays)
-
-
-def _stepped(player: Player, arrays: LabyrinthArrays, episodes: int) -> Scores:
-    stepped = step_through(player, arrays, episodes)
-    return Scores(stepped, arrays.labyrinth_ids, arrays.distance, None, None)

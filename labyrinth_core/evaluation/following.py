@@ -116,7 +116,12 @@ def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
 
 
 def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy, acting greedily, solves.
+    """Return the share of labyrinths that a policy, acting greedily, solves; see `solved_by`."""
+    return float(solved_by(policy, arrays).mean())
+
+
+def solved_by(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
+    """Return which labyrinths a policy, acting greedily, solves, shape (L,).
 
     The policy is asked only in the states that it visits, at 5x5 about a third of all.
     """
@@ -126,7 +131,7 @@ def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
     while len(state := state[~arrays.terminal[state] & (actions[state] == UNKNOWN)]):
         actions[state] = _decisions(policy, arrays, state)
         state = arrays.next_state[state, actions[state]]
-    return float(follow(arrays, actions).solved.mean())
+    return follow(arrays, actions).solved
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.episodes import parse_info
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
-from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.data.selection import Filter
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
@@ -37,9 +37,9 @@ class LabyrinthArrays:
     them with reward 0 and ends the episode, so that look-ups need no special case.
     """
 
-    observations: NDArray[Any]
+    observations: NDArray[Any] | Looks
     """The observation of each state: uint8 (S, size, size, 3), int32 vectors (S, length), or texts
-    (S,)."""
+    (S,). Pictures of more than a gigabyte are drawn whenever they are indexed by states."""
     labyrinth: NDArray[np.int64]
     """The number of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     position: NDArray[np.int64]
@@ -184,7 +184,7 @@ def _stack(
             state = after[state][action]
     labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
-        observations=spec.look(views),
+        observations=spec.look_later(views),
         demonstrated=demonstrated,
         initial=np.array([places[number, each.initial] for number, each in tables.items()]),
         distance=np.array([each.distances[each.initial] for each in tables.values()]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.stepping import Player, step_through
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits that a policy is evaluated on."""
@@ -153,6 +154,24 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
         accuracy_on_demonstrations=_mean(right[solvable & shown]),
         accuracy_elsewhere=_mean(right[solvable & ~shown]),
     )
+
+
+def stepped_score(player: Player, arrays: LabyrinthArrays, episodes: int | None = None) -> Scores:
+    """Return the scores of a policy that may remember or draw at random, by steps.
+
+    Args:
+        player: The policy.
+        arrays: The labyrinths of a split.
+        episodes: How many in each labyrinth, for scores of shape (episodes, L); None for one, and
+            scores of shape (L,).
+
+    Raises:
+        PolicyError: It raises an error, or answers with anything but actions.
+    """
+    stepped = step_through(player, arrays, episodes or 1)
+    if episodes is None:
+        stepped = replace(stepped, outcomes=stepped.outcomes[0], moves=stepped.moves[0])
+    return Scores(stepped, arrays.labyrinth_ids, arrays.distance, None, None)
 
 
 def summary_of(episodes: Episodes, arrays: LabyrinthArrays) -> dict[str, float]:

@@ -19,6 +19,10 @@ TOGETHER = 1024
 """The largest number of episodes that are stepped at once."""
 
 
+Situation = tuple[int, int, bytes]
+"""An episode, the state that it is in, and what the policy remembers."""
+
+
 @dataclass(frozen=True)
 class Player:
     """A policy, as it is asked."""
@@ -28,6 +32,8 @@ class Player:
     """Begins so many episodes at once; None for a policy that remembers nothing."""
     draws: bool
     """Whether it takes a generator of random numbers."""
+    remembered: Callable[[], NDArray[Any]] | None = None
+    """Returns all that it remembers, a row for each episode; None for one that does not say it."""
 
     @property
     def forgets(self) -> bool:
@@ -56,7 +62,8 @@ class Player:
         if draws:
             begin = partial(begin, rng=np.random.default_rng(seed))
         if remembers:
-            return cls(policy.act, begin, draws)
+            remembered = None if draws else getattr(policy, "remembered", None)
+            return cls(policy.act, begin, draws, remembered)
         return cls(begin if draws else as_function(policy), None, draws)
 
 
@@ -71,7 +78,8 @@ def step_through(player: Player, arrays: LabyrinthArrays, episodes: int) -> Epis
     """Return the results of some episodes in each of L labyrinths, shape (episodes, L).
 
     In each step all episodes are acted in at once. Those that are over are still shown, as they
-    ended, to a policy that remembers, and what it answers there is not looked at.
+    ended, to a policy that remembers, and what it answers there is not looked at. An episode in
+    which state and memory, as far as a policy says it, are as they were before goes round.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
@@ -98,6 +106,7 @@ def _play(
     running = np.arange(len(state))
     if player.reset is not None:
         asked(player.reset, len(state))
+    first: dict[Situation, int] = {}
     for step in range(1, limit + 1):
         here = state[running]
         if player.reset is None:
@@ -110,6 +119,13 @@ def _play(
         over = arrays.terminal[after]
         moves[running[over]] = step
         running = running[~over]
+        if player.remembered is not None:
+            held = asked(player.remembered)
+            situations = [(each, state[each], held[each].tobytes()) for each in running.tolist()]
+            begun = np.array([first.setdefault(each, step) for each in situations], np.int64)
+            # What has happened since then will happen again and again, until the end.
+            changed[running[(begun < step) & (changed[running] > begun)]] = limit
+            running = running[begun == step]
         if not running.size:
             break
     # Without memory, an agent that stays somewhere has come there within as many steps as there

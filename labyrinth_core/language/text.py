@@ -6,25 +6,26 @@ Nothing is evaluated, and the time taken grows with the length of the text and n
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
-from labyrinth_core.world.labyrinth import (
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    State,
-    Structure,
-    Task,
-    identity,
+from labyrinth_core.language.drawn_grid import Drawing, parse_drawing
+from labyrinth_core.language.settings import (
+    HEADING,
+    SETTINGS,
+    Settings,
+    agent_state,
+    agent_text,
+    dump_settings,
+    parse_settings,
+    without_agent,
 )
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
+from labyrinth_core.world.grid import digits
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = [
@@ -38,62 +39,8 @@ __all__ = [
     "without_agent",
 ]
 
-SETTINGS = {
-    "key_and_lock": Task.KEY_AND_DOOR,
-    "icy_floor": Task.ICY_FLOOR,
-    "occlusion": Task.PARTIAL_OBSERVABILITY,
-}
-"""The task that each setting switches on, in the order in which they are written."""
-
-_SETTINGS_OF = {
-    task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
-    for task in Task
-}
-"""The settings of each task as text."""
-
-_LOOK, _AGENT = "look", "agent"
-_HEADING = "labyrinth"
-_SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
-_FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
-_OPEN_IN_TEXT = str.maketrans("| -", "010")
 _VERTICAL = bytes.maketrans(b"01", b"| ")
 _HORIZONTAL = bytes.maketrans(b"01", b"- ")
-
-
-_LOOKS = tuple(map(str, Look))
-_VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
-    _LOOK: re.compile("|".join(_LOOKS)),
-    _AGENT: re.compile(r"\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?"),
-}
-"""What each setting may be, in small letters."""
-_EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
-    _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
-    _AGENT: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
-}
-
-_MOST_SETTINGS = 200
-"""More characters than the settings of a canonical text have."""
-
-
-class _Settings(NamedTuple):
-    task: Task
-    offset: int
-    """Offset of the setting that switches the task on, or of the heading if none is on."""
-    look: Look
-    agent: tuple[str, int] | None
-    """Where the agent begins, as it is written, and the offset of that; None on the start."""
-
-
-class _Drawing(NamedTuple):
-    structure: Structure
-    tiles: str
-    """The character in each cell, cell 0 first."""
-    rows: list[int]
-    """Offset of the line of each row, the lowest row first."""
-
-    def offset(self, cell: int) -> int:
-        row, column = divmod(cell, self.structure.width)
-        return self.rows[row] + 4 * column + 2
 
 
 def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
@@ -110,8 +57,8 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
         LabyrinthSyntaxError: The text is none of the language, or breaks a rule of its task.
     """
     source = Source(text, file)
-    settings = _parse_settings(source)
-    drawing = _parse_drawing(source)
+    settings = parse_settings(source)
+    drawing = parse_drawing(source)
     _parse_end(source)
     at_fault = settings.offset
     try:
@@ -119,7 +66,7 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
         if settings.agent is None:
             return labyrinth
         value, at_fault = settings.agent
-        return replace(labyrinth, agent=_agent(source, labyrinth, value, at_fault))
+        return replace(labyrinth, agent=agent_state(source, labyrinth, value, at_fault))
     except LabyrinthError as error:
         offset = at_fault if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
@@ -139,163 +86,7 @@ def _parse_end(source: Source) -> None:
             source.fail(place, message, wanted, quoted(text))
 
 
-def _parse_settings(source: Source) -> _Settings:
-    """Return what is set before the drawing, and read on to it.
-
-    setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
-    look = "look" ":" ("plain" | "recoloured" | "thin_walls")
-    agent = "agent" ":" "(" number "," number ")" ["with" ("key" | "open" "door")]
-    """
-    switched_on: tuple[Task, int] | None = None
-    look, agent = Look.PLAIN, None
-    seen: dict[str, int] = {}
-    while True:
-        offset, line = source.next_line()
-        match = _SETTING.match(line)
-        assert match, "every part of the pattern may be empty"
-        name, colon, value = match[1].rstrip(" "), match[2], match[3]
-        place, value_at = offset + match.start(1), offset + match.start(3)
-        if name == _HEADING and colon and not value:
-            return _Settings(*(switched_on or (Task.NAVIGATION, place)), look, agent)
-        if name not in _VALUES or not colon:
-            _refuse_setting(source, offset, line)
-        if name in seen:
-            expected = "each setting at most once"
-            found = f"{name} again, after line {source.line_number(seen[name])}"
-            source.fail(place, "a setting is given twice", expected, found)
-        seen[name] = place
-        if not _VALUES[name].fullmatch(value.lower()):
-            found = quoted(value) if value else "the end of the line"
-            source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
-        if name == _LOOK:
-            look = Look(value.lower())
-        elif name == _AGENT:
-            agent = value.lower(), value_at
-        elif value.lower() == "true":
-            if switched_on:
-                found = f"{name}, after line {source.line_number(switched_on[1])}"
-                source.fail(place, "two tasks are switched on", "one task at most", found)
-            switched_on = SETTINGS[name], place
-
-
-def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
-    """Raise the error for a line before the drawing that is neither setting nor heading."""
-    from difflib import get_close_matches
-
-    match = _FIRST_WORD.match(line)
-    assert match, "every part of the pattern may be empty"
-    word, place = match[1], offset + match.start(1)
-    if word in (_HEADING, *_VALUES):
-        if match[2]:
-            message = "the drawing begins on a line of its own"
-            source.fail(offset + match.end(), message, "the end of the line")
-        source.fail(offset + match.end(), f"after {word}", "':'")
-    if not line or line[0] in "-|":
-        found = quoted(line.strip(" "))
-        source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
-    close = get_close_matches(word[:40].lower(), (_HEADING, *_VALUES), n=1)
-    hint = f" (did you mean {close[0]}?)" if close else ""
-    expected = f"{', '.join(_VALUES)} or {_HEADING}{hint}"
-    source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
-
-
-def _parse_drawing(source: Source) -> _Drawing:
-    """Return the structure and the tiles that are drawn.
-
-    drawing = outer-wall cell-line {wall-line cell-line} outer-wall
-    cell-line = "|" cell {("|" | " ") cell} "|"
-    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
-    wall-line = "|" wall {"+" wall} "|"
-    wall = " " ("-" | " ") " "
-    """
-    top = _parse_top(source)
-    width = len(top) // 4
-    cell_line = re.compile(rf"\|(?: [ SEKDI] [| ]){{{width - 1}}} [ SEKDI] \|")
-    wall_line = re.compile(rf"\|(?: [- ] \+){{{width - 1}}} [- ] \|")
-    rows: list[int] = []
-    tiles: list[str] = []
-    # Bits as text: the highest row and the last column first, as int() wants them.
-    right: list[str] = []
-    up: list[str] = ["0" * width]
-    while True:
-        offset, line = source.next_line()
-        if not cell_line.fullmatch(line):
-            _refuse_line(source, offset, line, len(top), cells=True)
-        rows.append(offset)
-        tiles.append(line[2::4])
-        right.append("0" + line[-5:0:-4])
-        offset, line = source.next_line()
-        if line == top:
-            break
-        if not wall_line.fullmatch(line):
-            _refuse_line(source, offset, line, len(top), cells=False)
-        if len(rows) == MAX_SIDE:
-            source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
-        up.append(line[-3::-4])
-    if len(rows) < MIN_SIDE:
-        expected = f"{MIN_SIDE} to {MAX_SIDE:,} rows"
-        source.fail(offset, "the drawing is too low", expected, str(len(rows)))
-    bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
-    structure = Structure(len(rows), width, *bits)
-    return _Drawing(structure, "".join(reversed(tiles)), rows[::-1])
-
-
-def _parse_top(source: Source) -> str:
-    """Return the top line of a drawing, which tells its width.
-
-    outer-wall = "-" {"----"}
-    """
-    offset, line = source.next_line()
-    dashes = len(line) - len(line.lstrip("-"))
-    if not line or dashes < len(line):
-        expected = "'-'" if dashes else "a line of dashes, the outer wall"
-        source.fail(offset + dashes, "in the top line of the drawing", expected)
-    width, rest = divmod(dashes - 1, 4)
-    if rest or not MIN_SIDE <= width <= MAX_SIDE:
-        source.fail(
-            offset,
-            "the top line of the drawing has the wrong length",
-            f"four dashes for each of {MIN_SIDE} to {MAX_SIDE:,} columns, and one more",
-            f"{dashes:,} dashes",
-        )
-    return line
-
-
-def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> NoReturn:
-    """Raise the error for a line inside a drawing that does not show cells, or walls."""
-    kind, end = "cells" if cells else "walls", "'|', the outer wall"
-    begin = end if cells else f"'|', or {length:,} dashes to end the drawing"
-    if not line.strip("-"):
-        if line and cells:
-            source.fail(offset, "a row is missing", "a line of cells", "an outer wall")
-        if line:
-            found = f"{len(line):,} dashes"
-            source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
-        source.fail(offset, "the drawing is not complete", begin)
-    between = ("| ", "'|' or a blank") if cells else ("+", "'+'")
-    inside = (" SEKDI", "S, E, K, D, I or a blank") if cells else ("- ", "'-' or a blank")
-    parts = [
-        (range(1), "|", begin),
-        (range(length - 1, length), "|", end),
-        (range(1, length, 2), " ", "a blank"),
-        (range(4, length - 1, 4), *between),
-        (range(2, length, 4), *inside),
-    ]
-    padded = line.ljust(length, "\n")
-    mistakes = (
-        (column, expected)
-        for columns, allowed, expected in parts
-        for column in columns
-        if padded[column] not in allowed
-    )
-    column, expected = min(mistakes, default=(length, "the end of the line"))
-    if column == length:
-        column = len(line) - len(line[length:].lstrip(" "))
-    there = None if column < len(line) else "the end of the line"
-    source.fail(offset + column, f"in a line of {kind}", expected, there)
-
-
-def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
+def _build(source: Source, drawing: Drawing, settings: Settings, seed: int) -> Labyrinth:
     """Return the labyrinth that is drawn, with the tiles that its task lacks."""
     structure, task, look = drawing.structure, settings.task, settings.look
     start, goal = default_start_and_goal(structure.height, structure.width)
@@ -317,19 +108,7 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
     return replace(place(structure, start, goal, task, rng, key=key, door=door), look=look)
 
 
-def _agent(source: Source, labyrinth: Labyrinth, value: str, offset: int) -> State:
-    """Return the state that a value of the setting `agent` stands for."""
-    match = _VALUES[_AGENT].fullmatch(value)
-    assert match, "the value was checked before"
-    row, column, holds = int(match[1]), int(match[2]), match[3] or ""
-    height, width = labyrinth.structure.height, labyrinth.structure.width
-    if row >= height or column >= width:
-        expected = f"a row from 0 to {height - 1} and a column from 0 to {width - 1}"
-        source.fail(offset, "the agent is outside the grid", expected, f"({row}, {column})")
-    return State(row * width + column, bool(holds), holds.endswith("door"))
-
-
-def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
+def _only(source: Source, drawing: Drawing, tile: str) -> int | None:
     """Return the cell of a tile that may be drawn once at most, None if it is not drawn."""
     tiles = drawing.tiles
     cell = tiles.find(tile)
@@ -376,32 +155,7 @@ def dump(labyrinth: Labyrinth) -> str:
         lines.append(_cell_line(shown[first:last], beside[first:last]))
     lines.append(outer_wall)
     drawing = b"\n".join(lines).decode()
-    look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
-    agent = ""
-    if labyrinth.agent is not None:
-        agent = f"{_AGENT}: {agent_text(labyrinth, labyrinth.agent)}\n"
-    return f"{_SETTINGS_OF[labyrinth.task]}{look}{agent}\n{_HEADING}:\n{drawing}\nend\n"
-
-
-def agent_text(labyrinth: Labyrinth, state: State) -> str:
-    """Return the value of the setting `agent` for a state, such as `(2, 3) with key`."""
-    holds = " with open door" if state.door_open else " with key" if state.has_key else ""
-    return f"{labyrinth.position(state.agent)}{holds}"
-
-
-def without_agent(text: str) -> str:
-    """Return the canonical text of a labyrinth in which episodes begin on the start.
-
-    Rows of one labyrinth have it in common, wherever their episodes begin.
-
-    Args:
-        text: The canonical text of the same labyrinth.
-    """
-    begin = text.find(f"\n{_AGENT}: ", 0, _MOST_SETTINGS)
-    if begin < 0:
-        return text
-    _, _, rest = text[begin + 1 :].partition("\n")
-    return f"{text[:begin]}\n{rest}"
+    return f"{dump_settings(labyrinth)}\n{HEADING}:\n{drawing}\nend\n"
 
 
 @lru_cache(maxsize=4_096)

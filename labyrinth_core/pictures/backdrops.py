@@ -50,36 +50,73 @@ class Scene(NamedTuple):
     labyrinth: Labyrinth
     key_gone: bool = False
     door_open: bool = False
-    seen_from: int | None = None
-    """The agent's cell under partial observability, else None."""
+    seen_from: frozenset[int] | None = None
+    """Under partial observability the cells that the agent has looked from, else None."""
+
+
+class Scenes(NamedTuple):
+    """Scenes of labyrinths of one size and task, N of them."""
+
+    height: int
+    width: int
+    task: Task
+    vectors: NDArray[np.int32]
+    """The `initial_vector` of the labyrinth of each, shape (N, length)."""
+    key_gone: Mask
+    door_open: Mask
+    visible: Mask | None
+    """Which cells are seen under partial observability, shape (N, height, width), else None."""
+
+    @classmethod
+    def of(cls, scenes: Sequence[Scene]) -> Scenes:
+        """Return scenes of labyrinths of one size and task."""
+        labyrinth = scenes[0].labyrinth
+        hides = labyrinth.task is Task.PARTIAL_OBSERVABILITY
+        return cls(
+            labyrinth.structure.height,
+            labyrinth.structure.width,
+            labyrinth.task,
+            np.stack([initial_vector(scene.labyrinth) for scene in scenes]),
+            np.array([scene.key_gone for scene in scenes]),
+            np.array([scene.door_open for scene in scenes]),
+            _visible(scenes) if hides else None,
+        )
+
+    def take(self, part: slice) -> Scenes:
+        """Return some of the scenes."""
+        return self._replace(
+            vectors=self.vectors[part],
+            key_gone=self.key_gone[part],
+            door_open=self.door_open[part],
+            visible=None if self.visible is None else self.visible[part],
+        )
 
 
 def backdrops_of(
-    scenes: Sequence[Scene], image_size: int, style: Style, resize: str = "area"
+    scenes: Scenes, image_size: int, style: Style, resize: str = "area"
 ) -> Iterator[tuple[int, Backdrops]]:
     """Yield the backdrops of scenes, as many together as a cache holds, and the first's number."""
-    labyrinth = scenes[0].labyrinth
-    shape = labyrinth.structure.height, labyrinth.structure.width
-    insets = INSETS if labyrinth.task is Task.KEY_AND_DOOR else ()
+    insets = INSETS if scenes.task is Task.KEY_AND_DOOR else ()
+    shape = scenes.height, scenes.width
     bands = bands_of(*shape, style.wall_pixels, image_size, resize, insets)
     together = max(1, SUMS_BYTES // (3 * bands.rows.bands[:, 0].nbytes * image_size))
-    for first in range(0, len(scenes), together):
-        yield first, Backdrops(scenes[first : first + together], bands, style)
+    for first in range(0, len(scenes.vectors), together):
+        yield first, Backdrops(scenes.take(slice(first, first + together)), bands, style)
 
 
 class Backdrops:
     """Scenes of labyrinths of one size, task and style, drawn and ready for agents."""
 
-    def __init__(self, scenes: Sequence[Scene], bands: Bands, style: Style) -> None:
-        self._count, self._bands = len(scenes), bands
-        self._width = scenes[0].labyrinth.structure.width
+    def __init__(self, scenes: Scenes, bands: Bands, style: Style) -> None:
+        self._count, self._bands = len(scenes.vectors), bands
+        self._width = scenes.width
         self._codes, shown = _codes(scenes)
         self._palette = _palette(style, bands.rows.bands.dtype)
         planes = self._palette.ground.T[:, shown]
         # A channel at a time, which is multiplied fastest; then the channels of a pixel together.
         sums = (bands.rows.bands @ planes @ bands.columns.bands.T).transpose(1, 2, 3, 0)
         self._sums: Sums = np.add(sums, bands.unit // 2, order="C")
-        if scenes[0].labyrinth.door is not None:
+        if scenes.task is Task.KEY_AND_DOOR:
             for code in (KEY, OPEN_DOOR):
                 self._add_squares(code, squares(style, code))
         self._colours = bands.rounded(self._sums)
@@ -109,8 +146,11 @@ class Backdrops:
         rows = scenes[:, None] * lines + self._bands.row
         # Every index is within bounds; clipping only spares a copy.
         self._colours.reshape(-1, *row).take(rows, axis=0, out=pictures, mode="clip")
-        patches = self.patches(scenes, agents, with_key)
-        paste(pictures, np.arange(len(agents)), self.corners(agents), patches)
+        # An agent that comes back looks the same.
+        kinds = 2 * (scenes * self._codes.shape[1] + agents) + with_key
+        _, some, which = np.unique(kinds, return_index=True, return_inverse=True)
+        patches = self.patches(scenes[some], agents[some], with_key[some])
+        paste(pictures, np.arange(len(agents)), self.corners(agents), patches[which])
 
     def corners(self, agents: Numbers) -> Corners:
         """Return the first rows and the first columns of the windows around agents."""
@@ -175,34 +215,31 @@ def _innermost(nested: Sequence[tuple[int, Colour]], inset: int) -> Colour:
     return [colour for twelfths, colour in nested if twelfths <= inset][-1]
 
 
-def _codes(scenes: Sequence[Scene]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _codes(scenes: Scenes) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return what the cells of scenes show, and what the bands show, from the top left.
 
     Returns:
         Shapes (N, cells) and (N, 2 height + 3, 2 width + 3).
     """
-    labyrinth = scenes[0].labyrinth
-    height, width = labyrinth.structure.height, labyrinth.structure.width
-    vectors = np.stack([initial_vector(scene.labyrinth) for scene in scenes])
-    first = tile_count(labyrinth.task)
-    tiles = vectors[:, :first]
-    grids = vectors[:, first:].reshape(-1, 2 * height - 1, 2 * width - 1)
-    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
-        hide(grids, _visible(scenes))
+    height, width, first = scenes.height, scenes.width, tile_count(scenes.task)
+    tiles = scenes.vectors[:, :first]
+    grids = scenes.vectors[:, first:].reshape(-1, 2 * height - 1, 2 * width - 1)
+    if scenes.visible is not None:
+        grids = grids.copy()
+        hide(grids, scenes.visible)
     shown = _CODE_OF_ENTRY[grids]
     cells = shown[:, ::2, ::2]
     cells[cells == _WALL_CODE] = HIDDEN  # A cell is a wall only where it is hidden.
-    every, entries = np.arange(len(scenes)), shown.reshape(len(scenes), -1)
+    count = len(tiles)
+    every, entries = np.arange(count), shown.reshape(count, -1)
     entries[every, tiles[:, 1]], entries[every, tiles[:, 2]] = START, GOAL
-    if labyrinth.task is Task.KEY_AND_DOOR:
-        key_gone = np.array([scene.key_gone for scene in scenes])
-        door_open = np.array([scene.door_open for scene in scenes])
-        entries[every, tiles[:, 3]] = np.where(key_gone, FLOOR, KEY)
-        entries[every, tiles[:, 4]] = np.where(door_open, OPEN_DOOR, DOOR)
-    bands = np.full((len(scenes), 2 * height + 3, 2 * width + 3), FLOOR, np.uint8)
+    if scenes.task is Task.KEY_AND_DOOR:
+        entries[every, tiles[:, 3]] = np.where(scenes.key_gone, FLOOR, KEY)
+        entries[every, tiles[:, 4]] = np.where(scenes.door_open, OPEN_DOOR, DOOR)
+    bands = np.full((count, 2 * height + 3, 2 * width + 3), FLOOR, np.uint8)
     bands[:, 1:-1, 1:-1] = _WALL_CODE
     bands[:, 2:-2, 2:-2] = shown[:, ::-1]
-    return cells.reshape(len(scenes), -1), bands
+    return cells.reshape(count, -1), bands
 
 
 def _visible(scenes: Sequence[Scene]) -> Mask:
@@ -211,5 +248,6 @@ def _visible(scenes: Sequence[Scene]) -> Mask:
     visible = np.zeros((len(scenes), structure.cells), np.bool_)
     for row, scene in zip(visible, scenes, strict=True):
         assert scene.seen_from is not None
-        row[list(visible_from(scene.labyrinth.structure, scene.seen_from))] = True
+        for cell in scene.seen_from:
+            row[list(visible_from(scene.labyrinth.structure, cell))] = True
     return visible.reshape(-1, structure.height, structure.width)

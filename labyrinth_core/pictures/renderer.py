@@ -44,7 +44,8 @@ class Style:
     door: Colour = (128, 72, 32)
     ice: Colour = (170, 217, 242)
     wall_pixels: int | None = None
-    """The thickness in pixels; None for a twelfth of a cell, but at least two pixels."""
+    """The thickness in pixels, a quarter of a cell at most; None for a twelfth of a cell, but two
+    pixels at least."""
 
 
 DEFAULT_STYLE = Style()
@@ -74,9 +75,14 @@ def style_of(labyrinth: Labyrinth, wall_pixels: int | None = None) -> Style:
         ValueError: The labyrinth is too large for every wall to have a pixel.
     """
     structure = labyrinth.structure
-    if wall_pixels is None and labyrinth.look is Look.THIN_WALLS:
-        wall_pixels = max(1, usual_wall_pixels(structure.height, structure.width) // 4)
-    return _style(labyrinth.look, wall_pixels)
+    return style_for(labyrinth.look, structure.height, structure.width, wall_pixels)
+
+
+def style_for(look: Look, height: int, width: int, wall_pixels: int | None = None) -> Style:
+    """Return the style of labyrinths of a look and a size; see `style_of`."""
+    if wall_pixels is None and look is Look.THIN_WALLS:
+        wall_pixels = max(1, usual_wall_pixels(height, width) // 4)
+    return _style(look, wall_pixels)
 
 
 @lru_cache(maxsize=64)
@@ -291,7 +297,8 @@ def grid_of(height: int, width: int, wall_pixels: int | None = None) -> Grid:
         ValueError: The labyrinth is too large for every wall to have a pixel.
     """
     most, usual = max(height, width), usual_wall_pixels(height, width)
-    thickness = usual if wall_pixels is None else min(wall_pixels, usual)
+    thickest = max(usual, PICTURE_SIZE // (4 * most))
+    thickness = usual if wall_pixels is None else min(wall_pixels, thickest)
     span = PICTURE_SIZE - thickness
 
     def lines(count: int) -> tuple[int, ...]:

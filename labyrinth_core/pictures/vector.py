@@ -88,23 +88,35 @@ def initial_vector(labyrinth: Labyrinth) -> VectorArray:
     return vector
 
 
-def initial_vectors(structures: Structures, start: int, goal: int, task: Task) -> VectorArray:
-    """Return `initial_vector` of each structure with a start, a goal and a task without tiles.
+def initial_vectors(
+    structures: Structures, tiles: NDArray[np.int64], ice: NDArray[np.bool_] | None = None
+) -> VectorArray:
+    """Return `initial_vector` of labyrinths with the given structures.
+
+    Args:
+        structures: The structures, n of them.
+        tiles: The cells of start and goal, and perhaps of key and door, shape (n, 2) or (n, 4).
+        ice: Whether there is ice in each cell, shape (n, cells).
 
     Returns:
         Shape (n, length of the vector).
     """
-    grid = structures.without_walls()
-    vector = initial_vector(Labyrinth(grid, start, goal, task))
-    vectors: VectorArray = np.tile(vector, (len(structures), 1))
-    for passages, step in ((structures.up, grid.width), (structures.right, 1)):
-        cells = [cell for cell, beside in grid.passages() if beside == cell + step]
-        places = [
-            tile_count(task)
-            + (grid_index(cell, grid.width) + grid_index(cell + step, grid.width)) // 2
-            for cell in cells
-        ]
-        vectors[:, places] = np.where(passages[:, cells], OPEN, WALL)
+    count, height, width = len(structures), structures.height, structures.width
+    first = tiles.shape[1] + 1
+    vectors: VectorArray = np.full(
+        (count, first + (2 * height - 1) * (2 * width - 1)), WALL, np.int32
+    )
+    vectors[:, 1:first] = grid_indices(height, width)[tiles]
+    vectors[:, 0] = vectors[:, 1]
+    grids = vectors[:, first:].reshape(count, 2 * height - 1, 2 * width - 1)
+    up, right = (
+        passages.reshape(count, height, width) for passages in (structures.up, structures.right)
+    )
+    grids[:, ::2, ::2] = OPEN
+    if ice is not None:
+        grids[:, ::2, ::2][ice.reshape(up.shape)] = ICE
+    grids[:, 1::2, ::2][up[:, :-1]] = OPEN
+    grids[:, ::2, 1::2][right[:, :, :-1]] = OPEN
     return vectors
 
 

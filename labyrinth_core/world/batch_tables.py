@@ -63,7 +63,7 @@ def tabulate_many(
     count, cells = structures.up.shape
     transitions = structures.moves()
     onward = transitions + (cells * np.arange(count))[:, None, None]
-    distances = _distances(onward.reshape(-1, 4), goal + cells * np.arange(count))
+    distances = distances_from(onward.reshape(-1, 4), goal + cells * np.arange(count))
     after = distances[onward]
     distances = distances.reshape(count, cells)
     rewards = np.full((count, cells), -STEP_PENALTY / cells)
@@ -76,16 +76,23 @@ def tabulate_many(
     return BatchTables(structures, start, goal, transitions, rewards, terminal, distances, optimal)
 
 
-def _distances(onward: NDArray[np.int64], goals: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the least number of moves from each cell to a goal, breadth first, shape (N,).
+def distances_from(
+    onward: NDArray[np.int64],
+    origins: NDArray[np.int64],
+    blocked: NDArray[np.int64] | None = None,
+) -> NDArray[np.int64]:
+    """Return the least number of moves between each cell and an origin, breadth first, shape (N,).
 
     Args:
         onward: The cells that the four actions lead to from each cell, shape (N, 4).
-        goals: The goals, one to a labyrinth.
+        origins: Some cells, one to a labyrinth.
+        blocked: Cells that no way leads through.
     """
     moves, distances = 0, np.full(len(onward), UNREACHABLE)
     claims = np.empty(len(onward), np.int64)
-    border = goals
+    border = origins
+    blocked = claims[:0] if blocked is None else blocked
+    distances[blocked] = 0
     while len(border):
         distances[border] = moves
         moves += 1
@@ -95,4 +102,5 @@ def _distances(onward: NDArray[np.int64], goals: NDArray[np.int64]) -> NDArray[n
         places = np.arange(len(beside))
         claims[beside] = places
         border = beside[claims[beside] == places]
+    distances[blocked] = UNREACHABLE
     return distances

@@ -222,6 +222,22 @@ def tiles_matter(labyrinth: Labyrinth) -> bool:
     return True
 
 
+def draw_start_and_goal(structure: Structure, task: Task, rng: np.random.Generator) -> Labyrinth:
+    """Return a labyrinth with start and goal drawn at random, far enough apart; tiles placed.
+
+    Far enough is `(width + height) // 2` moves on a grid without walls. The goal is drawn first,
+    uniformly, and then the start uniformly among the cells that are far enough from it; where the
+    two cannot hold the task, others are drawn.
+
+    Raises:
+        LabyrinthError: No start and goal can hold the task.
+    """
+    goals = rng.permutation(structure.cells).tolist()
+    if task is Task.ICY_FLOOR and not structure.loops:
+        goals = []  # There is one way to each cell and no other; trying all pairs takes long.
+    return _moved(structure, task, goals, rng)
+
+
 def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start, far enough from the goal; tiles placed anew.
 
@@ -231,7 +247,7 @@ def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     Raises:
         LabyrinthError: No other start can hold the task.
     """
-    return _moved(labyrinth, [labyrinth.goal], rng)
+    return _moved(labyrinth.structure, labyrinth.task, [labyrinth.goal], rng, former=labyrinth)
 
 
 def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
@@ -251,28 +267,40 @@ def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
 def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
     goals = rng.permutation(labyrinth.structure.cells).tolist()
-    return _moved(labyrinth, [goal for goal in goals if goal != labyrinth.goal], rng)
+    goals.remove(labyrinth.goal)
+    return _moved(labyrinth.structure, labyrinth.task, goals, rng, former=labyrinth)
 
 
-def _moved(labyrinth: Labyrinth, goals: list[int], rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with the first of the goals, and another start, that hold its task."""
+def _moved(
+    structure: Structure,
+    task: Task,
+    goals: list[int],
+    rng: np.random.Generator,
+    former: Labyrinth | None = None,
+) -> Labyrinth:
+    """Return the labyrinth with the first of the goals, and a start, that hold the task.
+
+    The start is another than the former one, if there is one; if the goal is the former one, it
+    may be nearer to it than is far enough.
+    """
+    former_start, former_goal = (former.start, former.goal) if former is not None else (None, None)
     for goal in goals:
-        nearer = goal == labyrinth.goal
-        for start in _ends(labyrinth.structure, goal, labyrinth.start, rng, nearer=nearer):
+        for start in _ends(structure, goal, former_start, rng, nearer=goal == former_goal):
             with suppress(LabyrinthError):
-                return place(labyrinth.structure, start, goal, labyrinth.task, rng)
-    raise LabyrinthError(f"no other start or goal can hold {labyrinth.task}")
+                return place(structure, start, goal, task, rng)
+    other = "" if former is None else "other "
+    raise LabyrinthError(f"no {other}start or goal can hold {task}")
 
 
 def _ends(
-    structure: Structure, other: int, former: int, rng: np.random.Generator, *, nearer: bool
+    structure: Structure, other: int, former: int | None, rng: np.random.Generator, *, nearer: bool
 ) -> list[int]:
     """Return the cells that start or goal may move to, in random order.
 
     Args:
         structure: The structure.
         other: The cell of the other one of the two, which they have to be far enough from.
-        former: The cell that it moves away from.
+        former: The cell that it moves away from, if it has one.
         rng: Draws the order.
         nearer: Whether the farthest cells will do where none is far enough.
     """

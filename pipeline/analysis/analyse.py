@@ -20,6 +20,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.analysis.elsewhere import read_elsewhere
 from pipeline.analysis.leakage import NEAR, Certificate, certify
 from pipeline.analysis.measures import Shift, compare
@@ -116,6 +117,8 @@ def _analyse(run: Run) -> Iterator[str]:
     _write(folder / ANALYSIS, content)
     yield from _leaks(certificate, {})
     yield from _near(certificate)
+    if manifest.config.goals == "varied":
+        yield _varied(labyrinths)
     yield from _shifted(shifts)
     yield f"{folder / ANALYSIS} has all of it; stages=[report] shows it as tables."
 
@@ -214,6 +217,19 @@ def _near(certificate: Certificate) -> Iterator[str]:
             f"{certificate.labyrinths[pair.second]:,} within {least} wall, "
             f"{pair.within(most):,} within {most}, {len(pair.same_route):,} share a best route"
         )
+
+
+def _varied(labyrinths: Mapping[str, Sequence[Labyrinth]]) -> str:
+    """Return the line that says how much start and goal vary."""
+    train, test = (
+        [(each.start, each.goal) for each in labyrinths[split]] for split in ("train", "test")
+    )
+    seen = set(train)
+    known = sum(pair in seen for pair in test)
+    return (
+        f"Start and goal vary: {len(seen):,} pairs in train, {len(set(test)):,} in test; "
+        f"{known:,} of {len(test):,} labyrinths of test have a pair of train."
+    )
 
 
 def _shifted(shifts: Sequence[Shift]) -> Iterator[str]:

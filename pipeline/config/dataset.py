@@ -82,6 +82,11 @@ class DatasetOptions:
         "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
+    goals: str = option(
+        "fixed",
+        "where start and goal of train, validation and test lie: fixed (bottom left and top "
+        "right) or varied (drawn for each labyrinth)",
+    )
     seed: int = option(0, "same seed and options, same bytes; in training, same weights")
 
 
@@ -114,6 +119,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             min_walls=options.splits.min_walls,
             noise=float(options.demonstrations.noise),
             pieces=options.demonstrations.pieces,
+            goals=options.goals,
         )
         return replace(config, shifts=_shifts(config, options.shifts))
     except ValueError as error:

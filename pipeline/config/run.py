@@ -26,6 +26,7 @@ from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import (
+    UNPUBLISHED,
     EvaluationOptions,
     TrainingOptions,
     check_policy,
@@ -193,6 +194,8 @@ class Run:
         parts[1:1] = [options.network] * (options.network != options.method_name)
         parts += [f"stride{options.pool_stride}"] * (options.pool_stride != 1)
         parts += [options.protocol] * (options.protocol != "default")
+        parts += [options.precision] * (options.precision != "fp32")
+        parts += ["memory"] * options.memory
         if options.train_labyrinths is not None:
             parts.append(f"labyrinths{options.train_labyrinths}")
         return "-".join(parts)
@@ -309,6 +312,16 @@ def check_publish(options: RunConfig) -> None:
         f"protocol={options.protocol}: its pictures are not those that evaluate shows, so that "
         "its policy is not published",
     )
+    check(
+        not publish.model or options.method_name not in UNPUBLISHED,
+        f"publish.model={publish.model}: policies of method={options.method_name} are not "
+        "published, since load_policy does not make their network",
+    )
+    check(
+        not (publish.model and options.memory),
+        "memory=true: a policy that is published has no memory beside its network, so that this "
+        "one is not published",
+    )
 
 
 def resolve(options: RunConfig) -> Run:
@@ -344,7 +357,7 @@ def resolve(options: RunConfig) -> Run:
         check("train" not in stages, f"policy={options.policy} is not trained: stages=[evaluate]")
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
-        check_training(options)
+        check_training(options, run.dataset.task)
         check_options(options.evaluation, EvaluationOptions, "evaluation.")
     if "environments" in stages:
         check_analysis(options.analysis)

@@ -15,6 +15,7 @@ from omegaconf import OmegaConf
 
 from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check, listed
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
@@ -31,8 +32,20 @@ IMAGE_SIZE = 64
 OBSERVATIONS = (*dict.fromkeys(ENCODERS.values()), "text")
 """What a policy may be shown; encoders do not look at texts."""
 
-OWN_NETWORKS = ("planner",)
+OWN_NETWORKS = ("planner", "mapper", "vin", "walls")
 """Methods with a network of their own, for pictures, whatever `encoder` says."""
+
+UNPUBLISHED = ("mapper", "vin", "walls")
+"""Methods whose networks `labyrinth_core.load_policy` does not make."""
+
+
+WITH_MEMORY = {
+    "method": ("bc", "planner"),
+    "task": (Task.PARTIAL_OBSERVABILITY,),
+    "observation": ("image",),
+    "protocol": ("default",),
+}
+"""What `memory` goes with."""
 
 
 @dataclass(frozen=True)
@@ -45,21 +58,31 @@ class Protocol:
     """Epochs after which the policy is tried; None: as the method has it."""
     patience: float = inf
     """Evaluations without a better validation SR after which training stops."""
+    methods: str = ""
+    """The folder, in conf/method/ and in pipeline/training/methods/, of the protocol's own methods;
+    without one the usual methods."""
+    first_of_equals: bool = False
+    """Whether the first of several equally good policies is kept, and not the latest."""
 
 
 PROTOCOLS = {
     "default": Protocol(resize="area"),
     "paper": Protocol(resize="original", evaluate_every=10, patience=5),
+    "authors": Protocol(resize="original", methods="authors", first_of_equals=True),
 }
-"""Both keep the policy with the best SR on validation.
+"""The first two keep the policy with the best SR on validation.
 
 `default` spends the whole budget, and shrinks pictures without losing walls. `paper` has the
 authors' thin walls and their resize without antialiasing, so that most walls vanish; and it stops
 as a public script of theirs does that trains BC: the policy is tried on the validation labyrinths
 every ten epochs, and training ends after five times without a better success rate, or else after
-the method's epochs (a thousand there). The other methods follow the same rule here; the authors'
-code for these has another one, which docs/training.md describes.
+the method's epochs (a thousand there). The other methods follow the same rule here. `authors` has
+the six methods as the authors' later code has them, with their own settings and selection; they
+are given as `method=authors/bc`.
 """
+
+PRECISIONS = {"fp32": "float32", "bf16": "bfloat16 in forward passes of training, by autocast"}
+"""Precision -> in what networks are computed; weights and gradients are always float32."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +91,13 @@ class TrainingOptions:
 
     method: dict[str, Any] = option(  # noqa: RUF009
         {"name": "bc"},
-        "bc, dagger, gail, bco, sqil, iupe or planner; its own settings as method.epochs=...",
+        "bc, dagger, gail, bco, sqil, iupe, planner, mapper, vin or walls; its own settings as "
+        "method.epochs=...",
     )
     encoder: str = option(
         "cnn",
-        f"network that looks at an observation: {', '.join(ENCODERS)}; planner has its own",
+        f"network that looks at an observation: {', '.join(ENCODERS)}; "
+        f"{', '.join(OWN_NETWORKS)} have their own",
         one_of=ENCODERS,
     )
     pool_stride: int = option(
@@ -84,7 +109,20 @@ class TrainingOptions:
         one_of=OBSERVATIONS,
     )
     protocol: str = option(
-        "default", "default, or paper for the original's resize and stopping rule", one_of=PROTOCOLS
+        "default",
+        "default; paper for the original's resize and stopping rule; or authors for the methods of "
+        "their code, by method=authors/bc and so on",
+        one_of=PROTOCOLS,
+    )
+    precision: str = option(
+        "fp32",
+        "fp32, or bf16 for forward passes of training in bfloat16, which some processors have",
+        one_of=PRECISIONS,
+    )
+    memory: bool = option(
+        False,
+        "under partial observability, show the policy all that it has seen in an episode so far, "
+        "and the rest as free; for pictures and the methods bc and planner",
     )
     train_labyrinths: int | None = option(
         None, "labyrinths of train to learn from, the first ones (all)", at_least=1
@@ -174,12 +212,13 @@ def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> Non
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for policies of runs: for policy, give dataset",
     )
+    check(not options.memory, "memory=true is for policies of runs; policy may have its own")
     check_options(options, TrainingOptions)
     check_options(evaluation, EvaluationOptions, "evaluation.")
 
 
-def check_training(options: TrainingOptions) -> None:
-    """Raise a ConfigError if an option is impossible."""
+def check_training(options: TrainingOptions, task: Task) -> None:
+    """Raise a ConfigError if an option is impossible for a task."""
     name, seen = options.method_name, options.observation
     valid = name.isidentifier() and name.islower()
     check(valid, f"method.name={name}: give the name of a method, such as bc")
@@ -195,9 +234,18 @@ def check_training(options: TrainingOptions) -> None:
         name not in OWN_NETWORKS or seen == "image",
         f"method={name} learns from pictures: leave observation=image",
     )
+    given = {"method": name, "task": task, "observation": seen, "protocol": options.protocol}
+    for each, allowed in WITH_MEMORY.items():
+        check(
+            not options.memory or given[each] in allowed,
+            f"memory=true does not go with {each}={given[each]}: choose {' or '.join(allowed)}",
+        )
 
 
-def usual_settings(method: str) -> dict[str, Any]:
+def usual_settings(method: str, protocol: str = "default") -> dict[str, Any]:
     """Return the values of `method` that conf/method/ has, none if there is no such file."""
-    path = CONF / "method" / f"{method}.yaml"
-    return dict(OmegaConf.load(path)) if path.is_file() else {}
+    path = CONF / "method" / PROTOCOLS[protocol].methods / f"{method}.yaml"
+    if not path.is_file():
+        return {}
+    content: Any = OmegaConf.to_container(OmegaConf.load(path))
+    return dict(content.get("method", content))

@@ -17,6 +17,7 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.stepping import Player
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import EvaluationOptions
@@ -76,7 +77,7 @@ def _show(run: Run, policy: Any, results: Results, folder: Path) -> None:
     )
     solved = np.atleast_2d(results.splits[split].episodes.solved).min(axis=0)
     count, seed = options.evaluation.gifs, options.seed
-    paths = write_attempts(folder, policy, arrays, solved, count, seed)
+    paths = write_attempts(folder, Player.of(policy, seed), arrays, solved, count, seed)
     say(f"{paths[0].parent} has {len(paths)} moving pictures.")
 
 

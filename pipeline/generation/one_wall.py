@@ -12,7 +12,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import moves_of, shortest_route
 from labyrinth_core.world.tasks import tiles_matter
-from pipeline.generation.buckets import split_of
+from pipeline.generation.buckets import bucket_of
 from pipeline.generation.randomness import ACTING, item_rng
 
 
@@ -30,7 +30,7 @@ def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
     rng = item_rng(config, "one_wall", structure)
     for place in rng.permutation(len(passages)).tolist():
         changed = toggled(structure, *passages[place])
-        if split_of(changed, config.buckets) != "test":
+        if bucket_of(config, changed) != "test":
             continue
         try:
             other = replace(labyrinth, structure=changed)

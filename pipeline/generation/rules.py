@@ -7,36 +7,59 @@ from collections.abc import Iterable, Iterator, Sequence
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import manhattan
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import distances, erring_route
-from labyrinth_core.world.tasks import default_start_and_goal, tiles_matter
-from pipeline.generation.buckets import split_of
+from labyrinth_core.world.tasks import tiles_matter
+from pipeline.generation.buckets import bucket_of
 from pipeline.generation.solve import acting_rng, all_routes
+from pipeline.generation.variants import first_start_and_goal
 
 
 def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
     """Yield the rules of a split that a labyrinth breaks."""
-    structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
+    structure = labyrinth.structure
     if not structure.is_connected:
         yield "not every cell can be reached"
     if not tiles_matter(labyrinth):
         yield "the tiles of the task make no difference"
     kind = SPLITS[split]
-    bucket = split_of(structure, config.buckets)
+    bucket = bucket_of(config, structure)
     if bucket != kind.bucket:
-        yield f"the structure belongs to {bucket}"
+        yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:
         yield f"it is to be drawn {labyrinth.look}, not {kind.look}"
-    first_start, first_goal = default_start_and_goal(config.height, config.width)
-    if kind.new_start or kind.new_goal:
-        if (start != first_start, goal != first_goal) != (kind.new_start, kind.new_goal):
-            yield "start and goal are not changed as the split says"
-        # The smallest grids have no cells that are farther apart.
-        least = min((config.height + config.width) // 2, config.height + config.width - 3)
-        if manhattan(start, goal, config.width) < least:
-            yield f"start and goal are less than {least} moves apart"
-    elif (start, goal) != (first_start, first_goal):
-        yield "start and goal are not in the corners"
+    yield from _end_problems(config, split, labyrinth)
+
+
+def _end_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
+    """Yield what is wrong with the start and the goal of a labyrinth."""
+    kind, varied = SPLITS[split], config.goals == "varied"
+    if varied and kind.new_structure:
+        return  # They are its parent's, which `relations` compares.
+    start, goal = labyrinth.start, labyrinth.goal
+    try:
+        first_start, first_goal = first_start_and_goal(config, split, labyrinth.structure)
+    except LabyrinthError as error:
+        yield str(error)
+        return
+    if not (kind.new_start or kind.new_goal):
+        if (start, goal) != (first_start, first_goal):
+            yield f"start and goal are not {'those of this seed' if varied else 'in the corners'}"
+        return
+    if (start != first_start, goal != first_goal) != (kind.new_start, kind.new_goal):
+        yield "start and goal are not changed as the split says"
+    # An end that moves alone may have no cell to move to that is farther away.
+    stays, former = (goal, first_start) if kind.new_start else (start, first_goal)
+    apart = (
+        manhattan(cell, stays, config.width)
+        for cell in range(labyrinth.structure.cells)
+        if cell not in (stays, former)
+    )
+    least = (config.height + config.width) // 2
+    if not (kind.new_start and kind.new_goal):
+        least = min(least, max(apart))
+    if manhattan(start, goal, config.width) < least:
+        yield f"start and goal are less than {least} moves apart"
 
 
 def route_problem(

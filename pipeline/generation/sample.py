@@ -26,7 +26,7 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import Neighbourhood
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
-from pipeline.generation.buckets import split_of
+from pipeline.generation.buckets import bucket_of
 from pipeline.generation.key_set import KeySet
 from pipeline.generation.selection import Selection
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
@@ -119,8 +119,8 @@ def _fill(
         in_vain += 1
         if in_vain > PATIENCE:
             raise _not_enough(config, found)
-        split = split_of(structure, config.buckets)
-        if split not in splits or found[split] == config.labyrinths:
+        split = bucket_of(config, structure)
+        if split is None or split not in splits or found[split] == config.labyrinths:
             continue
         if not seen.add(int(structure.structure_id, 16)):
             continue
@@ -176,8 +176,9 @@ def check_capacity(config: DatasetConfig) -> None:
     for passages in subsets:
         structure = Structure.from_passages(config.height, config.width, passages)
         if structure.is_connected:
-            split = split_of(structure, config.buckets)
-            counts[split] += holds_task(config, split, structure)
+            split = bucket_of(config, structure)
+            if split is not None:
+                counts[split] += holds_task(config, split, structure)
     least = min(counts.values())
     if config.labyrinths > least:
         exist = ", ".join(f"{count} in {split}" for split, count in counts.items())

@@ -21,14 +21,17 @@ from labyrinth_core.world.near_twins import Neighbourhood
 from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import moves_of
-from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.config.errors import ConfigError
-from pipeline.generation.buckets import split_of
+from pipeline.generation.buckets import bucket_of
 from pipeline.generation.detours import stretched
 from pipeline.generation.extremes import NO_EXTREMES, memory_problem, shift_problem
 from pipeline.generation.key_set import KeySet
 from pipeline.generation.solve import solve
-from pipeline.generation.variants import TASKS_WITHOUT_TILES, labyrinth_of
+from pipeline.generation.variants import (
+    TASKS_WITHOUT_TILES,
+    first_start_and_goal,
+    labyrinth_of,
+)
 
 
 class Effort(NamedTuple):
@@ -136,7 +139,7 @@ class Selection:
         return next((structure for _, structure in more if self._is_new(structure)), None)
 
     def _in_bucket(self, structure: Structure) -> bool:
-        return split_of(structure, self._config.buckets) == "test"
+        return bucket_of(self._config, structure) == "test"
 
     def _is_new(self, structure: Structure) -> bool:
         if not self._in_bucket(structure):
@@ -169,7 +172,7 @@ class Selection:
     def _measures(self, split: str, structure: Structure) -> tuple[int, int, int] | None:
         """Return the measures of a structure in a split, None if it cannot hold the task."""
         if self._config.task in TASKS_WITHOUT_TILES:
-            ends = default_start_and_goal(structure.height, structure.width)
+            ends = first_start_and_goal(self._config, split, structure)
             moves = structure.least_moves(*ends)
         else:
             try:

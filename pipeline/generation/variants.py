@@ -12,6 +12,7 @@ from labyrinth_core.world.tasks import (
     change_start,
     change_start_and_goal,
     default_start_and_goal,
+    draw_start_and_goal,
     place,
 )
 from pipeline.generation.one_wall import twin
@@ -59,7 +60,23 @@ def _variant(config: DatasetConfig, split: str, parent: Labyrinth) -> Labyrinth:
     return parent if kind.look is parent.look else replace(parent, look=kind.look)
 
 
+def first_start_and_goal(
+    config: DatasetConfig, split: str, structure: Structure
+) -> tuple[int, int]:
+    """Return start and goal of a structure in a split, or in the one that its own is made from.
+
+    Raises:
+        LabyrinthError: No start and goal of the structure can hold the task.
+    """
+    if config.goals == "fixed":
+        return default_start_and_goal(config.height, config.width)
+    labyrinth = _first_labyrinth(config, SPLITS[split].parent or split, structure)
+    return labyrinth.start, labyrinth.goal
+
+
 def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    if config.goals == "varied":
+        return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
     start, goal = default_start_and_goal(config.height, config.width)
     if config.task in TASKS_WITHOUT_TILES:  # Nothing is random about it.
         return Labyrinth(structure, start, goal, config.task)

@@ -73,6 +73,7 @@ _SHAPE = {
         "encoder": _WORD,
         "pool_stride": Number(1, 9, whole=True),
         "protocol": _WORD,
+        "precision": Newer(_WORD),
         "seed": COUNT,
         "config": CONFIG,
         "fingerprint": FINGERPRINT,

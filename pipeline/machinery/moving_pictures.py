@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ FOLDER = "attempts"
 
 def write_attempts(
     folder: Path,
-    policy: Any,
+    player: Player,
     arrays: LabyrinthArrays,
     solved: NDArray[np.bool_],
     count: int,
@@ -33,17 +32,17 @@ def write_attempts(
 
     Args:
         folder: Where the folder of the pictures is made.
-        policy: What `evaluate` takes.
+        player: The policy, as it is asked.
         arrays: The labyrinths of a split, and how they are observed.
         solved: Whether they were solved, shape (labyrinths,).
         count: The number of pictures, if there are as many labyrinths.
-        seed: Settles the generator of a policy that takes one.
+        seed: Settles which of several optimal episodes is shown.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
     chosen = [arrays.labyrinths[place] for place in np.argsort(solved, kind="stable")[:count]]
-    tried = attempts(Player.of(policy, seed), chosen, arrays.spec)
+    tried = attempts(player, chosen, arrays.spec)
     paths = []
     for labyrinth, episode in zip(chosen, tried, strict=True):
         optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))

@@ -41,6 +41,10 @@ _DATA_TYPES = {
     "info": "sc:Text",
 }
 
+_OF_FIXED_GOALS = (
+    "With start and goal in fixed corners, up and right are most of the demonstrated actions.",
+)
+
 
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
@@ -88,8 +92,7 @@ def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:
         "rai:dataLimitations": limits(datasets),
         "rai:dataBiases": [
             "Structures are not uniform over all connected ones; see the limitations.",
-            "With start and goal in fixed corners, up and right are most of the demonstrated "
-            "actions.",
+            *(_OF_FIXED_GOALS if "fixed" in {d.manifest.config.goals for d in datasets} else ()),
         ],
         "rai:personalSensitiveInformation": "None: the data are about no person.",
         "rai:dataUseCases": [

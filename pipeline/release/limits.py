@@ -22,11 +22,6 @@ _OF_DEMONSTRATIONS = {
 
 def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
     """Return the points on the configs of a folder, in Markdown."""
-    splits = [dataset.splits["train"] for dataset in datasets]
-    shares = [f"{split.action_shares[[Action.UP, Action.RIGHT]].sum():.0%}" for split in splits]
-    forward = ", ".join(
-        f"{share} in `{dataset.name}`" for share, dataset in zip(shares, datasets, strict=True)
-    )
     twins = "; ".join(
         f"`{dataset.name}` {pair['within']['1']:,} of {dataset.analysis['labyrinths']['test']:,}"
         for dataset in datasets
@@ -41,10 +36,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
         "Disjoint is not far apart. A structure of `test` can differ from one of `train` in a "
         f"single wall{f': {twins} do' if twins else ''}. Expect small sizes to flatter "
         "a method that interpolates.",
-        "In `train`, `validation`, `test` and `random` the start is always bottom left and the "
-        f"goal top right, so most demonstrated actions are up or right ({forward}): always "
-        "compare with a policy that knows only this. `s0` and `s0_and_g` are there to take it "
-        "away.",
+        *_goal_points(datasets),
         *(point for solutions, point in _OF_DEMONSTRATIONS.items() if solutions in demonstrated),
         "All splits are drawn by one renderer, in the same colours and at the same scale: "
         "a result says nothing about other pictures, and nothing about the real world.",
@@ -62,6 +54,38 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
             + ("always in the same split." if same else f"and, their `buckets` differing, {apart}")
         )
     return points
+
+
+def _goal_points(datasets: Sequence[DatasetStatistics]) -> list[str]:
+    shares = {
+        dataset.name: dataset.splits["train"].action_shares[[Action.UP, Action.RIGHT]].sum()
+        for dataset in datasets
+        if dataset.manifest.config.goals == "fixed"
+    }
+    varied = names_of_varied(datasets)
+    points = []
+    if shares:
+        forward = ", ".join(f"{share:.0%} in `{name}`" for name, share in shares.items())
+        points.append(
+            f"{f'But for {varied}, in' if varied else 'In'} `train`, `validation`, `test` and "
+            "`random` the start is always bottom left and the "
+            f"goal top right, so most demonstrated actions are up or right ({forward}): always "
+            "compare with a policy that knows only this. `s0` and `s0_and_g` are there to take it "
+            "away."
+        )
+    if varied:
+        points.append(
+            f"With `goals=varied` ({varied}) each labyrinth has a start and a goal of its own, in "
+            "every split. So `s0` and `s0_and_g` ask about other ends in a structure of `train`, "
+            "and no longer about a goal that never moved; figures are not to be compared with "
+            "those of `goals=fixed`."
+        )
+    return points
+
+
+def names_of_varied(datasets: Sequence[DatasetStatistics]) -> str:
+    """Return the names of the configs in which start and goal vary, in Markdown, empty if none."""
+    return ", ".join(f"`{d.name}`" for d in datasets if d.manifest.config.goals == "varied")
 
 
 def _sampler_points(datasets: Sequence[DatasetStatistics]) -> list[str]:

@@ -73,6 +73,8 @@ def command(config: DatasetConfig) -> str:
         options["demonstrations.noise"] = config.noise
     if config.pieces:
         options["demonstrations.pieces"] = config.pieces
+    if config.goals != "fixed":
+        options["goals"] = config.goals
     return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
 
 

@@ -19,21 +19,23 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import file_sha256, write_text
-from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.baselines import compare
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.replanner import replan
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score, stepped_score
+from labyrinth_core.evaluation.stepping import Player
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check
 from pipeline.config.run import Run
+from pipeline.config.training import PROTOCOLS
 from pipeline.machinery.console import console, say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.evaluation_file import EVALUATION, FORMAT, POLICY
 from pipeline.machinery.moving_pictures import write_attempts
+from pipeline.training.memory import memory_of, with_memory
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.record import current_versions, read_record
@@ -60,7 +62,8 @@ def run(run: Run) -> None:
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
     device = choose_device(options)
-    method, settings = find(record["run"]["method"], record["run"]["settings"])
+    about = record["run"]
+    method, settings = find(about["method"], about["settings"], about["protocol"])
     make, spec = partial(method.make, settings=settings), spec_of(run)
     policy = load_policy(folder / POLICY, spec, device, make)
     judged = elsewhere(run) if options.evaluate_on else run
@@ -73,24 +76,40 @@ def run(run: Run) -> None:
             f"{config.name} evaluates it there all the same"
         )
     size = method.image_size(spec, settings, config.height, config.width)
-    scores, baselines = judge(policy, loader_of(judged, size), config)
+    shape = replace(spec, height=config.height, width=config.width)
+    acting = with_memory(method.player(policy, shape, settings), memory_of(run, config, size))
+    player = Player.of(acting, options.seed)
+    learnt = None if judged is run else learnt_from(run, record, config)
+    scores, baselines = judge(player, loader_of(judged, size), config, learnt)
     computed = {
         "device": device.type,
         "versions": current_versions(),
         "weights": file_sha256(folder / POLICY),
     }
     content, name = describe(record, scores, baselines, computed), EVALUATION
+    if PROTOCOLS[about["protocol"]].methods:
+        load = loader_of(judged, size)
+        content["as_tried"] = {split: method.as_tried(policy, load(split)) for split in scores}
+        _tell_trial(about["protocol"], content["as_tried"])
     if judged is not run:
         name = f"evaluation-{config.name}-{fingerprint:.8}.json"
+        remembered = fingerprint if learnt is None else record["run"]["fingerprint"]
         content["evaluated"] |= {"on": options.evaluate_on, "fingerprint": fingerprint}
+        content["evaluated"]["references_know"] = remembered
         del content["train_test_gap"]  # The policy was not trained on that train.
     write_text(folder / name, as_text(content))
     if options.evaluation.gifs:
         test, solved = loader_of(judged, size)("test"), scores["test"].episodes.solved
-        paths = write_attempts(folder, policy, test, solved, options.evaluation.gifs, options.seed)
+        paths = write_attempts(folder, player, test, solved, options.evaluation.gifs, options.seed)
         say(f"{paths[0].parent} has {len(paths)} moving pictures.")
     for table in summaries(f"{run.training_name} on {judged.source}/{config.name}", content):
         console.print(table)
+
+
+def _tell_trial(protocol: str, tried: Mapping[str, Mapping[str, float]]) -> None:
+    """Print the success rate on each split by a protocol's own rules."""
+    rates = (f"{split} {figures['sr']:.0%}" for split, figures in tried.items())
+    say(f"As the code of protocol={protocol} tries a policy: {', '.join(rates)}")
 
 
 def elsewhere(run: Run) -> Run:
@@ -115,19 +134,45 @@ def elsewhere(run: Run) -> Run:
     return replace(run, options=options, dataset=config)
 
 
+def learnt_from(
+    run: Run, record: Mapping[str, Any], config: DatasetConfig
+) -> LabyrinthArrays | None:
+    """Return the labyrinths that a policy learnt from; None if they are not at hand.
+
+    None, too, if those of `config` have another size or task, where nothing can be remembered.
+    """
+    trained_on = run.dataset
+    for name in ("height", "width", "task"):
+        if getattr(config, name) != getattr(trained_on, name):
+            return None
+    try:
+        at_hand = manifest_of(run).fingerprint == record["run"]["fingerprint"]
+    except DatasetError:
+        return None
+    return loader_of(run)("train") if at_hand else None
+
+
 def judge(
-    policy: Policy, load: Callable[..., LabyrinthArrays], config: DatasetConfig
+    player: Player,
+    load: Callable[..., LabyrinthArrays],
+    config: DatasetConfig,
+    learnt: LabyrinthArrays | None = None,
 ) -> tuple[dict[str, Scores], dict[str, dict[str, dict[str, float]]]]:
-    """Return a policy's scores on each split of a dataset, and the figures of the baselines."""
+    """Return a policy's scores on each split of a dataset, and the figures of the baselines.
+
+    The references know `learnt`, the labyrinths that the policy learnt from; None: the split train.
+    """
     scores: dict[str, Scores] = {}
     baselines: dict[str, dict[str, dict[str, float]]] = {}
     splits = (*EVALUATED_SPLITS, *config.shifts)
     for split in tracked(((1, split) for split in splits), "evaluate", len(splits)):
         arrays = load(split)
         if split == "train":
-            train, memory = arrays, TrainMemory.of(arrays)
+            train = arrays if learnt is None else learnt
+            memory = TrainMemory.of(train)
         known, references = memory.figures(arrays)
-        scores[split] = replace(score(policy, arrays), known_route=known)
+        found = score(player.act, arrays) if player.forgets else stepped_score(player, arrays)
+        scores[split] = replace(found, known_route=known)
         baselines[split] = compare(train, arrays) | references
         if config.task is Task.PARTIAL_OBSERVABILITY:
             baselines[split] |= replan(load(split, observation="vector"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +31,13 @@ def fit(
 ) -> Progress:
     """Train until the last epoch, or until the protocol stops; continue from a checkpoint.
 
-    The policy that is kept is the one with the best SR on validation; on a tie, the latest.
+    The policy that is kept is the one with the highest figure that the method selects by, usually
+    the SR on validation; on a tie the latest, or the first if the protocol says so.
 
     Args:
         learner: A fresh learner.
         judge: Returns success rates of the policy, among them `validation_sr`; called every
-            `evaluate_every` epochs, and after the last epoch.
+            `evaluate_every` epochs, and after the last epoch. The policy is tried in float32.
         protocol: When to stop.
         path: The file of the checkpoint; if it exists, training continues from there.
         identity: What determines the run.
@@ -52,7 +53,8 @@ def fit(
     saved = time.perf_counter()
     began = saved - progress.seconds
     while progress.epoch < epochs and progress.stale < protocol.patience:
-        figures = learner.epoch()
+        with learner.problem.autocast():
+            figures = learner.epoch()
         _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
         if progress.epoch % every == 0 or progress.epoch == epochs:
@@ -62,7 +64,7 @@ def fit(
         row = {"epoch": progress.epoch, "seconds": round(progress.seconds, 3)} | figures
         progress.history.append(row)
         if "validation_sr" in figures:
-            _select(learner, progress)
+            _select(learner, progress, first_of_equals=protocol.first_of_equals)
         if now - saved >= checkpoint_seconds:
             checkpoint.save(path, learner, progress, identity)
             saved = now
@@ -70,12 +72,13 @@ def fit(
     return progress
 
 
-def _select(learner: Learner, progress: Progress) -> None:
-    """Keep the current policy unless an earlier one was better on validation."""
-    figures = progress.history[-1]
-    best = -1.0 if progress.best is None else progress.best["validation_sr"]
-    progress.stale = 0 if figures["validation_sr"] > best else progress.stale + 1
-    if figures["validation_sr"] >= best:
+def _select(learner: Learner, progress: Progress, *, first_of_equals: bool) -> None:
+    """Keep the current policy unless an earlier one was better."""
+    figures, name = progress.history[-1], learner.selected_by
+    best = -inf if progress.best is None else progress.best[name]
+    better = figures[name] > best
+    progress.stale = 0 if better else progress.stale + 1
+    if better or (figures[name] == best and not first_of_equals):
         progress.best = figures
         state = learner.policy.state_dict()
         progress.weights = {name: tensor.detach().clone() for name, tensor in state.items()}

@@ -22,15 +22,17 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
-from pipeline.machinery.console import console, progress
+from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions, usual_settings
+from pipeline.machinery.console import console, progress, say
 from pipeline.machinery.dataset import fingerprint_of
 from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
+from pipeline.training.memory import memory_of, remembered, with_memory
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.policy import INSTEAD, require_same, save_policy
@@ -53,7 +55,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     """
     options = run.options
     folder = run.training_folder
-    method, settings = find(options.method_name, options.method)
+    method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
     identity = identify(run, settings)
     record = None if options.overwrite else read_record(folder)
@@ -62,6 +64,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
         if (folder / POLICY).is_file():
             console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
             return
+    _tell_changes(options, settings)
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
@@ -93,7 +96,10 @@ def choose_device(options: TrainingOptions) -> torch.device:
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types."""
     options = run.options
+    # Records of runs from before there was a choice do not name the precision.
+    precision = {} if options.precision == "fp32" else {"precision": options.precision}
     return {
+        **precision,
         "method": options.method_name,
         "encoder": options.network,
         "pool_stride": options.pool_stride,
@@ -102,6 +108,8 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
         "settings": asdict(settings),
+        # Runs from before there was this option have none either.
+        **({"memory": True} if options.memory else {}),
         "config": run.dataset.name,
         "dataset": run.source,
         "revision": options.revision,
@@ -145,9 +153,12 @@ def prepare(
 ) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
     """Return a fresh learner, and what evaluates its policy on train and validation."""
     options = run.options
-    load = loader_of(run)
-    splits = {split: load(split) for split in ("train", "validation")}
-    train, source, config = splits["train"], run.source, run.dataset.name
+    spec, source, config = spec_of(run), run.source, run.dataset.name
+    train = loader_of(run)("train")
+    size = method.image_size(spec, settings, spec.height, spec.width)
+    load = loader_of(run, size)
+    seen = train if size == IMAGE_SIZE else load("train")
+    splits = {"train": seen, "validation": load("validation")}
     steps = partial(
         load_steps,
         source,
@@ -169,14 +180,42 @@ def prepare(
         observations=torch.tensor(train.observations, device=device),
         demonstrations=steps("train"),
         exploration=exploration,
-        spec=spec_of(run),
+        spec=spec,
         rng=np.random.default_rng(options.seed),
+        precision=options.precision,
+        memory=memory_of(run, run.dataset, IMAGE_SIZE),
     )
+    if options.memory:
+        problem = remembered(problem)
 
     def judge(policy: Policy) -> dict[str, float]:
-        return {f"{split}_sr": success_rate(policy, each) for split, each in splits.items()}
+        acting = method.player(policy, spec, settings)
+        player = Player.of(with_memory(acting, problem.memory), options.seed)
+        rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
+        return rates | method.figures(policy, **splits)
 
     return method(problem, settings), judge
+
+
+def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
+    """Print in which settings a run differs from a protocol that has settings of its own."""
+    if not PROTOCOLS[options.protocol].methods:
+        return
+    usual = usual_settings(options.method_name, options.protocol)
+    changed = [
+        f"method.{name}={value:,} instead of {usual[name]:,}"
+        for name, value in asdict(settings).items()
+        if value != usual[name]
+    ]
+    if changed:
+        say(f"protocol={options.protocol}, but {', '.join(changed)}")
+
+
+def _rate(player: Player, arrays: LabyrinthArrays) -> float:
+    """Return the share of labyrinths that a policy solves, by steps only if look-ups do not do."""
+    if player.forgets:
+        return success_rate(player.act, arrays)
+    return float(step_through(player, arrays, 1).solved.mean())
 
 
 def _reporter(

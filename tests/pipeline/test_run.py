@@ -80,7 +80,10 @@ def spaced(text: str) -> str:
         (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
         (["seed=-1"], ["seed=-1", "0 or more"]),
         (["task=foo"], ["task=foo", "navigation, partial_observability, key_and_door, icy_floor"]),
-        (["method=foo"], ["method=foo", "bc, bco, dagger, gail, iupe, planner, sqil"]),
+        (
+            ["method=foo"],
+            ["method=foo", "bc, bco, dagger, gail, iupe, mapper, planner, sqil, vin, walls"],
+        ),
         (["+foo=1"], ["foo", "no option"]),
         (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
         (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),

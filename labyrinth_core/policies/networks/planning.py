@@ -21,7 +21,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.policies.networks.network import ACTIONS, as_input
 
 FAR = 1e9
@@ -40,7 +40,7 @@ Chosen from 1, 1.25, 1.5 and 1.75 on structures of the split validation of 5x5."
 PIXELS = 16
 """The side in pixels to which the picture of a cell is resized, with `grid_prior`."""
 SAME_COLOUR = 0.1
-"""The difference in each channel, of 1, up to which a pixel counts as the agent's colour."""
+"""The difference in each channel, of 1, up to which a pixel counts as of a colour."""
 
 
 class Bellman(nn.Module):
@@ -60,31 +60,32 @@ class Bellman(nn.Module):
         """Return the scores of the actions at each position, shape (N, 4, rows, columns)."""
         logarithms: Tensor = self.costs(scene)
         if self.training:
-            paths = self.path_costs(logarithms.exp(), self.iterations)
+            paths = path_costs(logarithms.exp(), self.iterations)
         else:
             # Double precision, since a wall costs far more than a step. No cheapest path has more
             # steps than there are positions.
             sharp = (self.sharpness * logarithms.double()).exp()
-            paths = self.path_costs(sharp, logarithms[0, 0].numel())
+            paths = path_costs(sharp, logarithms[0, 0].numel(), rest=True)
             paths = (paths - paths.amin(1, keepdim=True)).float()
         return -paths
 
-    def path_costs(self, costs: Tensor, iterations: int) -> Tensor:
-        """Return the cost of the cheapest path that begins with each action.
 
-        Args:
-            costs: The costs of the four steps, and of ending, at each position, shape (N, 5, ...).
-            iterations: The greatest number of iterations; in evaluation mode, they stop when the
-                costs have converged.
-        """
-        step, end = costs[:, :ACTIONS], costs[:, ACTIONS]
-        distance = end
-        for _ in range(iterations):
-            nearer = torch.minimum(end, (step + _neighbours(distance)).amin(1))
-            if not self.training and torch.equal(nearer, distance):
-                break
-            distance = nearer
-        return step + _neighbours(distance)
+def path_costs(costs: Tensor, iterations: int, *, rest: bool = False) -> Tensor:
+    """Return the cost of the cheapest path that begins with each action.
+
+    Args:
+        costs: The costs of the four steps, and of ending, at each position, shape (N, 5, ...).
+        iterations: The greatest number of iterations.
+        rest: Whether they end as soon as nothing changes any more.
+    """
+    step, end = costs[:, :ACTIONS], costs[:, ACTIONS]
+    distance = end
+    for _ in range(iterations):
+        nearer = torch.minimum(end, (step + _neighbours(distance)).amin(1))
+        if rest and torch.equal(nearer, distance):
+            break
+        distance = nearer
+    return step + _neighbours(distance)
 
 
 def _neighbours(distance: Tensor) -> Tensor:
@@ -171,9 +172,6 @@ class Planner(nn.Module):
             else Gated(channels, steps)
         )
         self.attention = None if settings.colour_prior else nn.Conv2d(channels, 1, 1)
-        self.colour: Tensor
-        colour = torch.tensor(DEFAULT_STYLE.agent).view(3, 1, 1) / 255
-        self.register_buffer("colour", colour, persistent=False)
 
     def forward(self, pictures: Tensor) -> Tensor:
         """Return the logarithms of the agent's action probabilities, shape (N, 4)."""
@@ -189,10 +187,7 @@ class Planner(nn.Module):
 
     def see(self, image: Tensor) -> Tensor:
         """Return the features of each position, shape (N, channels, rows, columns)."""
-        if self.grid_prior:
-            side = PIXELS * round(image.shape[2] / self.cell_pixels)
-            image = functional.interpolate(image, size=(side, side), mode="bilinear")
-        scene: Tensor = self.stem(image)
+        scene: Tensor = self.stem(on_grid(image, self.cell_pixels) if self.grid_prior else image)
         return scene
 
     def find(self, image: Tensor, scene: Tensor) -> Tensor:
@@ -201,8 +196,28 @@ class Planner(nn.Module):
         if self.attention is not None:
             attention: Tensor = self.attention(scene)
             return attention.flatten(1).log_softmax(1).view(shape)
-        green = (image - self.colour).abs().amax(1) < SAME_COLOUR
-        share = functional.adaptive_avg_pool2d(green.float(), (shape[1], shape[2]))
-        total = share.sum((1, 2), keepdim=True)
-        share = torch.where(total > 0, share, 1.0)  # It may be anywhere, in other colours.
-        return (share / share.sum((1, 2), keepdim=True).clamp(min=1e-6)).log()
+        return share_of(image, DEFAULT_STYLE.agent, shape[1], shape[2]).log()
+
+
+def on_grid(image: Tensor, cell_pixels: float) -> Tensor:
+    """Return pictures in which each cell has `PIXELS` pixels each way, shape (N, 3, side, side).
+
+    Args:
+        image: Pictures of square labyrinths, shape (N, 3, size, size).
+        cell_pixels: The side of a cell in them.
+    """
+    side = PIXELS * round(image.shape[2] / cell_pixels)
+    return functional.interpolate(image, size=(side, side), mode="bilinear")
+
+
+def share_of(image: Tensor, colour: Colour, rows: int, columns: int) -> Tensor:
+    """Return how much of a colour lies at each position, of 1, shape (N, rows, columns).
+
+    Where the colour is nowhere in a picture, all positions have the same share.
+    """
+    same = image.new_tensor(colour).view(3, 1, 1) / 255
+    found = (image - same).abs().amax(1) < SAME_COLOUR
+    share = functional.adaptive_avg_pool2d(found.float(), (rows, columns))
+    total = share.sum((1, 2), keepdim=True)
+    share = torch.where(total > 0, share, 1.0)  # It may be anywhere, in other colours.
+    return share / share.sum((1, 2), keepdim=True).clamp(min=1e-6)

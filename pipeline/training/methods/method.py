@@ -13,7 +13,7 @@ from functools import cached_property
 from importlib import import_module
 from importlib.util import find_spec
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -22,13 +22,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.optim import Adam
 
+from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, Network
+from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.option import check_options, frozen, option
-from pipeline.config.training import IMAGE_SIZE, usual_settings
+from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, usual_settings
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
 
@@ -57,23 +59,36 @@ class Problem:
     arrays: LabyrinthArrays
     """The labyrinths of the split train, and of no other."""
     observations: Tensor
-    """The observations of `arrays`, on the device, shape (S, ...)."""
+    """The observations of `arrays`, on the device, shape (S, ...); with memory, those of the states
+    of `demonstrations` come after them."""
     demonstrations: Steps
     exploration: Callable[[], Steps]
     """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
     spec: NetworkSpec
     rng: np.random.Generator
     """The source of all randomness but that of weights and dropout, which is torch's."""
+    precision: str = "fp32"
+    """One of `PRECISIONS`."""
+    memory: PictureMemory | None = None
+    """What makes the pictures of a policy that is shown all that it has seen in an episode."""
 
     @property
     def device(self) -> torch.device:
         """The device to compute on."""
         return self.observations.device
 
+    def autocast(self) -> torch.autocast:
+        """Return the context in which networks are trained, in the precision of the run.
+
+        Weights are cast each time anew, since they change within the context.
+        """
+        enabled = self.precision == "bf16"
+        return torch.autocast(self.device.type, torch.bfloat16, enabled, cache_enabled=False)
+
     @cached_property
     def examples(self) -> ExampleSampler:
         """The source of pictures drawn from the demonstrations, as they are or relabelled."""
-        return ExampleSampler(self.arrays)
+        return ExampleSampler(self.arrays, self.memory)
 
 
 class Learner(ABC):
@@ -85,6 +100,8 @@ class Learner(ABC):
 
     policy: nn.Module
     """The network that is evaluated and kept; its highest output is the action."""
+    selected_by: ClassVar[str] = "validation_sr"
+    """The figure of which the policy that is kept has the highest value."""
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         self.problem = problem
@@ -111,6 +128,36 @@ class Learner(ABC):
             ConfigError: The policy cannot see labyrinths of that size.
         """
         return IMAGE_SIZE
+
+    @classmethod
+    def figures(
+        cls,
+        policy: Policy,  # noqa: ARG003
+        train: LabyrinthArrays,  # noqa: ARG003
+        validation: LabyrinthArrays,  # noqa: ARG003
+    ) -> dict[str, float]:
+        """Return figures of a policy that is tried during training, besides success rates."""
+        return {}
+
+    @classmethod
+    def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003
+        """Return the figures of a policy by the protocol's own rules, if it has any."""
+        return {}
+
+    @classmethod
+    def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
+        """Return the policy of a network as it acts, in any of the forms that `evaluate` takes.
+
+        Here it forgets, so that look-ups do for it. A method whose policy remembers returns an
+        object with `reset(count)` and `act(observations)`, which is then stepped: when it is tried
+        during training, and when it is evaluated.
+
+        Args:
+            policy: The function of a network, from B observations to scores of shape (B, 4).
+            spec: The network, with the size of the labyrinths that it acts in.
+            settings: The settings of the method.
+        """
+        return policy
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:
@@ -173,24 +220,47 @@ class Learner(ABC):
         return total / len(labels)
 
 
-def find(name: str, values: Mapping[str, Any]) -> tuple[type[Learner], BaseSettings]:
+def require_square(what: str, height: int, width: int, advice: str = "") -> None:
+    """Raise a ConfigError, which names what cannot see them, if labyrinths are not square."""
+    check(
+        height == width,
+        f"size={height}x{width}: {what} needs as many rows as columns{advice}",
+    )
+
+
+def same_scale(spec: NetworkSpec, height: int, width: int) -> int:
+    """Return the pixels on each side with which cells are as large as those trained on."""
+    return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
+
+
+def find(
+    name: str, values: Mapping[str, Any], protocol: str = "default"
+) -> tuple[type[Learner], BaseSettings]:
     """Return a method and its settings.
 
     Args:
         name: The name of the method's module in this package, such as `bc`.
         values: The values of some settings; the file of the method in conf/method/ has
             the others.
+        protocol: One of `PROTOCOLS`, which may have methods of its own.
 
     Raises:
         ConfigError: There is no such method or setting, or a value that is not allowed.
     """
-    module_name = f"{__package__}.{name}"
+    own = PROTOCOLS[protocol].methods
+    module_name = ".".join(filter(None, [__package__, own, name]))
     module: Any = import_module(module_name) if find_spec(module_name) else None
     if not (hasattr(module, "Method") and hasattr(module, "Settings")):
-        raise ConfigError(f"method={name}: pipeline/training/methods has no method of that name")
+        where = "/".join(filter(None, ["pipeline/training/methods", own]))
+        raise ConfigError(f"method={name}: {where} has no method of that name")
     method, settings = module.Method, module.Settings
-    values = {**usual_settings(name), **values}
+    values = {**usual_settings(name, protocol), **values}
     values.pop("name", None)
+    known = {each.name for each in fields(settings)}
+    check(
+        not own or known >= values.keys(),
+        f"protocol={protocol}: its methods have other settings, so give method={own}/{name} alone",
+    )
     for each in fields(settings):
         check(each.name in values, f"method.{each.name} is missing: give it a value")
     chosen = frozen(settings, values, "method.")

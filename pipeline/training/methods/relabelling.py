@@ -7,10 +7,14 @@ it is not: there nothing is reversed, and a part is taken only if it is a comple
 labyrinth with the new start and goal, from before the key to behind the door; an episode without
 such a part, like most pieces of a route, is taken as it is. The picture with the new start and goal
 is drawn from `info`, which adds nothing that the demonstration's own pictures do not show.
+
+With memory, under partial observability, a picture is what a policy that remembers is shown
+(`labyrinth_core.policies.remembering`) after it has walked the part up to there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise, permutations
 
@@ -18,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
@@ -29,9 +34,9 @@ NO_LABEL = -1
 class ExampleSampler:
     """Draws examples from the demonstrated episodes."""
 
-    def __init__(self, arrays: LabyrinthArrays) -> None:
-        """Replay the episodes."""
-        self._spec = arrays.spec
+    def __init__(self, arrays: LabyrinthArrays, memory: PictureMemory | None = None) -> None:
+        """Replay the episodes; with a memory, it makes the pictures."""
+        self._spec, self._memory = arrays.spec, memory
         places = list(arrays.places)
         self._episodes = []
         for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
@@ -54,16 +59,34 @@ class ExampleSampler:
             rng: Draws them.
             relabel: Whether the part is between any two states of the episode, or all of it.
             whole: Whether the labels are the actions in all cells of the part, or the agent's
-                action alone. Cells are labelled only if the agent can see them, and with the
-                actions taken with the key if the agent has it, else with those without it.
+                action alone. Under partial observability the agent's cell alone is labelled, or
+                with memory those where it has been. Labels are the actions taken with the key if
+                the agent has it, else those without it.
         """
         drawn = [self._example(rng, relabel, whole) for _ in range(count)]
-        views, labels = zip(*drawn, strict=True)
-        return self._spec.look(views), np.stack(labels)
+        views, seen_from, labels = zip(*drawn, strict=True)
+        return self._look(views, seen_from), np.stack(labels)
+
+    def look_at_all(self) -> NDArray[np.uint8]:
+        """Return the picture of each state in which an episode acts, episode by episode."""
+        views, seen_from = [], []
+        for episode in self._episodes:
+            for index, state in enumerate(episode.states[:-1]):
+                views.append((episode.labyrinth, state))
+                seen_from.append(_agents(episode, range(index + 1)))
+        return self._look(views, seen_from)
+
+    def _look(
+        self, views: Sequence[tuple[Labyrinth, State]], seen_from: Sequence[frozenset[int]]
+    ) -> NDArray[np.uint8]:
+        if self._memory is None:
+            return self._spec.look(views)
+        self._memory.reset(len(views))
+        return self._memory.add(self._spec.look(views, seen_from))
 
     def _example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
-    ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
+    ) -> tuple[tuple[Labyrinth, State], frozenset[int], NDArray[np.int64]]:
         number = rng.integers(len(self._episodes))
         episode, parts = self._episodes[number], self._parts[number]
         first, last, labyrinth = 0, len(episode), episode.labyrinth
@@ -73,16 +96,21 @@ class ExampleSampler:
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
         state = episode.states[agent]
+        visited = range(first, agent + step, step)
+        seen_from = _agents(episode, visited)
         if not whole:
-            return (labyrinth, state), np.array(_action(episode, agent, step))
+            return (labyrinth, state), seen_from, np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
-        hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
-        for index in [agent] if hidden else range(first, last, step):
+        known = range(first, last, step)
+        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+            known = visited[-1:] if self._memory is None else visited
+        for index in known:
             there = episode.states[index]
             if there[1:] == state[1:]:
                 labels[there.agent] = _action(episode, index, step)
-        return (labyrinth, state), labels.reshape(structure.height, structure.width)[::-1]
+        rows = labels.reshape(structure.height, structure.width)[::-1]
+        return (labyrinth, state), seen_from, rows
 
 
 def require_shortest(arrays: LabyrinthArrays) -> None:
@@ -102,6 +130,11 @@ def require_shortest(arrays: LabyrinthArrays) -> None:
 def _action(episode: Episode, index: int, step: int) -> int:
     """Return the action in a state of an episode, or the one back to the state before it."""
     return int(episode.actions[index] if step > 0 else (episode.actions[index - 1] + 2) % 4)
+
+
+def _agents(episode: Episode, indices: Iterable[int]) -> frozenset[int]:
+    """Return the agent's cells in some states of an episode."""
+    return frozenset(episode.states[index].agent for index in indices)
 
 
 def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:

@@ -134,6 +134,9 @@ def read(path: Path) -> Evaluation:
         setup = [about["encoder"]]
         setup += [f"stride{about['pool_stride']}"] * (about["pool_stride"] != 1)
         setup += [about["protocol"]] * (about["protocol"] != "default")
+        if "precision" in about:
+            setup.append(about["precision"])
+        setup += ["memory"] * bool(about.get("memory"))
         if about.get("train_labyrinths") is not None:
             setup.append(f"labyrinths{int(about['train_labyrinths'])}")
         height, width = parse_size(about["config"].partition("-")[0])

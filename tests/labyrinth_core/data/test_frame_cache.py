@@ -346,12 +346,12 @@ def test_who_waits_takes_what_the_other_has_made(data_dir, cache, monkeypatch):
 
 KILLED = """
 import os, signal, sys
-from labyrinth_core.data import frame_cache
-gather = frame_cache.gather
+from labyrinth_core.data import loader
+gather = loader.gather
 def die(episodes, keep):
     gather(list(episodes)[:int(sys.argv[3])], keep)
     os.kill(os.getpid(), signal.SIGKILL)
-frame_cache.gather = die
+loader.gather = die
 """
 
 

@@ -727,7 +727,10 @@ def assert_refused(folder, message):
 
 @pytest.mark.parametrize(("edit", "message"), ROWS)
 def test_rows_that_make_no_episodes_are_refused(data_dir, tmp_path, edit, message):
-    assert_refused(edited(data_dir, tmp_path / "damaged", edit), message)
+    folder = edited(data_dir, tmp_path / "damaged", edit)
+    assert_refused(folder, message)
+    with pytest.raises(DatasetError, match=message):
+        load_transitions(folder, "3x3", image_size=8, draw=True)
 
 
 @pytest.mark.parametrize("column", ["actions", "info"])

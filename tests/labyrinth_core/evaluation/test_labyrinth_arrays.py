@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
+from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
@@ -86,6 +87,18 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
         for step, action in enumerate([*episode.actions, 0]):
             np.testing.assert_array_equal(arrays.observations[state], episode.observations[step])
             state = arrays.next_state[state, action]
+
+
+def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
+    datasets, monkeypatch
+):
+    held = load_arrays(datasets, "3x4", "test", image_size=32)
+    monkeypatch.setattr(observations, "HELD_BYTES", held.observations.nbytes - 1)
+    drawn = load_arrays(datasets, "3x4", "test", image_size=32)
+    assert isinstance(drawn.observations, observations.Looks)
+    assert len(drawn.observations) == len(held.observations)
+    states = np.arange(len(held.observations))[::-2]
+    np.testing.assert_array_equal(drawn.observations[states], held.observations[states])
 
 
 @pytest.mark.parametrize("split", BASE_SPLITS)

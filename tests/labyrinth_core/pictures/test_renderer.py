@@ -261,6 +261,16 @@ def test_exactly_the_closed_passages_are_drawn_as_walls(structure, data):
             assert shows_wall(picture, structure, place, beside) == (pair not in passages)
 
 
+@pytest.mark.parametrize(
+    ("asked", "drawn"), [(1, 1), (2, 2), (12, 12), (13, 13), (37, 37), (38, 37), (600, 37)]
+)
+def test_walls_are_as_thick_as_asked_up_to_a_quarter_of_a_cell(asked, drawn):
+    labyrinth = parse(NAVIGATION)  # Four columns: a cell has 150 pixels.
+    picture = render(labyrinth, State(labyrinth.start), style=Style(wall_pixels=asked))
+    middle = (picture == DEFAULT_STYLE.wall).all(axis=2)[450]  # Of the lowest row of cells.
+    assert middle.argmin() == drawn
+
+
 def test_up_in_the_labyrinth_is_up_in_the_picture_and_right_is_right():
     labyrinth = parse(NAVIGATION)
     agent = np.array(DEFAULT_STYLE.agent)

@@ -120,6 +120,6 @@ def test_each_vector_is_the_callers_own():
 
 def test_many_initial_vectors_are_those_of_each_labyrinth():
     structures = sample_many(3, 6, 20, np.random.default_rng(0))
-    for place, vector in enumerate(initial_vectors(structures, 2, 9, Task.NAVIGATION)):
+    for place, vector in enumerate(initial_vectors(structures, np.tile((2, 9), (20, 1)))):
         labyrinth = Labyrinth(structures[place], 2, 9)
         np.testing.assert_array_equal(vector, vector_observation(labyrinth, initial(labyrinth)))

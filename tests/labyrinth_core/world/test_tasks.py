@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 import pytest
@@ -32,6 +32,7 @@ from labyrinth_core.world.tasks import (
     change_start,
     change_start_and_goal,
     default_start_and_goal,
+    draw_start_and_goal,
     place,
     tiles_matter,
 )
@@ -380,6 +381,39 @@ def test_every_start_that_is_far_enough_is_equally_likely():
     counts = Counter(change_start(labyrinth, rng).start for _ in range(100 * len(allowed)))
     assert set(counts) == set(allowed)
     assert chi_square(counts.values(), [100.0] * len(allowed)) < 5
+
+
+@given(connected_structures(), st.sampled_from(list(Task)), seeds)
+def test_a_drawn_start_and_goal_are_far_enough_apart_and_hold_the_task(structure, task, seed):
+    far_enough = (structure.height + structure.width) // 2
+    pairs = [
+        pair
+        for pair in permutations(range(structure.cells), 2)
+        if apart(Labyrinth(structure, *pair), *pair) >= far_enough
+    ]
+    found = made_or_reason(draw_start_and_goal, structure, task, np.random.default_rng(seed))
+    if isinstance(found, str):
+        assert found == f"no start or goal can hold {task}"
+        for start, goal in pairs:
+            with pytest.raises(LabyrinthError):
+                place(structure, start, goal, task, np.random.default_rng(seed))
+        return
+    assert (found.structure, found.task) == (structure, task)
+    assert (found.start, found.goal) in pairs
+    assert keeps_the_rules(world_of(found), task)
+    assert tiles_matter(found)
+
+
+def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough():
+    structure, rng = without_walls(3, 3), np.random.default_rng(5)
+    labyrinth = Labyrinth(structure, 0, 8)
+    ways = {goal: [s for s in range(9) if apart(labyrinth, s, goal) >= 3] for goal in range(9)}
+    assert ways.pop(4) == []  # Nothing is far from the middle.
+    expected = {(s, goal): 2000 / 8 / len(ways[goal]) for goal in ways for s in ways[goal]}
+    found = (draw_start_and_goal(structure, Task.NAVIGATION, rng) for _ in range(2000))
+    counts = Counter((each.start, each.goal) for each in found)
+    assert set(counts) == set(expected)
+    assert chi_square([counts[pair] for pair in expected], expected.values()) < 5
 
 
 def test_ice_is_laid_anew_for_another_start():

@@ -14,7 +14,7 @@ from hydra import compose, initialize_config_dir
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.data.dataset_config import SOLUTIONS, DatasetConfig
+from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, SplitsConfig
@@ -64,6 +64,7 @@ def possible_configs(draw: st.DrawFn) -> RunConfig:
         splits=SplitsConfig(draw(st.integers(1, 4))),
         seed=draw(st.integers(0, 2**64 - 1)),
         task=draw(st.sampled_from([str(task) for task in Task])),
+        goals=draw(st.sampled_from(GOALS)),
     )
 
 
@@ -95,6 +96,7 @@ IMPOSSIBLE = [
     ("solutions_limit", 0, "1 or more"),
     ("random_steps", 0, "1 or more"),
     ("sampler", "magic", "wilson, depth_first"),
+    ("goals", "random", "[fixed, varied]"),
     ("open_walls", -0.01, "from 0 to 1"),
     ("open_walls", 1.01, "from 0 to 1"),
     ("open_walls", float("nan"), "from 0 to 1"),
@@ -110,7 +112,8 @@ IMPOSSIBLE_TO_TRAIN = [
     ("encoder", "mlp", "observation=vector"),
     ("pool_stride", 3, "[1, 2]"),
     ("observation", "sound", "[image, vector, text]"),
-    ("protocol", "mine", "[default, paper]"),
+    ("protocol", "mine", "[default, paper, authors]"),
+    ("precision", "fp16", "[fp32, bf16]"),
     ("device", "tpu", "[auto, cpu, cuda]"),
     ("threads", 0, "from 1 to"),
     ("results_dir", " ", "give a folder"),
@@ -256,12 +259,20 @@ def test_the_folder_of_a_run_tells_what_was_trained() -> None:
             encoder="resnet18",
             pool_stride=2,
             protocol="paper",
+            precision="bf16",
             run_dir="~/runs",
         )
     )
     assert plain.training_folder == Path("runs/5x5/bc-cnn-seed3")
     assert other.training_folder.parent == Path.home() / "runs" / "5x5"
-    assert other.training_name == "iupe-resnet18-seed0-stride2-paper"
+    assert other.training_name == "iupe-resnet18-seed0-stride2-paper-bf16"
+
+
+def test_one_word_chooses_a_method_of_the_authors_and_their_protocol() -> None:
+    options = composed("stages=[train]", "method=authors/iupe", "method.epochs=7").options
+    assert options.protocol == "authors"
+    usual = {"evaluate_every": 100, "batch_size": 1, "learning_rate": 0.001}
+    assert options.method == {"name": "iupe", "epochs": 7} | usual
 
 
 def test_options_document_exactly_the_fields_of_the_schema() -> None:
@@ -321,6 +332,12 @@ def test_json_of_another_kind_is_no_dataset_config(name: str, value: Any) -> Non
     good = dataset().to_json()
     with pytest.raises(ValueError, match=r"a dataset's config|give|choose one of|at most"):
         DatasetConfig.from_json(good | {name: value})
+
+
+@pytest.mark.parametrize("value", [None, 1, "random", ["varied"]])
+def test_json_with_other_goals_is_no_dataset_config(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"a dataset's config|choose one of \[fixed, varied\]"):
+        DatasetConfig.from_json(dataset().to_json() | {"goals": value})
 
 
 @pytest.mark.parametrize("value", [None, 0, -1, 41, "2", 2.0, True, [2]])

@@ -32,6 +32,7 @@ from labyrinth_core.data.errors import DatasetError
 from pipeline.analysis.report import stage as report
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
+from pipeline.config.training import UNPUBLISHED
 from pipeline.release import model
 from pipeline.release.model import staged_policy
 from pipeline.release.remote import PublishError, Remote
@@ -319,8 +320,20 @@ def test_a_report_that_is_not_there_or_was_changed_is_not_published(
             "dataset=/data/labyrinth: give the id on the Hub of the dataset that what is published",
         ),
         (
+            {"publish": {"model": MODEL}, "dataset": REPO, "memory": True}
+            | {"task": "partial_observability"},
+            "memory=true: a policy that is published has no memory beside its network, so that",
+        ),
+        (
             {"publish": {"model": MODEL}, "dataset": REPO, "protocol": "paper"},
             "protocol=paper: its pictures are not those that evaluate shows, so that its policy is",
+        ),
+        *(
+            (
+                {"publish": {"model": MODEL}, "dataset": REPO, "method": {"name": method}},
+                f"publish.model={MODEL}: policies of method={method} are not published, since",
+            )
+            for method in UNPUBLISHED
         ),
     ],
 )

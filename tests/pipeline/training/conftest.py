@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ import torch
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.run import Run
+from pipeline.training import checkpoint
+from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.acting import load_steps
-from pipeline.training.methods.method import Problem
+from pipeline.training.methods.method import Learner, Problem
 
 torch.set_num_threads(1)
 
@@ -44,3 +47,41 @@ def problem_of(small_dataset: Run) -> Callable[..., Problem]:
         return replace(problem, **changed)
 
     return make
+
+
+@pytest.fixture
+def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]], None]:
+    """A function that fails unless weights follow from the seed, and from a checkpoint."""
+
+    def require(learner_of: Callable[[int], Learner]) -> None:
+        whole, again, other = map(learner_of, (0, 0, 1))
+        for learner in (whole, again, other):
+            learner.epoch()
+        checkpoint.save(tmp_path / "checkpoint", again, Progress(), {})
+        resumed = learner_of(5)
+        checkpoint.load(tmp_path / "checkpoint", resumed, {})
+        whole.epoch()
+        resumed.epoch()
+        weights = [learner.policy.state_dict() for learner in (whole, resumed, other)]
+        assert all(torch.equal(each, weights[1][name]) for name, each in weights[0].items())
+        assert not all(torch.equal(each, weights[2][name]) for name, each in weights[0].items())
+
+    return require
+
+
+@pytest.fixture
+def targets_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], list[Any]]:
+    """A function that returns a list of the targets of each squared error of a module to come."""
+
+    def note(module: Any) -> list[Any]:
+        targets: list[Any] = []
+        loss = module.functional.mse_loss
+
+        def noting(q: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+            targets.append(target)
+            return loss(q, target)
+
+        monkeypatch.setattr(module.functional, "mse_loss", noting)
+        return targets
+
+    return note

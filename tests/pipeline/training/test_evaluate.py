@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 
 import pytest
+from policies import Remembering
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.analysis.report.findings import read_results
@@ -18,8 +20,11 @@ from pipeline.config.errors import ConfigError
 from pipeline.machinery.evaluation_file import check_evaluation
 from pipeline.training import evaluate as stage
 from pipeline.training import train
+from pipeline.training.methods import bc
+from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
 from pipeline.training.results import stage as results
+from pipeline.training.results.evaluations import read_all
 
 pytestmark = pytest.mark.slow
 
@@ -59,6 +64,45 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     assert (folder / "evaluation.json").read_text(encoding="utf-8") == text
 
 
+def test_a_policy_that_remembers_is_stepped_in_training_and_in_evaluation(
+    trained, small_dataset, make_run, tmp_path, monkeypatch
+):
+    stage.run(trained)
+    run = make_run(
+        small_dataset.data_dir,
+        stages=["train", "evaluate"],
+        run_dir=str(tmp_path),
+        device="cpu",
+        method={"name": "bc", "epochs": 1},
+    )
+    counts = []
+
+    def player(policy, spec, settings):
+        assert (spec.height, spec.width, settings.epochs) == (3, 3, 1)
+        remembering = Remembering(policy)
+        remembering.counts = counts
+        return remembering
+
+    monkeypatch.setattr(bc.Method, "player", player)
+    train.run(run)
+    assert counts == [8, 8]  # Train and validation, after the only epoch.
+    stage.run(run)
+    assert counts[2:] == [8] * len(EVALUATED_SPLITS)
+    records, evaluations = (
+        [json.loads((each.training_folder / name).read_bytes()) for each in (trained, run)]
+        for name in ("run.json", "evaluation.json")
+    )
+    del records[0]["history"][0]["seconds"], records[1]["history"][0]["seconds"]
+    assert records[0]["history"] == records[1]["history"]
+    check_evaluation(evaluations[1])
+    for split in EVALUATED_SPLITS:
+        looked_up, stepped = (each["splits"][split] for each in evaluations)
+        for name in ("accuracy_on_demonstrations", "accuracy_elsewhere"):
+            assert stepped.pop(name) is None
+            del looked_up[name]
+        assert stepped == looked_up
+
+
 def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     trained, build, make_run, tmp_path
 ):
@@ -94,6 +138,30 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
             arrays = load_arrays(data_dir, name, split)
             assert content["splits"][split]["sr"] == success_rate(policy, arrays)
     assert (folder / "evaluation.json").read_bytes() == before
+
+
+def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
+    trained, build, make_run, tmp_path
+):
+    longer = build(tmp_path, labyrinths=3 * trained.dataset.labyrinths)
+    options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
+    evaluate_on = f"{longer.data_dir}/{longer.dataset.name}"
+
+    def evaluated(data_dir):
+        stage.run(make_run(data_dir, **options, evaluate_on=evaluate_on))
+        fingerprint = Manifest.read(longer.data_dir / longer.dataset.name).fingerprint
+        name = f"evaluation-{longer.dataset.name}-{fingerprint:.8}.json"
+        return json.loads((trained.training_folder / name).read_bytes())
+
+    found = evaluated(trained.data_dir)
+    memory = TrainMemory.of(load_arrays(trained.data_dir, "3x3", "train"))
+    known, _ = memory.figures(load_arrays(longer.data_dir, "3x3", "test"))
+    assert found["splits"]["test"]["known_route"] == "".join(map(str, known.astype(int)))
+    assert found["evaluated"]["references_know"] == found["run"]["fingerprint"]
+    gone = evaluated(tmp_path / "gone")
+    assert gone["evaluated"]["references_know"] == gone["evaluated"]["fingerprint"]
+    assert gone["splits"]["train"]["sr_known_route"] == gone["splits"]["train"]["sr"]
+    assert found["splits"]["train"]["known_route"] != gone["splits"]["train"]["known_route"]
 
 
 def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
@@ -132,6 +200,60 @@ def test_under_partial_observability_the_replanner_stands_beside_the_policy(
     own = evaluate(Replanner(3, 4), datasets, run.dataset.name, observation="vector")
     assert content["baselines"]["test"]["replanner"] == own.splits["test"].summary()
     assert "without" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("method", ["bc", "planner"])
+def test_a_run_with_memory_is_another_run_and_is_stepped(build, make_run, tmp_path, method):
+    build(tmp_path, task="partial_observability")
+    options = {"task": "partial_observability", "run_dir": str(tmp_path / "runs")}
+    options |= {"stages": ["train", "evaluate", "results"], "device": "cpu"}
+    options |= {"results_dir": str(tmp_path / "results")}
+    options |= {"method": {"name": method, "epochs": 1, "pictures": 32}}
+    run = make_run(tmp_path, **options, memory=True)
+    train.run(run)
+    stage.run(run)
+    assert run.training_folder.name.endswith("-seed0-memory")
+    content = json.loads((run.training_folder / "evaluation.json").read_bytes())
+    check_evaluation(content)
+    assert content["run"]["memory"] is True
+    for figures in content["splits"].values():
+        assert figures["accuracy_on_demonstrations"] is figures["accuracy_elsewhere"] is None
+    results.run(run)
+    (read,) = read_all(tmp_path / "results")
+    assert read.setup == f"{run.options.network}-memory"
+    without = make_run(tmp_path, **options)
+    _, settings = find(method, without.options.method)
+    assert "memory" not in train.identify(without, settings)
+    assert without.training_folder != run.training_folder
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"task": "navigation"}, "task=navigation: choose partial_observability"),
+        ({"method": {"name": "gail"}}, "method=gail: choose bc or planner"),
+        ({"encoder": "mlp", "observation": "vector"}, "observation=vector: choose image"),
+        ({"protocol": "paper"}, "protocol=paper: choose default"),
+    ],
+)
+def test_what_memory_does_not_go_with_is_told_in_one_line(make_run, tmp_path, options, told):
+    given = {"stages": ["train"], "task": "partial_observability", "memory": True}
+    with pytest.raises(ConfigError) as caught:
+        make_run(tmp_path, **given | options)
+    assert str(caught.value) == f"memory=true does not go with {told}"
+    with pytest.raises(ConfigError, match=r"\Amemory=true is for policies of runs; [^\n]*\Z"):
+        make_run(tmp_path, **given | {"stages": ["evaluate"], "policy": "module:name"})
+
+
+def test_pictures_that_are_too_small_for_a_memory_are_told_before_training(
+    build, make_run, tmp_path
+):
+    options = {"size": "6", "task": "partial_observability"}
+    build(tmp_path / "data", **options, labyrinths=1)
+    options |= {"stages": ["train"], "run_dir": str(tmp_path / "runs"), "device": "cpu"}
+    with pytest.raises(ConfigError, match=r"\Amemory=true: pictures of 64 pixels .* 6x6 .*\Z"):
+        train.run(make_run(tmp_path / "data", **options, memory=True))
+    assert not (tmp_path / "runs").exists()
 
 
 def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(

@@ -96,20 +96,13 @@ def test_the_goal_is_worth_its_reward_for_ever_and_other_states_the_soft_maximum
 
 
 def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
-    problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+    problem_of: Problems, targets_of: Callable[[Any], list[Any]]
 ) -> None:
     settings = settings_of("sqil", batch_size=10, gamma=0.5)
     learner = sqil.Method(problem_of(), settings)
     learner.act(learner.outputs(learner.policy))
     learner.values = np.full(len(learner.values), 4.0)
-    targets: list[Any] = []
-    loss = sqil.functional.mse_loss
-
-    def noting(q: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-        targets.append(target)
-        return loss(q, target)
-
-    monkeypatch.setattr(sqil.functional, "mse_loss", noting)
+    targets = targets_of(sqil)
     learner.update()
     assert targets[0].tolist() == [1 + 0.5 * 4.0] * 5 + [0.5 * 4.0] * 5
 

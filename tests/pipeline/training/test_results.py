@@ -157,6 +157,14 @@ def test_the_file_of_an_evaluation_is_json_with_a_line_for_each_split(evaluated)
     assert len(text) < 10_000
 
 
+def test_runs_in_another_precision_are_of_another_setup(evaluated, tmp_path):
+    path, other = evaluated / "3x3" / "bc-cnn-seed0" / "evaluation.json", tmp_path / "bf16.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["run"]["precision"] = "bf16"
+    other.write_text(json.dumps(content), encoding="utf-8")
+    assert (read(path).setup, read(other).setup) == ("cnn", "cnn-bf16")
+
+
 def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
     runs = [read(path) for path in sorted(evaluated.glob("*/bc-*/evaluation.json"))]
     told = {figures.split: figures for figures in summarise(runs)}

@@ -1,0 +1,88 @@
+"""Canonical texts of labyrinths of one kind, parsed by the thousand in numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from labyrinth_core.language.source_text import LabyrinthSyntaxError
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.batch_labyrinths import Labyrinths
+from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.dynamics import initial, state_index
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+
+
+def parse_many(texts: Sequence[str]) -> Labyrinths | None:
+    """Return the labyrinths of one or more texts, the very ones that `text.parse` returns.
+
+    Returns:
+        None if a text is not in the canonical form, or describes no labyrinth, or if the
+        labyrinths are not of one size, task and look. It is then for `text.parse` to say so.
+    """
+    heads, drawings = zip(*(text.partition("\n\n")[::2] for text in texts), strict=True)
+    # Of the texts with the same settings, one is parsed.
+    parsed = [_canonical(text) for text in dict(zip(heads, texts, strict=True)).values()]
+    some = [each for each in parsed if each is not None]
+    kinds = {(each.size_name, each.task, each.look) for each in some}
+    if len(some) < len(parsed) or len(kinds) > 1:
+        return None
+    height, width = some[0].structure.height, some[0].structure.width
+    edges = vertical_edges(height, width), horizontal_edges(height, width)
+    pattern = dump(Labyrinth(Structure(height, width, *edges), 0, height * width - 1))
+    pattern = pattern.partition("\n\n")[2]
+    joined = "".join(drawings)
+    if {len(drawing) for drawing in drawings} != {len(pattern)} or not joined.isascii():
+        return None
+    shown = np.frombuffer(joined.encode(), np.uint8).reshape(len(texts), -1)
+    # The places of the drawing's characters, the lowest line first.
+    places = np.arange(len(pattern))[pattern.index("-") : pattern.index("end")]
+    places = places.reshape(2 * height + 1, 4 * width + 2)[::-1]
+    cells, above, beside = places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]
+    fixed = np.ones(len(pattern), np.bool_)
+    for free in (cells, above, beside):
+        fixed[free] = False
+    content, over, right_of = (shown[:, free.ravel()] for free in (cells, above, beside))
+    as_drawn = [
+        shown[:, fixed] == np.frombuffer(pattern.encode(), np.uint8)[fixed],
+        (over == ord(" ")) | (over == ord("-")),
+        (right_of == ord(" ")) | (right_of == ord("|")),
+    ]
+    task = some[0].task
+    letters = np.frombuffer(b"SEKD" if task is Task.KEY_AND_DOOR else b"SE", np.uint8)
+    there = content[:, None] == letters[:, None]
+    ice = (content == ord("I")) & (task is Task.ICY_FLOOR)
+    as_drawn += [
+        there.sum(axis=2) == 1,
+        (content != ord(" ")).sum(axis=1) == len(letters) + ice.sum(axis=1),
+        ice.any(axis=1) == (task is Task.ICY_FLOOR),
+    ]
+    tiles = there.argmax(axis=2)
+    begins = {
+        head: -1 if each.agent is None else state_index(each, initial(each))
+        for head, each in zip(dict.fromkeys(heads), some, strict=True)
+    }
+    given = np.array([begins[head] for head in heads])
+    as_drawn.append(given != tiles[:, 0])  # There, it would not be given.
+    if not all(each.all() for each in as_drawn):
+        return None
+    up = np.zeros((len(texts), height, width), np.bool_)
+    right = np.zeros_like(up)
+    up[:, :-1] = (over == ord(" ")).reshape(-1, height - 1, width)
+    right[:, :, :-1] = (right_of == ord(" ")).reshape(-1, height, width - 1)
+    structures = Structures(height, width, *(each.reshape(len(texts), -1) for each in (up, right)))
+    labyrinths = Labyrinths(
+        structures, task, some[0].look, tiles, ice, np.where(given < 0, tiles[:, 0], given)
+    )
+    return labyrinths if labyrinths.keep_the_rules() else None
+
+
+def _canonical(text: str) -> Labyrinth | None:
+    """Return the labyrinth of a text, None if the text is not in the canonical form."""
+    try:
+        labyrinth = parse(text)
+    except LabyrinthSyntaxError:
+        return None
+    return labyrinth if dump(labyrinth) == text else None

@@ -1,0 +1,156 @@
+"""The settings above a drawing in the text language: task, look, and where the agent begins."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple, NoReturn
+
+from labyrinth_core.language.source_text import Source, quoted
+from labyrinth_core.world.labyrinth import Labyrinth, Look, State, Task
+
+SETTINGS = {
+    "key_and_lock": Task.KEY_AND_DOOR,
+    "icy_floor": Task.ICY_FLOOR,
+    "occlusion": Task.PARTIAL_OBSERVABILITY,
+}
+"""The task that each setting switches on, in the order in which they are written."""
+
+_SETTINGS_OF = {
+    task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
+    for task in Task
+}
+"""The settings of each task as text."""
+
+HEADING = "labyrinth"
+"""What announces the drawing."""
+
+_LOOK, _AGENT = "look", "agent"
+_SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
+_FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
+
+_LOOKS = tuple(map(str, Look))
+_VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
+    _LOOK: re.compile("|".join(_LOOKS)),
+    _AGENT: re.compile(r"\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?"),
+}
+"""What each setting may be, in small letters."""
+_EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
+    _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
+    _AGENT: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
+}
+
+_MOST_SETTINGS = 200
+"""More characters than the settings of a canonical text have."""
+
+
+class Settings(NamedTuple):
+    """What is set above a drawing."""
+
+    task: Task
+    offset: int
+    """Offset of the setting that switches the task on, or of the heading if none is on."""
+    look: Look
+    agent: tuple[str, int] | None
+    """Where the agent begins, as it is written, and the offset of that; None on the start."""
+
+
+def parse_settings(source: Source) -> Settings:
+    """Return what is set before the drawing, and read on to it.
+
+    setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
+    look = "look" ":" ("plain" | "recoloured" | "thin_walls")
+    agent = "agent" ":" "(" number "," number ")" ["with" ("key" | "open" "door")]
+    """
+    switched_on: tuple[Task, int] | None = None
+    look, agent = Look.PLAIN, None
+    seen: dict[str, int] = {}
+    while True:
+        offset, line = source.next_line()
+        match = _SETTING.match(line)
+        assert match, "every part of the pattern may be empty"
+        name, colon, value = match[1].rstrip(" "), match[2], match[3]
+        place, value_at = offset + match.start(1), offset + match.start(3)
+        if name == HEADING and colon and not value:
+            return Settings(*(switched_on or (Task.NAVIGATION, place)), look, agent)
+        if name not in _VALUES or not colon:
+            _refuse_setting(source, offset, line)
+        if name in seen:
+            expected = "each setting at most once"
+            found = f"{name} again, after line {source.line_number(seen[name])}"
+            source.fail(place, "a setting is given twice", expected, found)
+        seen[name] = place
+        if not _VALUES[name].fullmatch(value.lower()):
+            found = quoted(value) if value else "the end of the line"
+            source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
+        if name == _LOOK:
+            look = Look(value.lower())
+        elif name == _AGENT:
+            agent = value.lower(), value_at
+        elif value.lower() == "true":
+            if switched_on:
+                found = f"{name}, after line {source.line_number(switched_on[1])}"
+                source.fail(place, "two tasks are switched on", "one task at most", found)
+            switched_on = SETTINGS[name], place
+
+
+def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
+    """Raise the error for a line before the drawing that is neither setting nor heading."""
+    from difflib import get_close_matches
+
+    match = _FIRST_WORD.match(line)
+    assert match, "every part of the pattern may be empty"
+    word, place = match[1], offset + match.start(1)
+    if word in (HEADING, *_VALUES):
+        if match[2]:
+            message = "the drawing begins on a line of its own"
+            source.fail(offset + match.end(), message, "the end of the line")
+        source.fail(offset + match.end(), f"after {word}", "':'")
+    if not line or line[0] in "-|":
+        found = quoted(line.strip(" "))
+        source.fail(place, "nothing announces the drawing", f"'{HEADING}:'", found)
+    close = get_close_matches(word[:40].lower(), (HEADING, *_VALUES), n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    expected = f"{', '.join(_VALUES)} or {HEADING}{hint}"
+    source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
+
+
+def agent_state(source: Source, labyrinth: Labyrinth, value: str, offset: int) -> State:
+    """Return the state that a value of the setting `agent` stands for."""
+    match = _VALUES[_AGENT].fullmatch(value)
+    assert match, "the value was checked before"
+    row, column, holds = int(match[1]), int(match[2]), match[3] or ""
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+    if row >= height or column >= width:
+        expected = f"a row from 0 to {height - 1} and a column from 0 to {width - 1}"
+        source.fail(offset, "the agent is outside the grid", expected, f"({row}, {column})")
+    return State(row * width + column, bool(holds), holds.endswith("door"))
+
+
+def dump_settings(labyrinth: Labyrinth) -> str:
+    """Return the settings of a labyrinth as its canonical text has them, a line each."""
+    look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
+    agent = ""
+    if labyrinth.agent is not None:
+        agent = f"{_AGENT}: {agent_text(labyrinth, labyrinth.agent)}\n"
+    return f"{_SETTINGS_OF[labyrinth.task]}{look}{agent}"
+
+
+def agent_text(labyrinth: Labyrinth, state: State) -> str:
+    """Return the value of the setting `agent` for a state, such as `(2, 3) with key`."""
+    holds = " with open door" if state.door_open else " with key" if state.has_key else ""
+    return f"{labyrinth.position(state.agent)}{holds}"
+
+
+def without_agent(text: str) -> str:
+    """Return the canonical text of a labyrinth in which episodes begin on the start.
+
+    Rows of one labyrinth have it in common, wherever their episodes begin.
+
+    Args:
+        text: The canonical text of the same labyrinth.
+    """
+    begin = text.find(f"\n{_AGENT}: ", 0, _MOST_SETTINGS)
+    if begin < 0:
+        return text
+    _, _, rest = text[begin + 1 :].partition("\n")
+    return f"{text[:begin]}\n{rest}"

@@ -1,0 +1,227 @@
+"""The network and the policy of `method=mapper`: what is what, what actions do, and a plan.
+
+A picture is taken apart into anonymous slots, one a colour (`slots`). Four things are learnt:
+
+- what moves: which slot, from its shape within cells;
+- where demonstrations end: which slot of an episode's first picture, from its shape, too;
+- what each action does: by how many rows and columns it moves, where it moves at all;
+- what lets pass: whether a move happens, from what all slots show on the way from a cell to the
+  next, where each slot counts by features that are computed from its shape.
+
+Together they are a model of where each action leads from each cell. The plan goes from cell to cell
+by the smallest expected number of steps: a move of probability p takes 1 / p attempts.
+
+What is given, and not learnt: that pixels have flat colours, and a colour means one thing in all of
+a picture; the numbers of rows and columns; that what acts is one colour in one cell, that a step
+leads at most to one of the eight cells around it, and that its first picture shows where the
+episode ends; that what lets pass looks the same when it is turned; that the shortest way is wanted.
+What is not given: which colour is the agent, a wall, the floor, the start or the goal, what they
+look like, what the actions do, that something blocks, and any labyrinth of another size or look.
+
+Colours are compared for equality alone, and no feature of a slot depends on where it is, so that a
+goal that is always in one corner is not learnt by its corner.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from labyrinth_core.policies.networks.network import ACTIONS
+from labyrinth_core.policies.networks.slots import CELL, Slots, cell_of_colour, scene_of, slots_of
+from labyrinth_core.policies.networks.surroundings import (
+    Surroundings,
+    masks_of,
+    patches_of,
+    places_of,
+)
+
+AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
+"""The moves to another cell, in rows down and columns right: each four are one, turned."""
+STAY = len(AROUND)
+"""The number of the outcome of a step that leads nowhere else."""
+QUICK = 20.0
+"""The factor of the logits of what actions do, which so few weights would learn too slowly."""
+TOGETHER = 16
+"""The number of pictures that are planned in at once."""
+
+
+class Roles(NamedTuple):
+    """What is thought of the K slots of N pictures; -inf stands for a slot that is not there."""
+
+    moves: Tensor
+    """The logit that a slot is what moves, shape (N, K)."""
+    ends: Tensor
+    """The logit that the demonstration ends where a slot is, shape (N, K)."""
+    looks: Tensor
+    """What a slot counts as on the way to another cell, shape (N, K, features)."""
+
+
+class Mapper(nn.Module):
+    """The model of what slots are, and of where actions lead."""
+
+    def __init__(self, channels: int = 32, looks: int = 4) -> None:
+        """Draw the weights, which do not depend on the size of labyrinths.
+
+        Args:
+            channels: The width of the hidden layers.
+            looks: The number of features of a slot on the way to another cell.
+        """
+        super().__init__()
+        self.shape = nn.Sequential(
+            nn.Linear(CELL**2, channels), nn.ReLU(), nn.Linear(channels, channels), nn.ReLU()
+        )
+        self.role = nn.Sequential(
+            nn.Linear(2 * channels, channels), nn.ReLU(), nn.Linear(channels, 2 + looks)
+        )
+        self.passing = nn.Sequential(
+            nn.Linear(CELL**2 * looks, 2 * channels), nn.ReLU(), nn.Linear(2 * channels, 1)
+        )
+        self.effects = nn.Parameter(torch.zeros(ACTIONS, len(AROUND) + 1))
+
+    def roles(self, masks: Tensor) -> Roles:
+        """Return what each slot is, from its shape in the cells that it is in."""
+        patches = patches_of(masks)
+        used = patches.amax((3, 4))
+        # The mean of the eight ways to look at a cell, as a corner would show in the walls' width.
+        turned = patches + patches.flip(3)
+        turned = turned + turned.flip(4)
+        turned = (turned + turned.transpose(3, 4)) / 8
+        found = self.shape(turned.flatten(3)) * used[..., None]
+        count = used.sum(2)
+        mean = found.sum(2) / count.clamp(min=1)[..., None]
+        role = self.role(torch.cat([found.amax(2), mean], 2))
+        moves, ends = role[..., :2].masked_fill(count[..., None] == 0, -torch.inf).unbind(2)
+        looks = functional.layer_norm(role[..., 2:], role[0, 0, 2:].shape)  # Of any use at once.
+        return Roles(moves, ends, looks)
+
+    def passable(self, seen: Tensor, looks: Tensor) -> Tensor:
+        """Return the logits that what moves can pass from a cell to each of those around it.
+
+        For each of these it is looked at from the middle of the cell to the middle of the other.
+
+        Args:
+            seen: What `Surroundings.at` shows of N cells.
+            looks: As in `Roles`, shape (N, K, features).
+
+        Returns:
+            Shape (N, 8), in the order of `AROUND`.
+        """
+        scene = torch.einsum("nkyx,nkl->nlyx", seen, looks)
+        windows = []
+        for turns, (down, right) in enumerate(AROUND):
+            top, left = CELL + CELL // 2 * down, CELL + CELL // 2 * right
+            window = scene[:, :, top : top + CELL, left : left + CELL]
+            windows.append(torch.rot90(window, turns % 4, (2, 3)).flatten(1))
+        logits: Tensor = self.passing(torch.stack(windows, 1))
+        return logits[..., 0]
+
+    def outcomes(self, passable: Tensor) -> Tensor:
+        """Return the logarithms of the probabilities of where each action leads.
+
+        Args:
+            passable: Logits, shape (N, 8).
+
+        Returns:
+            Shape (N, 4, 9); the last outcome is `STAY`.
+        """
+        effects = (QUICK * self.effects).log_softmax(1)[None]
+        logits = passable[:, None]
+        go = effects[:, :, :STAY] + functional.logsigmoid(logits)
+        blocked = effects[:, :, :STAY] + functional.logsigmoid(-logits)
+        stay = torch.cat([effects[:, :, STAY:].expand_as(blocked[:, :, :1]), blocked], 2)
+        return torch.cat([go, stay.logsumexp(2, keepdim=True)], 2)
+
+    def plan(self, masks: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the slot that moves, shape (N,), and the action in each cell, shape (N, cells)."""
+        roles, places = self.roles(masks), places_of(masks)
+        movers = roles.moves.argmax(1)
+        ends = torch.einsum("nk,nkc->nc", roles.ends.softmax(1), places).argmax(1)
+        surroundings = Surroundings.of(masks, movers)
+        cells = torch.arange(places.shape[2], device=masks.device)
+        plans = []
+        for picture, end in enumerate(ends):
+            here = torch.full_like(cells, picture)
+            passable = self.passable(surroundings.at(here, cells), roles.looks[here])
+            steps, actions = (-self.outcomes(passable)[:, :, :STAY].double()).exp().min(1)
+            best = _quickest(steps.T.unflatten(1, surroundings.grid), int(end))
+            plans.append(actions.gather(1, best[:, None])[:, 0])
+        return movers, torch.stack(plans)
+
+
+def _quickest(steps: Tensor, end: int) -> Tensor:
+    """Return which move to make in each cell, shape (cells,), by the fewest steps to the end.
+
+    Args:
+        steps: The expected number of steps that each move takes, shape (8, rows, columns).
+        end: A cell.
+    """
+    distance = torch.full_like(steps[0], torch.inf)
+    distance.view(-1)[end] = 0
+    while True:
+        padded = functional.pad(distance, (1, 1, 1, 1), value=torch.inf)
+        beside = [
+            padded[1 + down :, 1 + right :][: len(distance), : distance.shape[1]]
+            for down, right in AROUND
+        ]
+        ways = steps + torch.stack(beside)
+        nearer = torch.minimum(distance, ways.amin(0))
+        if torch.equal(nearer, distance):
+            return ways.argmin(0).flatten()
+        distance = nearer
+
+
+class MapperPolicy:
+    """The policy of a mapper, which remembers its plan and the colour of what it has to move.
+
+    It plans in the first picture of an episode, and looks in all others where it is.
+    """
+
+    def __init__(self, network: Mapper, height: int, width: int, *, remember: bool = True) -> None:
+        """Take a network.
+
+        Args:
+            network: What is learnt, on any size.
+            height: The number of rows of the labyrinths in the pictures.
+            width: The number of columns.
+            remember: Whether anything is remembered; if not, each picture is a first one.
+        """
+        self.network, self.size, self.remember = network, (height, width), remember
+        self.reset(0)
+
+    def reset(self, count: int) -> None:
+        """Begin so many episodes."""
+        self._colours = np.zeros(0, np.uint32)
+        self._plans = np.zeros((0, count), np.int64)
+
+    def act(self, observations: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Return the actions, shape (N,), for pictures of shape (N, side, side, 3).
+
+        Raises:
+            ValueError: The pictures have more colours than flat ones have.
+        """
+        pictures = [slots_of(each) for each in observations]
+        if not (self.remember and len(self._colours)):
+            self._begin(pictures)
+        cells = [
+            cell_of_colour(each, colour, *self.size)
+            for each, colour in zip(pictures, self._colours.tolist(), strict=True)
+        ]
+        return self._plans[np.arange(len(cells)), cells]
+
+    def _begin(self, pictures: list[Slots]) -> None:
+        plans, colours = [], []
+        device = next(self.network.parameters()).device
+        for begin in range(0, len(pictures), TOGETHER):
+            part = pictures[begin : begin + TOGETHER]
+            scenes = np.stack([scene_of(each, *self.size) for each in part])
+            with torch.no_grad():
+                movers, actions = self.network.plan(masks_of(scenes).to(device))
+            plans.append(actions.cpu().numpy())
+            colours += [each.colours[mover] for each, mover in zip(part, movers, strict=True)]
+        self._plans, self._colours = np.concatenate(plans), np.array(colours, np.uint32)

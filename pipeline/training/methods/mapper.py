@@ -1,0 +1,222 @@
+"""A mapper, which learns what moves, what actions do and where demonstrations end, and plans.
+
+Its network, what it is given and what it is not: `labyrinth_core.policies.networks.mapping`.
+
+As BCO (Torabi et al. 2018) it learns from transitions (s, a, s') of a random policy what actions
+do, here as a forward model, and from those of the demonstrations; as universal planning networks
+(Srinivas et al. 2018) and value iteration networks (Tamar et al. 2016) it acts by planning in what
+it has learnt. All labels come from the pictures of the split train and of `random`:
+
+- What moves is the one slot whose cells differ between s and s' (`moving_colour`).
+- Where a demonstration ends is the cell of that slot in its last picture. It is learnt as the place
+  of a slot of its *first* picture.
+- Where an action leads is the cell of that slot in s', relative to s.
+
+Pictures are drawn as `obs` has them, 600 pixels wide, a little shifted, and with one slot of any
+kind grown over the others, as long as no slot vanishes anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.mapping import (
+    AROUND,
+    Mapper,
+    MapperPolicy,
+)
+from labyrinth_core.policies.networks.slots import (
+    CELL,
+    Scene,
+    Slots,
+    cell_of_colour,
+    coarsened,
+    grown,
+    scene_of,
+    shifted,
+    slots_of,
+)
+from labyrinth_core.policies.networks.surroundings import Surroundings, masks_of, places_of
+from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.labyrinth import Task
+from pipeline.config.errors import check
+from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+
+
+@dataclass(frozen=True)
+class Settings(BaseSettings):
+    """An epoch is one pass over the demonstrations; `batch_size` is their number in a step."""
+
+    steps: int = setting(
+        "number of transitions of its labyrinth that are learnt from a picture", at_least=1
+    )
+    explore: bool = setting("whether the split random is learnt from, too")
+    shift: int = setting("most pixels by which pictures are shifted", at_least=0, at_most=60)
+    grow: int = setting("most pixels by which a colour grows over others", at_least=0, at_most=60)
+    channels: int = setting("width of the hidden layers", at_least=1, at_most=1024)
+    looks: int = setting("number of features of a colour that may block", at_least=1, at_most=64)
+
+
+class Method(Learner):
+    """The network, and the labels that are read off the pictures."""
+
+    policy: Mapper
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        arrays = problem.arrays
+        steps = [problem.demonstrations, *([problem.exploration()] if settings.explore else [])]
+        states, actions, after = map(np.concatenate, zip(*steps, strict=True))
+        order = arrays.labyrinth[states].argsort(kind="stable")
+        self.states, self.actions, after = states[order], actions[order], after[order]
+        numbers = np.arange(len(arrays.labyrinths) + 1)
+        self.bounds = arrays.labyrinth[self.states].searchsorted(numbers)
+        self.colours = self.moving_colours()
+        colours = self.colours[arrays.labyrinth].tolist()
+        slots = zip(self.look(np.arange(len(colours))), colours, strict=True)
+        self.cells = np.array([cell_of_colour(*each, *self.size) for each in slots])
+        there, here = (np.divmod(self.cells[each], self.size[1]) for each in (after, self.states))
+        moves = np.stack(there, axis=1) - np.stack(here, axis=1)
+        known = np.array([*AROUND, (0, 0)])
+        self.outcomes = (moves[:, None] == known).all(axis=2).argmax(axis=1)
+        self.first, last = arrays.route_starts, arrays.route_starts.copy()
+        for episode, route in enumerate(arrays.routes):
+            for action in route.tolist():
+                last[episode] = arrays.next_state[last[episode], action]
+        self.ends = self.cells[last]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The numbers of rows and columns of the labyrinths."""
+        return self.problem.spec.height, self.problem.spec.width
+
+    @classmethod
+    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
+        check(
+            spec.task == Task.NAVIGATION,
+            f"task={spec.task}: method=mapper learns navigation, and no other task",
+        )
+        return Mapper(settings.channels, settings.looks)
+
+    @classmethod
+    def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
+        """Return that of pictures as they are, in which colours are flat."""
+        return PICTURE_SIZE
+
+    @classmethod
+    def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
+        """Return the policy, which remembers, with the network of a function."""
+        assert isinstance(policy, NetworkPolicy)
+        assert isinstance(policy.network, Mapper)
+        return MapperPolicy(policy.network, spec.height, spec.width)
+
+    def moving_colours(self) -> NDArray[np.int64]:
+        """Return the colour of what moves in each labyrinth, as its demonstration shows it."""
+        shown, colours = self.problem.demonstrations, []
+        for labyrinth in range(len(self.problem.arrays.labyrinths)):
+            there = self.problem.arrays.labyrinth[shown.states] == labyrinth
+            pairs = np.stack([shown.states[there], shown.next_states[there]], axis=1)
+            seen = (moving_colour(self.look(pair), *self.size) for pair in pairs)
+            colours.append(next(colour for colour in seen if colour is not None))
+        return np.array(colours)
+
+    def look(self, states: NDArray[np.int64]) -> list[Slots]:
+        """Return the slots of the pictures of states."""
+        arrays = self.problem.arrays
+        places = [place for _, place in arrays.places]
+        spec = ObservationSpec("image", PICTURE_SIZE, draw=True)
+        found = []
+        for state in states.tolist():
+            labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
+            view = (labyrinth, state_at(labyrinth, places[state]))
+            found.append(slots_of(spec.look([view])[0]))
+        return found
+
+    def draw(self, states: NDArray[np.int64]) -> tuple[Tensor, Tensor]:
+        """Return varied pictures as masks, and the slot that moves in each."""
+        colours = self.colours[self.problem.arrays.labyrinth[states]]
+        slots = self.look(states)
+        scenes = [self.vary(each) for each in slots]
+        movers = [
+            int(np.flatnonzero(each.colours == colour)[0])
+            for each, colour in zip(slots, colours, strict=True)
+        ]
+        return masks_of(np.stack(scenes)).to(self.problem.device), self.tensor(np.array(movers))
+
+    def vary(self, slots: Slots) -> Scene:
+        """Return a picture a little shifted, with one slot grown."""
+        settings, rng = self.settings, self.problem.rng
+        down, right = rng.integers(-settings.shift, settings.shift, 2, endpoint=True).tolist()
+        moved = shifted(slots, down, right)
+        slot, by = rng.integers(len(slots.colours)), rng.integers(settings.grow, endpoint=True)
+        larger = grown(moved, int(slot), int(by))
+        before, after = scene_of(moved, *self.size), scene_of(larger, *self.size)
+        lost = coarsened(before, CELL // 2) & ~coarsened(after, CELL // 2)
+        return before if lost.any() else after
+
+    def epoch(self) -> dict[str, float]:
+        self.policy.train()
+        batches = self.batches(len(self.first))
+        moves, ends, does = torch.stack([self.learn(batch) for batch in batches]).mean(0).tolist()
+        return {"loss": moves + ends + does, "moves": moves, "ends": ends, "does": does}
+
+    def learn(self, episodes: NDArray[np.int64]) -> Tensor:
+        """Take a gradient step; return the three losses.
+
+        Of the labyrinth of each demonstration, there is its first picture, and one of any state
+        that is known. In both, steps from any cell are learnt from, as if the agent were there.
+        """
+        labyrinths = self.problem.arrays.labyrinth[self.first[episodes]]
+        others = self.states[self.some_steps(labyrinths, 1)[:, 0]]
+        labyrinths = np.concatenate([labyrinths, labyrinths])
+        masks, movers = self.draw(np.concatenate([self.first[episodes], others]))
+        roles = self.policy.roles(masks)
+        moves = functional.cross_entropy(roles.moves, movers)
+        places = places_of(masks)[range(len(episodes)), :, self.ends[episodes]]
+        chosen = roles.ends[: len(episodes)].log_softmax(1)
+        ends = -(chosen + places.log()).logsumexp(1).mean()
+        steps = self.some_steps(labyrinths, self.settings.steps)
+        pictures = torch.arange(len(masks)).repeat_interleave(steps.shape[1])
+        steps = steps.reshape(-1)
+        cells = self.tensor(self.cells[self.states[steps]])
+        seen = Surroundings.of(masks, movers).at(pictures, cells)
+        outcomes = self.policy.outcomes(self.policy.passable(seen, roles.looks[pictures]))
+        does = -outcomes[range(len(steps)), self.actions[steps], self.outcomes[steps]].mean()
+        self.descend(self.optimizer, moves + ends + does)
+        return torch.stack([moves, ends, does]).detach()
+
+    def some_steps(self, labyrinths: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+        """Return numbers of known steps in some labyrinths, shape (labyrinths, count)."""
+        low, high = self.bounds[labyrinths, None], self.bounds[labyrinths + 1, None]
+        return self.problem.rng.integers(low, high, (len(labyrinths), count))
+
+
+def moving_colour(pictures: Sequence[Slots], height: int, width: int) -> int | None:
+    """Return the colour of the one slot that is in other cells after a step; None if none is.
+
+    Args:
+        pictures: The pictures before and after the step.
+        height: The number of rows.
+        width: The number of columns.
+    """
+    places = []
+    for slots in pictures:
+        cells = coarsened(scene_of(slots, height, width), CELL)
+        numbers = enumerate(slots.colours.tolist())
+        places.append({colour: (cells >> number & 1).tobytes() for number, colour in numbers})
+    before, after = places
+    moved = [int(colour) for colour in before if before[colour] != after.get(colour)]
+    return moved[0] if len(moved) == 1 else None

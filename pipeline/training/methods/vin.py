@@ -1,0 +1,122 @@
+"""A value iteration network (Tamar, Wu, Thomas, Levine and Abbeel 2016), trained by imitation.
+
+As in the paper, a convolutional network turns the picture into a map of rewards R, and the value
+iteration module (section 4) repeats K times, with the same weights,
+
+    Q(a, s) = sum over s' near s of W_R(a, s' - s) R(s') + W_V(a, s' - s) V(s')
+    V(s) = max over a of Q(a, s)
+
+where near s are the 3 x 3 positions around it, and a are ten channels that stand for no particular
+action: what an action does is learnt. Attention picks Q where the agent is, and a linear layer
+turns that into scores of the four actions. The loss is the cross-entropy of the demonstrated
+action. Initial weights of R and of the module are normal, a hundredth in size.
+
+In the paper's grid worlds the input is the map, one pixel a position, with the goal and the agent's
+position. Here it is the picture. So the method is told the number of pixels of a cell and the
+agent's colour, as `planner` is by default: a first convolution has one position for each cell, for
+each wall between two cells and for each corner, which makes 11 x 11 of 5x5, and the agent is where
+its colour is. What wall and goal look like is learnt.
+
+Departures: that first convolution, with a rectified linear unit; Adam instead of RMSProp; gradients
+are clipped. K grows with the side of the labyrinth, as the paper chooses it for each size; here
+weights of one size are used at others.
+
+`augment`, `relabel` and `average` are no part of the paper, and off: see `bc`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor, nn
+from torch.nn.utils import clip_grad_norm_
+from torch.optim import Adam
+
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.policies.networks.network import ACTIONS, as_input
+from labyrinth_core.policies.networks.planning import PIXELS, on_grid, share_of
+from labyrinth_core.policies.networks.symmetry import Averaged
+from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.config.training import IMAGE_SIZE
+from pipeline.training.methods import bc
+from pipeline.training.methods.method import require_square, same_scale, setting
+from pipeline.training.methods.planner import MAX_GRADIENT
+
+SEEN = 32
+"""The channels of the first convolution."""
+INITIAL = 0.01
+"""The standard deviation of initial weights, but for the first convolution and the last layer."""
+
+
+@dataclass(frozen=True)
+class Settings(bc.Settings):
+    """An epoch is one pass over the demonstrations, or over `pictures` drawn from them."""
+
+    iterations: int = setting(
+        "K, the number of iterations of the module at the size that is trained on; in proportion "
+        "to the side of others",
+        at_least=1,
+        at_most=1000,
+    )
+    reward_channels: int = setting(
+        "hidden channels of the network of rewards (150 in the paper)", at_least=1, at_most=1024
+    )
+    action_channels: int = setting(
+        "channels of Q, over which the maximum is taken (10 in the paper)",
+        at_least=1,
+        at_most=1024,
+    )
+
+
+class ValueIteration(nn.Module):
+    """The network of a value iteration network, from the picture to scores of the actions."""
+
+    def __init__(self, side: int, settings: Settings) -> None:
+        """Draw the weights; `side` is the number of rows and columns of the labyrinths."""
+        super().__init__()
+        self.side, self.iterations = side, settings.iterations
+        # Strides of half a cell from the middle of the outer wall on: 2 n + 1 positions each way.
+        self.see = nn.Conv2d(3, SEEN, PIXELS // 2, stride=PIXELS // 2, padding=PIXELS // 4)
+        self.hidden = nn.Conv2d(SEEN, settings.reward_channels, 3, padding=1)
+        self.reward = nn.Conv2d(settings.reward_channels, 1, 1, bias=False)
+        self.after_reward = nn.Conv2d(1, settings.action_channels, 3, padding=1, bias=False)
+        self.after_value = nn.Conv2d(1, settings.action_channels, 3, padding=1, bias=False)
+        self.choose = nn.Linear(settings.action_channels, ACTIONS, bias=False)
+        for layer in (self.hidden, self.reward, self.after_reward, self.after_value):
+            nn.init.normal_(layer.weight, std=INITIAL)
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return the scores of the agent's actions, shape (N, 4)."""
+        image = as_input(pictures)
+        reward = self.reward(self.hidden(self.see(on_grid(image, IMAGE_SIZE / self.side)).relu()))
+        values = rewarded = self.after_reward(reward)  # V is nothing at first.
+        cells = reward.shape[2] // 2
+        for _ in range(1, round(self.iterations * cells / self.side)):
+            values = rewarded + self.after_value(values.max(1, keepdim=True).values)
+        agent = share_of(image, DEFAULT_STYLE.agent, cells, cells)
+        attended = (values[:, :, 1::2, 1::2] * agent[:, None]).sum((2, 3))
+        scores: Tensor = self.choose(attended)
+        return scores
+
+
+class Method(bc.Method):
+    """The policy and its optimizer."""
+
+    @classmethod
+    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
+        require_square("method=vin", spec.height, spec.width)
+        network = ValueIteration(spec.height, settings)
+        return Averaged(network) if settings.average else network
+
+    @classmethod
+    def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
+        """Return as many pixels for each cell as the network was trained with."""
+        require_square("method=vin", height, width)
+        return same_scale(spec, height, width)
+
+    def descend(self, optimizer: Adam, loss: Tensor) -> None:
+        optimizer.zero_grad()
+        loss.backward()
+        clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
+        optimizer.step()

@@ -1,0 +1,101 @@
+"""Texts parsed together: those that are parsed one by one, or nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import labyrinths
+
+from labyrinth_core.language.parse_many import parse_many
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.world.dynamics import initial, state_at, state_count, state_index
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Look
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+
+
+@st.composite
+def texts(draw: st.DrawFn) -> list[str]:
+    """Canonical texts of labyrinths of one size, task and look, some with agents."""
+    first = replace(draw(labyrinths()), look=draw(st.sampled_from(Look)))
+    height, width = first.structure.height, first.structure.width
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    more = draw(st.integers(0, 3)) if min(height, width) > 2 else 0
+    others = [sample_labyrinth(height, width, first.task, rng) for _ in range(more)]
+    found = [first, *(replace(each, look=first.look) for each in others)]
+    return [dump(draw(beginning_anywhere(labyrinth))) for labyrinth in found]
+
+
+@st.composite
+def beginning_anywhere(draw: st.DrawFn, labyrinth: Labyrinth) -> Labyrinth:
+    """The labyrinth, with an agent where one may begin."""
+    state = state_at(labyrinth, draw(st.integers(0, state_count(labyrinth) - 1)))
+    try:
+        return replace(labyrinth, agent=state)
+    except LabyrinthError:
+        return labyrinth
+
+
+def assert_those_of(found, texts):
+    for place, text in enumerate(texts):
+        labyrinth = parse(text)
+        tiles = [labyrinth.start, labyrinth.goal, labyrinth.key, labyrinth.door]
+        assert dump(labyrinth) == text
+        assert found.structures[place] == labyrinth.structure
+        assert (found.task, found.look) == (labyrinth.task, labyrinth.look)
+        assert found.tiles[place].tolist() == [cell for cell in tiles if cell is not None]
+        assert set(np.flatnonzero(found.ice[place]).tolist()) == labyrinth.ice
+        assert found.initial[place] == state_index(labyrinth, initial(labyrinth))
+
+
+@given(texts())
+def test_labyrinths_parsed_together_are_those_parsed_singly(several):
+    assert_those_of(parse_many(several), several)
+
+
+@given(texts(), st.data())
+def test_of_a_text_that_was_changed_the_parser_says_the_same_or_is_asked(several, data):
+    text = several[-1]
+    place = data.draw(st.integers(0, len(text) - 1))
+    length = data.draw(st.integers(0, 2))
+    new = data.draw(st.text('SEKDI |-+\n"@(0, 1)é', max_size=2))
+    several[-1] = text[:place] + new + text[place + length :]
+    found = parse_many(several)
+    try:
+        canonical = dump(parse(several[-1])) == several[-1]
+    except LabyrinthSyntaxError:
+        canonical = False
+    if found is not None:
+        assert canonical
+        assert_those_of(found, several)
+
+
+@given(labyrinths(), labyrinths())
+def test_labyrinths_that_differ_in_kind_are_left_to_the_parser(first, second):
+    alike = (first.size_name, first.task) == (second.size_name, second.task)
+    assert (parse_many([dump(first), dump(second)]) is not None) == alike
+
+
+@given(labyrinths(), st.data())
+def test_labyrinths_that_break_a_rule_are_left_to_the_parser(labyrinth, data):
+    # A wall is closed; what can still be solved is as good as before.
+    text = dump(labyrinth)
+    drawing = text.index("-----")
+    width = 4 * labyrinth.structure.width + 2
+    openings = [
+        place
+        for place in range(drawing + width, text.index("end") - width)
+        if text[place] == " "
+        and (place - drawing) % width % 2 == 0
+        and ((place - drawing) % width % 4 == 0 or (place - drawing) // width % 2 == 0)
+    ]
+    if openings:
+        place = data.draw(st.sampled_from(openings))
+        wall = "|" if (place - drawing) // width % 2 else "-"
+        text = text[:place] + wall + text[place + 1 :]
+    try:
+        parse(text)
+    except LabyrinthSyntaxError:
+        assert parse_many([text]) is None
+    else:
+        assert_those_of(parse_many([text]), [text])

@@ -1,0 +1,82 @@
+"""Slots: what a picture shows, whatever its palette, and what a slot becomes when it grows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
+from labyrinth_core.policies.networks.slots import (
+    CELL,
+    cell_of_colour,
+    coarsened,
+    grown,
+    scene_of,
+    shifted,
+    slots_of,
+)
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+
+RNG = np.random.default_rng(0)
+
+
+def number_of(colour: tuple[int, int, int]) -> int:
+    red, green, blue = colour
+    return red << 16 | green << 8 | blue
+
+
+@pytest.fixture(scope="module", params=[(3, 3), (4, 6), (7, 7)])
+def labyrinth(request: pytest.FixtureRequest) -> Labyrinth:
+    return sample_labyrinth(*request.param, Task.NAVIGATION, np.random.default_rng(1))
+
+
+def test_slots_are_the_pixels_of_a_picture_in_any_palette(labyrinth: Labyrinth) -> None:
+    picture = render(labyrinth, State(labyrinth.start))
+    slots = slots_of(picture)
+    colours = slots.colours[slots.lines[slots.rows]]
+    shown = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=2)
+    assert np.array_equal(shown, picture)
+    other = Style(*(tuple(each) for each in RNG.permutation(256)[:27].reshape(9, 3).tolist()))
+    again = slots_of(render(labyrinth, State(labyrinth.start), style=other))
+    assert np.array_equal(slots.lines, again.lines)
+    assert np.array_equal(slots.rows, again.rows)
+    assert not np.intersect1d(slots.colours, again.colours).size
+
+
+def test_a_picture_that_was_shrunk_is_refused(labyrinth: Labyrinth) -> None:
+    shrunk = render(labyrinth, State(labyrinth.start), 64)
+    with pytest.raises(ValueError, match=r"^a picture has \d+ colours: show pictures of flat"):
+        slots_of(shrunk)
+
+
+@pytest.mark.parametrize("style", [DEFAULT_STYLE, Style(wall_pixels=2), Style(wall_pixels=20)])
+def test_the_agent_is_in_its_cell(labyrinth: Labyrinth, style: Style) -> None:
+    structure = labyrinth.structure
+    for agent in range(structure.cells):
+        slots = slots_of(render(labyrinth, State(agent), style=style))
+        row, column = divmod(agent, structure.width)
+        cell = (structure.height - 1 - row) * structure.width + column
+        size = structure.height, structure.width
+        assert cell_of_colour(slots, number_of(style.agent), *size) == cell
+        number = int(np.flatnonzero(slots.colours == number_of(style.agent))[0])
+        there = coarsened(scene_of(slots, *size), CELL) >> number & 1
+        assert np.array_equal(np.flatnonzero(there), [cell])
+
+
+@pytest.mark.parametrize("by", [0, 1, 7])
+def test_a_slot_grows_over_the_others_and_pictures_shift(labyrinth: Labyrinth, by: int) -> None:
+    slots = slots_of(render(labyrinth, State(labyrinth.start)))
+    before = slots.lines[slots.rows]
+    for slot in range(len(slots.colours)):
+        around = np.pad(before == slot, by)
+        mask = np.zeros_like(before, np.bool_)
+        for down in range(2 * by + 1):
+            for right in range(2 * by + 1):
+                mask |= around[down:, right:][: len(mask), : len(mask)]
+        after = grown(slots, slot, by)
+        assert np.array_equal(after.lines[after.rows], np.where(mask, slot, before))
+    moved = shifted(slots, by, -by)
+    expected = np.pad(before, by, mode="edge")[: len(before), 2 * by :]
+    assert np.array_equal(moved.lines[moved.rows], expected)

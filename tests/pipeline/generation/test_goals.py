@@ -1,0 +1,374 @@
+"""`goals=varied`: every labyrinth has a start and a goal of its own, recomputed from the texts."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from read_from_text import Cell, Drawn, Shown, shown
+from tampering import episode_rows, manifest_of, rows_of
+
+from labyrinth_core import LabyrinthEnv, load_transitions
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.solver import shortest_routes
+from pipeline.analysis import analyse
+from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.generation import build as generation
+from pipeline.generation import validate as validation
+from pipeline.generation.buckets import bucket_of, split_of
+from pipeline.release import card
+
+Build = Callable[..., Run]
+MakeRun = Callable[..., Run]
+
+OPTIONS = {"size": "5", "labyrinths": 20, "random_steps": 20, "goals": "varied"}
+REFUSED = ("test_s0", "test_g", "test_s0_and_g")
+"""The shifts to a new start or goal where the parent has new ones already."""
+
+
+@pytest.fixture(scope="session")
+def navigation(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A dataset of navigation with all shifts."""
+    return build(tmp_path_factory.mktemp("varied"), **OPTIONS, shifts=("all",))
+
+
+@pytest.fixture(
+    scope="session",
+    params=["navigation", *(pytest.param(str(t), marks=pytest.mark.slow) for t in [*Task][1:])],
+)
+def varied(
+    request: pytest.FixtureRequest, build: Build, tmp_path_factory: pytest.TempPathFactory
+) -> Run:
+    if request.param == "navigation":
+        return request.getfixturevalue("navigation")
+    folder, shifts = tmp_path_factory.mktemp("varied"), ("g", "one_wall", "recoloured")
+    return build(folder, **OPTIONS, task=request.param, shifts=shifts)
+
+
+@pytest.fixture(scope="session")
+def tiny(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A dataset of the size at which most structures are images of others."""
+    return build(tmp_path_factory.mktemp("tiny"), labyrinths=32, random_steps=5, goals="varied")
+
+
+@pytest.fixture
+def folder(navigation: Run, tmp_path: Path) -> Path:
+    """A copy of it, to be tampered with."""
+    return Path(shutil.copytree(navigation.folder, tmp_path / navigation.folder.name))
+
+
+def problems(folder: Path) -> list[str]:
+    return validation.validate(folder, Manifest.read(folder))
+
+
+def ends(each: Shown) -> tuple[Cell, Cell]:
+    return each.labyrinth.start, each.labyrinth.goal
+
+
+def apart(each: Shown) -> int:
+    return sum(abs(a - b) for a, b in zip(*ends(each), strict=True))
+
+
+def texts(folder: Path) -> dict[str, list[tuple[str, list[int]]]]:
+    """Return the labyrinths of each split with what is done in them first."""
+    return {
+        split: [(each.text, each.actions) for each in shown(folder, split)] for split in BASE_SPLITS
+    }
+
+
+# What the option says, from the texts alone.
+
+
+def test_what_was_built_is_valid(varied: Run) -> None:
+    assert Manifest.read(varied.folder).config.goals == "varied"
+    assert problems(varied.folder) == []
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"size": "3x2", "labyrinths": 1},
+        {"size": "3x5", "shifts": ("g", "one_wall", "trees")},
+        {"size": "4", "splits": SplitsConfig(2), "shifts": ("g", "open")},
+        {"size": "4", "demonstrations": DemonstrationsConfig(noise=0.2)},
+        {"size": "4", "demonstrations": DemonstrationsConfig(pieces=3), "solutions": "all"},
+    ],
+    ids=str,
+)
+def test_it_goes_with_other_options(build: Build, tmp_path: Path, options: dict[str, Any]) -> None:
+    run = build(tmp_path, **{"labyrinths": 6, "random_steps": 5} | options, goals="varied")
+    assert problems(run.folder) == []
+
+
+@pytest.mark.parametrize("split", SAMPLED_SPLITS)
+def test_every_labyrinth_has_ends_of_its_own_that_are_far_enough_apart(
+    varied: Run, split: str
+) -> None:
+    found = shown(varied.folder, split)
+    assert all(apart(each) >= 5 for each in found)
+    assert len(set(map(ends, found))) > 10
+    assert len({each.labyrinth.goal for each in found}) > 5
+    assert all(each.labyrinth.is_connected() for each in found)
+    assert all(len(each.actions) == each.labyrinth.moves() for each in found)
+
+
+@pytest.mark.parametrize(
+    ("split", "moved"), [("random", ()), ("s0", (0,)), ("g", (1,)), ("s0_and_g", (0, 1))]
+)
+def test_ends_move_from_those_that_train_has_in_the_same_structure(
+    varied: Run, split: str, moved: tuple[int, ...]
+) -> None:
+    parents = {each.number: each for each in shown(varied.folder, "train")}
+    children = shown(varied.folder, split)
+    assert len(children) > 10
+    for child in children:
+        parent = parents[child.number]
+        assert child.labyrinth.passages == parent.labyrinth.passages
+        for place, (mine, its) in enumerate(zip(ends(child), ends(parent), strict=True)):
+            assert (mine != its) == (place in moved)
+        assert apart(child) >= 5 or len(moved) == 1
+        if split == "random":
+            assert child.text == parent.text
+
+
+def images(labyrinth: Drawn) -> set[frozenset[frozenset[Cell]]]:
+    """Return the passages of the eight rotations and reflections of a square labyrinth."""
+    last, found, passages = labyrinth.height - 1, set(), labyrinth.passages
+    for _ in range(4):
+        passages = frozenset(frozenset((c, last - r) for r, c in pair) for pair in passages)
+        found |= {passages, frozenset(frozenset((c, r) for r, c in pair) for pair in passages)}
+    return found
+
+
+def test_no_structure_of_a_split_is_a_rotation_or_reflection_of_one_in_another(tiny: Run) -> None:
+    """Any image may have its ends turned as well, and be the same labyrinth then."""
+    of = {split: [each.labyrinth for each in shown(tiny.folder, split)] for split in SAMPLED_SPLITS}
+    owner = {image: split for split in of for each in of[split] for image in images(each)}
+    for split, found in of.items():
+        assert all(owner[image] == split for each in found for image in images(each))
+    # In the three buckets there are such structures, but for the rule.
+    buckets = tiny.dataset.buckets
+    mixed = [
+        {split_of(image, buckets) for image in parse(each.text).structure.symmetries()}
+        for each in shown(tiny.folder, "train")
+    ]
+    assert sum(len(splits) > 1 for splits in mixed) > 10
+
+
+def test_a_structure_is_where_it_would_be_with_fixed_goals(tiny: Run) -> None:
+    """So nothing that a policy learns from is in test of any dataset with the same buckets."""
+    for split in SAMPLED_SPLITS:
+        for each in shown(tiny.folder, split):
+            assert split_of(parse(each.text).structure, tiny.dataset.buckets) == split
+
+
+# Independent of length, shards and workers.
+
+
+def test_a_longer_dataset_begins_with_a_shorter_one(
+    build: Build, tmp_path: Path, tiny: Run
+) -> None:
+    shorter = build(tmp_path, labyrinths=9, random_steps=5, goals="varied")
+    longer = texts(tiny.folder)
+    assert texts(shorter.folder) == {split: longer[split][:9] for split in longer}
+
+
+def test_shards_and_workers_make_no_difference(
+    build: Build, tmp_path: Path, tiny: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"labyrinths": 32, "random_steps": 5, "goals": "varied"}
+    with_two = build(tmp_path / "workers", **options, workers=2)
+    assert Manifest.read(with_two.folder) == Manifest.read(tiny.folder)
+    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 99)
+    in_shards = build(tmp_path / "shards", **options)
+    assert len(Manifest.read(in_shards.folder).of("train")) == 3
+    assert texts(in_shards.folder) == texts(tiny.folder)
+    assert problems(in_shards.folder) == []
+
+
+def test_another_seed_draws_other_ends(build: Build, tmp_path: Path, tiny: Run) -> None:
+    other = build(tmp_path, labyrinths=32, random_steps=5, goals="varied", seed=1)
+    first = {each.labyrinth.passages: ends(each) for each in shown(tiny.folder, "train")}
+    both = [each for each in shown(other.folder, "train") if each.labyrinth.passages in first]
+    assert len(both) > 5
+    assert any(ends(each) != first[each.labyrinth.passages] for each in both)
+
+
+# With the option as it was, all is as it was.
+
+
+def test_fixed_goals_change_not_a_byte_and_no_name(build: Build, tmp_path: Path) -> None:
+    plain = build(tmp_path / "plain", labyrinths=4)
+    fixed = build(tmp_path / "fixed", labyrinths=4, goals="fixed")
+    one, other = (run.folder / "manifest.json" for run in (plain, fixed))
+    assert one.read_bytes() == other.read_bytes()
+    assert "goals" not in json.loads(one.read_bytes())["config"]
+    assert all(ends(each) == ((0, 0), (2, 2)) for each in shown(fixed.folder, "train"))
+
+
+def test_a_folder_with_fixed_goals_is_not_taken_for_one_with_varied(
+    build: Build, make_run: MakeRun, tmp_path: Path
+) -> None:
+    build(tmp_path, labyrinths=4)
+    with pytest.raises(DatasetError, match=r"holds a dataset with goals=fixed, not varied: "):
+        generation.run(make_run(tmp_path, labyrinths=4, goals="varied"))
+
+
+# Validation finds what is wrong.
+
+
+def replaced(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]) -> list[str]:
+    """Return what validation says of the first labyrinth of a split after it was changed."""
+    file = f"{split}-00000-of-00001.parquet"
+    with rows_of(folder, file) as rows:
+        first = [row for row in rows if row["info"] == rows[0]["info"]]
+        labyrinth = change(parse(first[0]["info"]))
+        number = int(first[0]["obs"]["path"].split("-")[1])
+        route = shortest_routes(labyrinth)[0]
+        rows[: len(first)] = episode_rows(split, number, labyrinth, route)
+    start = f"{file} row 0 info: "
+    return [each.removeprefix(start) for each in problems(folder) if each.startswith(start)]
+
+
+@pytest.mark.parametrize("split", ["train", "validation", "test", "longer", "recoloured"])
+def test_ends_of_another_seed_are_found(folder: Path, split: str) -> None:
+    found = replaced(folder, split, lambda its: replace(its, start=its.goal, goal=its.start))
+    assert "start and goal are not those of this seed" in found
+
+
+@pytest.mark.parametrize("split", ["s0", "g", "s0_and_g"])
+def test_ends_that_have_not_moved_are_found(folder: Path, split: str) -> None:
+    parent = parse(shown(folder, "train")[0].text)
+    found = replaced(folder, split, lambda its: replace(its, start=parent.start, goal=parent.goal))
+    assert "start and goal are not changed as the split says" in found
+
+
+def test_ends_that_are_too_near_are_found(folder: Path) -> None:
+    parent = parse(shown(folder, "train")[0].text)
+
+    def near(its: Labyrinth) -> Labyrinth:
+        start, goal = next(
+            (a, a + 1) for a in range(24) if a % 5 < 4 and parent.start != a != parent.goal - 1
+        )
+        return replace(its, start=start, goal=goal)
+
+    found = replaced(folder, "s0_and_g", near)
+    assert found == ["start and goal are less than 5 moves apart"]
+
+
+def test_another_goal_where_only_the_walls_may_change_is_found(folder: Path) -> None:
+    def moved(its: Labyrinth) -> Labyrinth:
+        goal = next(cell for cell in range(25) if cell not in (its.start, its.goal))
+        return replace(its, goal=goal)
+
+    found = replaced(folder, "one_wall", moved)
+    assert found == ["its goal is not that of its parent"]
+
+
+def test_a_structure_that_no_split_may_have_is_found(folder: Path, navigation: Run) -> None:
+    found = [parse(each.text) for each in shown(folder, "train")]
+    turned = next(
+        replace(its, structure=image)
+        for its in found
+        for image in its.structure.symmetries()
+        if bucket_of(navigation.dataset, image) is None
+    )
+    assert "the structure belongs to no split" in replaced(folder, "train", lambda _: turned)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [("fixed", "start and goal are not in the corners"), ("varied", "not those of this seed")],
+)
+def test_a_manifest_that_says_otherwise_is_found(
+    build: Build, tmp_path: Path, option: str, words: str
+) -> None:
+    other = {"fixed": "varied", "varied": "fixed"}[option]
+    run = build(tmp_path, labyrinths=3, random_steps=5, goals=other)
+    with manifest_of(run.folder) as content:
+        content["config"] |= {"goals": option}
+    assert any(problem.endswith(words) for problem in problems(run.folder))
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"goals": "random"}, "goals=random: choose one of [fixed, varied]"),
+        *(
+            (
+                {"goals": "varied", "shifts": (shift,)},
+                f"shifts: there is no {shift}: with goals=varied each labyrinth of test has a "
+                "start and a goal of its own",
+            )
+            for shift in REFUSED
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else None,
+)
+def test_what_makes_no_sense_is_refused(
+    make_run: MakeRun, tmp_path: Path, options: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_run(tmp_path, **{"size": "5"} | options)
+    assert str(caught.value) == words
+
+
+def test_all_stands_for_the_shifts_that_are_left(make_run: MakeRun, tmp_path: Path) -> None:
+    shifts = make_run(tmp_path, size="5", goals="varied", shifts=("all",)).dataset.shifts
+    assert set(SHIFTS) - set(shifts) == {*REFUSED, "wilson"}
+
+
+# What is said of it, and who reads it.
+
+
+def test_analysis_card_and_croissant_say_that_goals_vary(
+    tiny: Run, tmp_path: Path, build: Build, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(tiny.data_dir, tmp_path, dirs_exist_ok=True)
+    analyse.run(replace(tiny, data_dir=tmp_path))
+    lines = capsys.readouterr().out.splitlines()
+    pairs = {split: [*map(ends, shown(tiny.folder, split))] for split in ("train", "test")}
+    known = sum(pair in pairs["train"] for pair in pairs["test"])
+    assert (
+        f"Start and goal vary: {len(set(pairs['train']))} pairs in train, "
+        f"{len(set(pairs['test']))} in test; {known} of 32 labyrinths of test have a pair of train."
+    ) in lines
+    build(tmp_path, size="4", labyrinths=3, random_steps=5)
+    card.write_card(tmp_path)
+    readme, croissant = (
+        (tmp_path / name).read_text(encoding="utf-8") for name in ("README.md", "croissant.json")
+    )
+    command, other = (
+        line for line in readme.splitlines() if line.startswith("labyrinth-datasets size")
+    )
+    assert "size=3x3 " in command
+    assert command.endswith(" goals=varied")
+    assert "goals" not in other
+    for text in (readme, croissant):
+        assert "With `goals=varied` (`3x3`) each labyrinth has a start and a goal" in text
+        assert "But for `3x3`, in `train`, `validation`, `test` and `random` the" in text
+    assert "Where start and goal vary (`3x3`), any rotation" in readme
+
+
+def test_loader_and_environment_read_it(varied: Run) -> None:
+    loaded = load_transitions(varied.data_dir, varied.dataset.name, split="test", image_size=8)
+    found = shown(varied.folder, "test")
+    assert len(loaded) == sum(len(each.actions) for each in found)
+    environment = LabyrinthEnv(labyrinth=parse(found[0].text))
+    environment.reset(seed=0)
+    *_, terminated, _, _ = [environment.step(action) for action in found[0].actions][-1]
+    assert terminated

@@ -1,0 +1,225 @@
+"""The mapper learns what moves, what actions do and where to go, whatever the colours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from method_settings import settings_of
+from numpy.typing import NDArray
+
+from labyrinth_core.evaluation.attempts import attempts
+from labyrinth_core.evaluation.stepping import Player
+from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
+from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
+from labyrinth_core.policies.networks.slots import CELL, scene_of, slots_of
+from labyrinth_core.policies.networks.surroundings import masks_of
+from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.solver import shortest_route
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.training import evaluate, train
+from pipeline.training.methods import mapper
+from pipeline.training.methods.acting import Steps
+from pipeline.training.methods.method import Problem
+
+pytestmark = pytest.mark.slow
+
+Problems = Callable[..., Problem]
+
+TOY: dict[str, Any] = {"epochs": 60, "batch_size": 4}
+
+
+def toy(problem: Problem, **settings: Any) -> mapper.Method:
+    return mapper.Method(problem, settings_of("mapper", **TOY | settings))
+
+
+@pytest.fixture(scope="module")
+def trained(problem_of: Problems) -> Mapper:
+    learner = toy(problem_of())
+    losses = [learner.epoch()["loss"] for _ in range(learner.settings.epochs)]
+    assert np.mean(losses[-3:]) < np.mean(losses[:3]) / 10
+    return learner.policy.eval()
+
+
+def labyrinths_of(height: int, width: int, count: int = 10) -> list[Labyrinth]:
+    """Return labyrinths with any start and goal, of other structures than those of train."""
+    rng = np.random.default_rng(2**20)
+    ends = [rng.choice(height * width, 2, replace=False).tolist() for _ in range(count)]
+    return [
+        sample_labyrinth(height, width, Task.NAVIGATION, rng, start=start, goal=goal)
+        for start, goal in ends
+    ]
+
+
+class Drawing:
+    """Draws states of labyrinths in a style."""
+
+    def __init__(self, style: Style | None) -> None:
+        self.style = style
+
+    def look(self, views: list[tuple[Labyrinth, State]]) -> NDArray[np.uint8]:
+        return np.stack([render(labyrinth, state, style=self.style) for labyrinth, state in views])
+
+
+def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | None = None) -> float:
+    """Return the share of labyrinths that a policy solves by a shortest route."""
+    drawing: Any = Drawing(style)
+    won = [
+        each.states[-1].agent == each.labyrinth.goal
+        and len(each.actions) == len(shortest_route(each.labyrinth, np.random.default_rng(0)))
+        for each in attempts(Player.of(policy, 0), labyrinths, drawing)
+    ]
+    return float(np.mean(won))
+
+
+LOOKS = {
+    "as trained": None,
+    "recoloured": RECOLOURED,
+    "thin": Style(wall_pixels=2),
+    "dark": Style(floor=(0, 0, 0), wall=(0, 0, 1), agent=(1, 0, 0), goal=(255, 255, 255)),
+}
+
+
+SIZES = ((3, 3), (4, 6), (7, 7))
+# Eight labyrinths are too few to learn thin walls from for larger ones.
+CASES = [(size, look) for size in SIZES for look in LOOKS if look != "thin" or size == (3, 3)]
+
+
+@pytest.mark.parametrize(("size", "look"), CASES)
+def test_it_solves_labyrinths_of_any_size_start_goal_and_look(
+    trained: Mapper, size: tuple[int, int], look: str
+) -> None:
+    policy = MapperPolicy(trained, *size)
+    assert solved(policy, labyrinths_of(*size), LOOKS[look]) >= 0.9
+
+
+def test_without_bumps_it_does_not_know_that_walls_block(problem_of: Problems) -> None:
+    learner = toy(problem_of(), explore=False)
+    for _ in range(20):
+        learner.epoch()
+    assert solved(MapperPolicy(learner.policy, 3, 3), labyrinths_of(3, 3, 20)) < 0.8
+
+
+def test_without_memory_it_confuses_the_start_with_the_goal(trained: Mapper) -> None:
+    labyrinths = labyrinths_of(4, 4, 20)
+    rates = [
+        solved(MapperPolicy(trained, 4, 4, remember=remember), labyrinths)
+        for remember in (True, False)
+    ]
+    assert rates[0] >= 0.9 > 0.7 > rates[1]
+
+
+def test_the_same_palette_or_another_gives_the_same_actions_to_the_bit() -> None:
+    torch.manual_seed(0)
+    network, rng = Mapper(), np.random.default_rng(0)
+    labyrinths = labyrinths_of(4, 5)
+    colours = rng.permutation(256)[:27].reshape(9, 3).tolist()
+    drawings = [Drawing(None), Drawing(Style(*map(tuple, colours)))]
+    policies = [MapperPolicy(network, 4, 5) for _ in drawings]
+    for policy in policies:
+        policy.reset(len(labyrinths))
+    for cells in [[each.start for each in labyrinths], *rng.integers(20, size=(3, 10)).tolist()]:
+        views = [(each, State(cell)) for each, cell in zip(labyrinths, cells, strict=True)]
+        actions = [
+            policy.act(drawing.look(views))
+            for policy, drawing in zip(policies, drawings, strict=True)
+        ]
+        assert np.array_equal(*actions)
+
+
+def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
+    torch.manual_seed(0)
+    network = Mapper()
+    (labyrinth,) = labyrinths_of(5, 5, 1)
+    masks = masks_of(scene_of(slots_of(render(labyrinth, State(labyrinth.start))), 5, 5)[None])
+    roles = network.roles(masks)
+    assert roles.ends.std() > 1e-4
+    for other in (
+        torch.roll(masks, (2 * CELL, 3 * CELL), (2, 3)),
+        masks.flip(2),
+        masks.transpose(2, 3),
+        torch.nn.functional.pad(masks, (0, 3 * CELL, 2 * CELL, 0)),
+    ):
+        for one, same in zip(roles, network.roles(other), strict=True):
+            assert torch.allclose(one, same, atol=1e-5)
+
+
+def test_with_permuted_actions_the_same_is_learnt_of_the_permuted_ones(
+    problem_of: Problems,
+) -> None:
+    names = torch.tensor([2, 0, 3, 1])
+
+    def renamed(steps: Steps) -> Steps:
+        return steps._replace(actions=names.numpy()[steps.actions])
+
+    problem = problem_of()
+    usual = toy(problem)
+    problem = problem_of()
+    permuted = toy(
+        replace(
+            problem,
+            demonstrations=renamed(problem.demonstrations),
+            exploration=lambda: renamed(problem.exploration()),
+        )
+    )
+    for learner in (usual, permuted):
+        for _ in range(2):
+            learner.epoch()
+    weights, others = (dict(learner.policy.named_parameters()) for learner in (usual, permuted))
+    effects, other_effects = weights.pop("effects"), others.pop("effects")
+    assert torch.equal(effects, other_effects[names])
+    assert not torch.equal(effects, other_effects)
+    assert all(torch.equal(each, others[name]) for name, each in weights.items())
+
+
+def test_it_remembers_its_plan_until_it_is_reset(trained: Mapper) -> None:
+    labyrinth, other = labyrinths_of(3, 3, 2)
+    policy = MapperPolicy(trained, 3, 3)
+    first, unlike = (render(each, State(each.start))[None] for each in (labyrinth, other))
+    later = render(replace(labyrinth, goal=other.goal), State(labyrinth.start))[None]
+    fresh = []
+    for picture in (first, unlike, later):
+        policy.reset(1)
+        fresh.append(int(policy.act(picture)[0]))
+    policy.reset(1)
+    assert [int(policy.act(each)[0]) for each in (first, later)] == [fresh[0]] * 2
+
+
+def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
+    problem_of: Problems, require_reproducible: Callable[..., None]
+) -> None:
+    require_reproducible(lambda seed: toy(problem_of(seed)))
+
+
+def test_both_stages_run_it_in_pictures_of_flat_colours(
+    small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path
+) -> None:
+    run = make_run(
+        small_dataset.data_dir,
+        stages=["train", "evaluate"],
+        run_dir=str(tmp_path),
+        device="cpu",
+        method={"name": "mapper", **TOY},
+    )
+    train.run(run)
+    evaluate.run(run)
+    content = json.loads((run.training_folder / "evaluation.json").read_text(encoding="utf-8"))
+    assert content["splits"]["test"]["sr"] >= 0.75
+    assert content["splits"]["s0_and_g"]["sr"] >= 0.75
+
+
+@pytest.mark.parametrize("task", [task for task in Task if task is not Task.NAVIGATION])
+def test_other_tasks_are_refused(task: Task) -> None:
+    spec = NetworkSpec("mapper", 1, 3, 3, str(task))
+    with pytest.raises(ConfigError, match=f"^task={task}: method=mapper learns navigation"):
+        mapper.Method.make(spec, settings_of("mapper"))
