@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from pipeline.generation.tabulate import Facts, table_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,6 @@ def table_parts(manifest: Manifest) -> list[TablePart]:
 def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str], bool]:
     """Return what is wrong with the file as a whole, and whether its rows can be compared."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     if manifest.labyrinths is None:
         return [], False
@@ -60,7 +61,7 @@ def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str],
         digest, expected = file_sha256(path), manifest.labyrinths.sha256
         if digest != expected:
             problems.append(f"{TABLE}: sha256 {digest}, but the manifest says {expected}")
-        with path.open("rb") as opened, pq.ParquetFile(opened) as file:
+        with _open(path) as file:
             rows, schema = file.metadata.num_rows, file.schema_arrow
     except FileNotFoundError:
         return [f"{TABLE} is missing"], False
@@ -114,11 +115,22 @@ def table_problems(
 
 def _rows(folder: AnyPath, first: int, count: int) -> pa.Table:
     """Return some rows of the table, reading the row groups that they are in."""
-    import pyarrow.parquet as pq
-
-    with (folder / TABLE).open("rb") as opened, pq.ParquetFile(opened) as file:
+    with _open(folder / TABLE) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
         ends = np.cumsum([0, *sizes])
         begin, end = np.searchsorted(ends, first, "right") - 1, np.searchsorted(ends, first + count)
-        table = file.read_row_groups([*range(begin, end)])
+        table = file.read_row_groups([*range(begin, end)], use_threads=False)
     return table.slice(first - int(ends[begin]), count)
+
+
+@contextmanager
+def _open(path: AnyPath) -> Iterator[pq.ParquetFile]:
+    """Open a Parquet file, which may be in an object store, to be read without further threads.
+
+    A thread of Arrow that still holds a buffer of a Python file when the interpreter ends aborts
+    the process (https://github.com/apache/arrow/issues/34314).
+    """
+    import pyarrow.parquet as pq
+
+    with path.open("rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as file:
+        yield file

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
+import threading
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -125,3 +128,24 @@ def test_a_dataset_of_an_earlier_version_has_no_table_and_is_valid(folder: Path)
         table_file(folder, manifest).__enter__()
     (folder / TABLE).touch()
     assert problems(folder) == [f"{TABLE} is not in the manifest"]
+
+
+def test_the_table_is_read_in_no_thread_of_arrow(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a thread may abort the process when the interpreter ends."""
+    threads: Counter[int] = Counter()
+
+    class Noting(io.FileIO):
+        def read(self, size: int | None = -1, /) -> bytes | None:
+            threads[threading.get_ident()] += 1
+            return super().read(-1 if size is None else size)
+
+    opened = Path.open
+
+    def noting(path: Path, mode: str = "r", **options: Any) -> Any:
+        return Noting(path) if path.name == TABLE else opened(path, mode, **options)
+
+    monkeypatch.setattr(Path, "open", noting)
+    assert problems(folder) == []
+    assert set(threads) == {threading.get_ident()}
