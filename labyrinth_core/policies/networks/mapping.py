@@ -2,8 +2,8 @@
 
 A picture is taken apart into anonymous slots, one a colour (`slots`). Four things are learnt:
 
-- what moves: which slot, from its shape within cells;
-- where demonstrations end: which slot of an episode's first picture, from its shape, too;
+- what moves: which slot, from its shape within cells, and that of what else is in them;
+- where demonstrations end: which slot of an episode's first picture, from the same;
 - what each action does: by how many rows and columns it moves, where it moves at all;
 - what lets pass: whether a move happens, from what all slots show on the way from a cell to the
   next, where each slot counts by features that are computed from its shape.
@@ -76,6 +76,7 @@ class Mapper(nn.Module):
         self.shape = nn.Sequential(
             nn.Linear(CELL**2, channels), nn.ReLU(), nn.Linear(channels, channels), nn.ReLU()
         )
+        self.beside = nn.Sequential(nn.Linear(2 * channels, channels), nn.ReLU())
         self.role = nn.Sequential(
             nn.Linear(2 * channels, channels), nn.ReLU(), nn.Linear(channels, 2 + looks)
         )
@@ -85,7 +86,7 @@ class Mapper(nn.Module):
         self.effects = nn.Parameter(torch.zeros(ACTIONS, len(AROUND) + 1))
 
     def roles(self, masks: Tensor) -> Roles:
-        """Return what each slot is, from its shape in the cells that it is in."""
+        """Return what each slot is, from its shape and the others' in the cells that it is in."""
         patches = patches_of(masks)
         used = patches.amax((3, 4))
         # The mean of the eight ways to look at a cell, as a corner would show in the walls' width.
@@ -93,6 +94,8 @@ class Mapper(nn.Module):
         turned = turned + turned.flip(4)
         turned = (turned + turned.transpose(3, 4)) / 8
         found = self.shape(turned.flatten(3)) * used[..., None]
+        others = found.sum(1, keepdim=True) - found
+        found = self.beside(torch.cat([found, others], 3)) * used[..., None]
         count = used.sum(2)
         mean = found.sum(2) / count.clamp(min=1)[..., None]
         role = self.role(torch.cat([found.amax(2), mean], 2))

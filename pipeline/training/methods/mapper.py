@@ -12,8 +12,8 @@ it has learnt. All labels come from the pictures of the split train and of `rand
   of a slot of its *first* picture.
 - Where an action leads is the cell of that slot in s', relative to s.
 
-Pictures are drawn as `obs` has them, 600 pixels wide, a little shifted, and with one slot of any
-kind grown over the others, as long as no slot vanishes anywhere.
+Pictures are drawn as `obs` has them, 600 pixels wide, a little shifted, and the slots of whatever
+kind grow over the others, one after the other in any order, as long as no slot vanishes anywhere.
 """
 
 from __future__ import annotations
@@ -157,15 +157,17 @@ class Method(Learner):
         return masks_of(np.stack(scenes)).to(self.problem.device), self.tensor(np.array(movers))
 
     def vary(self, slots: Slots) -> Scene:
-        """Return a picture a little shifted, with one slot grown."""
+        """Return a picture a little shifted, in which one slot after the other has grown."""
         settings, rng = self.settings, self.problem.rng
         down, right = rng.integers(-settings.shift, settings.shift, 2, endpoint=True).tolist()
-        moved = shifted(slots, down, right)
-        slot, by = rng.integers(len(slots.colours)), rng.integers(settings.grow, endpoint=True)
-        larger = grown(moved, int(slot), int(by))
-        before, after = scene_of(moved, *self.size), scene_of(larger, *self.size)
-        lost = coarsened(before, CELL // 2) & ~coarsened(after, CELL // 2)
-        return before if lost.any() else after
+        slots = shifted(slots, down, right)
+        scene = scene_of(slots, *self.size)
+        for slot in rng.permutation(len(slots.colours)).tolist():
+            larger = grown(slots, slot, int(rng.integers(settings.grow, endpoint=True)))
+            after = scene_of(larger, *self.size)
+            if not (coarsened(scene, CELL // 2) & ~coarsened(after, CELL // 2)).any():
+                slots, scene = larger, after
+        return scene
 
     def epoch(self) -> dict[str, float]:
         self.policy.train()
