@@ -24,10 +24,10 @@ from measuring import machine
 from labyrinth_core.world import near_twins
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
-from pipeline.analysis.leakage import certify
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation.sample import sample
+from pipeline.inspection.leakage import certify
 
 PAIRS_TIMED = 10**9
 MIN_WALLS = (1, 2, 4)

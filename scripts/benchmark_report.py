@@ -37,16 +37,16 @@ from labyrinth_core.world.rollout import random_episode
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.analysis.report.findings import SCORES, read_results
-from pipeline.analysis.report.packing import PackedSplit, pack_routes
-from pipeline.analysis.report.stage import PACKED_BYTES, PAGE, describe, page
 from pipeline.config.run import RunConfig, resolve
-from pipeline.machinery.certificate import Certificate
-from pipeline.machinery.counting import count_routes
-from pipeline.machinery.counts import DatasetCounts
+from pipeline.inspection.certificate import Certificate
+from pipeline.inspection.counting import count_routes
+from pipeline.inspection.counts import DatasetCounts
+from pipeline.inspection.routes import Route, routes
+from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.evaluation_file import FORMAT
-from pipeline.machinery.routes import Route, routes
-from pipeline.machinery.statistics import DatasetStatistics
+from pipeline.report.findings import SCORES, read_results
+from pipeline.report.packing import PackedSplit, pack_routes
+from pipeline.report.stage import PACKED_BYTES, PAGE, describe, page
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3

@@ -22,9 +22,9 @@ from labyrinth_core.world.rollout import Episode, replay
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place
-from pipeline.analysis.report import stage as report
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
+from pipeline.report import stage as report
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 SEED = 4

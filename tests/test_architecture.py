@@ -20,6 +20,8 @@ import labyrinth_core
 
 ROOT = Path(__file__).resolve().parents[1]
 
+WING = ("labyrinth_core", "pipeline.config", "pipeline.machinery", "pipeline.inspection")
+
 ROOMS = {
     "labyrinth_core.world": (),
     "labyrinth_core.language": ("labyrinth_core.world",),
@@ -54,12 +56,14 @@ ROOMS = {
     "labyrinth_core": ("labyrinth_core",),
     "pipeline.config": ("labyrinth_core",),
     "pipeline.machinery": ("labyrinth_core", "pipeline.config"),
-    "pipeline.generation": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
-    "pipeline.analysis": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
-    "pipeline.release": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
-    "pipeline.training": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
-    "pipeline.evaluation": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
-    "pipeline.export": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.generation": WING,
+    "pipeline.inspection": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.report": WING,
+    "pipeline.release": WING,
+    "pipeline.training": WING,
+    "pipeline.evaluation": WING,
+    "pipeline.studies": (*WING, "pipeline.training"),
+    "pipeline.export": WING,
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "run": ("pipeline.__main__",),
 }
@@ -85,7 +89,7 @@ HOMES = {
         "labyrinth_core.data",
         "labyrinth_core.policies",
         "pipeline.release",
-        "pipeline.machinery.stable_baselines",  # By id.
+        "pipeline.studies.environments.stable_baselines",  # By id.
     ),
     "PIL": (
         "labyrinth_core.env",
@@ -105,22 +109,23 @@ HOMES = {
     "torch": (
         "labyrinth_core.policies",
         "pipeline.training",
-        "pipeline.machinery.stable_baselines",  # Weights, read without pickle.
+        "pipeline.studies.methods",
+        "pipeline.studies.environments.stable_baselines",  # Weights, read without pickle.
     ),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": (
         "labyrinth_core.env",
-        "pipeline.analysis.environments",
+        "pipeline.studies.environments",
         "pipeline.export.minari",
     ),
-    "mujoco": ("pipeline.analysis.environments",),
-    "matplotlib": ("pipeline.analysis", "pipeline.training"),
+    "mujoco": ("pipeline.studies.environments",),
+    "matplotlib": ("pipeline.studies", "pipeline.report", "pipeline.training"),
     "tensorboard": ("pipeline.training.record",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.command"),
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.
     "time": (
         "pipeline.training.loop",  # How long a run took.
-        "pipeline.analysis.environments.stage",
+        "pipeline.studies.environments.stage",
         "pipeline.release",  # To wait and try again.
     ),
     "datetime": (),
@@ -319,7 +324,7 @@ def test_every_package_of_the_project_is_a_room():
         ("pipeline/release/card", "import torch"),
         ("pipeline/training/train", "from pipeline.release import card"),
         ("pipeline/training/train", "import huggingface_hub"),
-        ("pipeline/analysis/leakage", "from gymnasium import make"),
+        ("pipeline/inspection/leakage", "from gymnasium import make"),
         ("pipeline/generation/sample", "from pipeline.generation.solve import solve"),
         ("pipeline/generation/render", "from . import write"),
         ("pipeline/generation/write", "def f():\n    from .build import build"),

@@ -11,7 +11,7 @@ import pytest
 from labyrinth_core import Action, evaluate, parse, shortest_route
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.machinery.stable_baselines import read_discrete
+from pipeline.studies.environments.stable_baselines import read_discrete
 
 pytestmark = pytest.mark.slow
 

@@ -36,15 +36,15 @@ from pipeline.config.training import (
 STAGES = {
     "build": "pipeline.generation.build",
     "validate": "pipeline.generation.validate",
-    "analyse": "pipeline.analysis.analyse",
+    "analyse": "pipeline.inspection.analyse",
     "card": "pipeline.release.card",
-    "report": "pipeline.analysis.report.stage",
+    "report": "pipeline.report.stage",
     "publish": "pipeline.release.publish",
     "export": "pipeline.export.stage",
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
-    "results": "pipeline.training.results.stage",
-    "environments": "pipeline.analysis.environments.stage",
+    "results": "pipeline.studies.results.stage",
+    "environments": "pipeline.studies.environments.stage",
 }
 """Stage -> the module whose `run` performs it."""
 

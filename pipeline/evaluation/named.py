@@ -1,4 +1,4 @@
-"""Policies by name: `module:name` in Python, or what the Hub or an archive holds."""
+"""Policies by name: `module:name` in Python, or what the Hub holds."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.answers import PolicyError, asked
-from labyrinth_core.policies.load import holds_policy, load_policy
+from labyrinth_core.policies.load import load_policy
 from pipeline.config.errors import ConfigError, listed
-from pipeline.machinery.stable_baselines import read_discrete
 
 
 def named_policy(name: str) -> Any:
@@ -19,22 +18,17 @@ def named_policy(name: str) -> Any:
 
     Args:
         name: `module:name`, a policy in a module of the working directory or an installed one, or
-            a class or a function without arguments that makes one; an id on the Hub, such as
-            `user/planner-5x5` or `user/planner-5x5@1.0.0`; or an archive of Stable-Baselines3, as
-            a path that ends in `.zip` or as an id on the Hub.
+            a class or a function without arguments that makes one; or an id on the Hub, such as
+            `user/planner-5x5` or `user/planner-5x5@1.0.0`.
 
     Raises:
         ConfigError: There is no such module or name.
-        DatasetError: The policy on the Hub, or the archive, cannot be read.
+        DatasetError: The policy on the Hub cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
-    if name.endswith(".zip"):
-        return read_discrete(name)
     if ":" not in name:
         source, _, revision = name.partition("@")
-        if revision or holds_policy(source):
-            return load_policy(source, revision=revision or None)
-        return read_discrete(name)
+        return load_policy(source, revision=revision or None)
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:  # As for `python -m`; the installed command has its own folder there.

@@ -24,9 +24,9 @@ from pipeline.config.run import Run
 from pipeline.generation.check import CheckJob, ShardReport, check_shard
 from pipeline.generation.check_table import table_file_problems, table_parts
 from pipeline.generation.extremes import NO_EXTREMES, extremes_of
+from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.routes import routes_of
 
 PROBLEMS_SHOWN = 20
 

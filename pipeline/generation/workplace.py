@@ -20,7 +20,7 @@ from labyrinth_core.data.storage import (
     size_and_time,
     write_text,
 )
-from pipeline.machinery.counts import COUNTS
+from pipeline.inspection.counts import COUNTS
 from pipeline.machinery.whole_folder import move_into_place, recover, wait_for_disk
 
 _CONFIG = "config.json"

@@ -17,11 +17,11 @@ from labyrinth_core.data.labyrinth_table import table_file
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
+from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.locks import held
 from pipeline.machinery.own_files import HASHES, OwnFiles
-from pipeline.machinery.statistics import DatasetStatistics, statistics_of
 from pipeline.release import readme
 from pipeline.release.benchmark import eval_file
 from pipeline.release.changelog import updated

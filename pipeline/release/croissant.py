@@ -16,8 +16,8 @@ from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.splits import SPLITS
+from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery import front_matter
-from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
 from pipeline.release.provenance import (

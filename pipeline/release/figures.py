@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
-from pipeline.machinery.counts import EXAMPLES, SplitCounts
+from pipeline.inspection.counts import EXAMPLES, SplitCounts
+from pipeline.inspection.statistics import ACTION_COLOURS
 from pipeline.machinery.markdown import count
-from pipeline.machinery.statistics import ACTION_COLOURS
 from pipeline.release.canvas import (
     INK,
     LINE,

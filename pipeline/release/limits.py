@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from labyrinth_core.world.grid import Action
-from pipeline.machinery.statistics import DatasetStatistics
+from pipeline.inspection.statistics import DatasetStatistics
 
 _NOISE = "demonstrations.noise"
 _OF_DEMONSTRATIONS = {

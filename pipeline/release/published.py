@@ -9,10 +9,10 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
+from pipeline.inspection.counts import COUNTS
+from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery import front_matter
-from pipeline.machinery.counts import COUNTS
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
-from pipeline.machinery.statistics import read_analysis
 from pipeline.release.changelog import is_generated
 from pipeline.release.figures import FIGURES
 from pipeline.release.plan import DATASET, Kind

@@ -10,9 +10,9 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
+from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery import front_matter
 from pipeline.machinery.markdown import count, table
-from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.citation import paper_bibtex, software_bibtex
 from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from labyrinth_core.data.manifest import ANALYSIS
+from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.markdown import table
-from pipeline.machinery.statistics import DatasetStatistics
 from pipeline.release.limits import names_of_varied
 
 

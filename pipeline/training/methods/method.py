@@ -1,7 +1,7 @@
 """The interface of a method: its settings, and a learner that trains one epoch at a time.
 
-A method is a module of this package with two classes, `Settings` and `Method`, and a file of the
-same name in `conf/method/`. docs/new-method.md shows an example.
+A method is a module of this package, or of `COMPARED`, with two classes, `Settings` and `Method`,
+and a file of the same name in `conf/method/`. docs/new-method.md shows an example.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ from pipeline.config.option import check_options, frozen, option
 from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, usual_settings
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
+
+COMPARED = "pipeline.studies.methods"
+"""The package of the methods that studies compare with."""
 
 
 def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -239,7 +242,7 @@ def find(
     """Return a method and its settings.
 
     Args:
-        name: The name of the method's module in this package, such as `bc`.
+        name: The name of the method's module, in this package or in `COMPARED`, such as `bc`.
         values: The values of some settings; the file of the method in conf/method/ has
             the others.
         protocol: One of `PROTOCOLS`, which may have methods of its own.
@@ -248,11 +251,12 @@ def find(
         ConfigError: There is no such method or setting, or a value that is not allowed.
     """
     own = PROTOCOLS[protocol].methods
-    module_name = ".".join(filter(None, [__package__, own, name]))
-    module: Any = import_module(module_name) if find_spec(module_name) else None
+    packages = [f"{COMPARED}.{own}"] if own else [__package__, COMPARED]
+    names = [f"{package}.{name}" for package in packages]
+    module: Any = next((import_module(each) for each in names if find_spec(each)), None)
     if not (hasattr(module, "Method") and hasattr(module, "Settings")):
-        where = "/".join(filter(None, ["pipeline/training/methods", own]))
-        raise ConfigError(f"method={name}: {where} has no method of that name")
+        where = " and ".join(package.replace(".", "/") for package in packages)
+        raise ConfigError(f"method={name}: no method of that name in {where}")
     method, settings = module.Method, module.Settings
     values = {**usual_settings(name, protocol), **values}
     values.pop("name", None)

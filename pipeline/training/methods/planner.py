@@ -18,8 +18,8 @@ left to learn is little more than what walls and goal look like. Each of these c
 - `average`: the policy's outputs are averaged over the eight symmetries of the picture.
 - `path_prior`: a layer that solves for shortest paths, and with it the dynamics: which action leads
   to which neighbour, and that the costs of steps add up. Where two labels are exchanged, as if up
-  led to the right, it cannot learn (`scripts/ablate.py`). Without it, planning is an iterated gated
-  convolution, which is told nothing of what actions do.
+  led to the right, it cannot learn (`scripts/studies/ablate.py`). Without it, planning is an
+  iterated gated convolution, which is told nothing of what actions do.
 - `sharpness`, with `path_prior` and `grid_prior`: the costs are raised to a power when acting. It
   is not learnt, and validation cannot select it: powers from 1 to 8 solve all of it. 3 was chosen
   on labyrinths of 10x10 and 25x25, which no other method saw; 1 plans with the costs as they are.

@@ -20,13 +20,13 @@ from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.analysis import analyse
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.generation.buckets import bucket_of, split_of
+from pipeline.inspection import analyse
 from pipeline.release import card
 
 Build = Callable[..., Run]

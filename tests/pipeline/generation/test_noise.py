@@ -21,7 +21,7 @@ from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import validate as validation
-from pipeline.machinery.routes import routes_of
+from pipeline.inspection.routes import routes_of
 
 Build = Callable[..., Run]
 

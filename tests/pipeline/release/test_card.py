@@ -37,9 +37,9 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.analysis import analyse
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import RunConfig, options_of, register, resolve
+from pipeline.inspection import analyse
 from pipeline.machinery import front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route

@@ -29,7 +29,6 @@ from publishing import (
 )
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.analysis.report import stage as report
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
 from pipeline.config.training import UNPUBLISHED
@@ -37,6 +36,7 @@ from pipeline.release import model
 from pipeline.release.model import staged_policy
 from pipeline.release.remote import PublishError, Remote
 from pipeline.release.space import staged_report
+from pipeline.report import stage as report
 
 MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
 

@@ -19,8 +19,8 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances
 from pipeline.generation import build
-from pipeline.machinery.counting import count_dataset, counts_of
-from pipeline.machinery.counts import COUNTS, DatasetCounts
+from pipeline.inspection.counting import count_dataset, counts_of
+from pipeline.inspection.counts import COUNTS, DatasetCounts
 
 
 def measured(folder):

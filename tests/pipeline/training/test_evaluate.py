@@ -15,16 +15,16 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.analysis.report.findings import read_results
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.evaluation_file import check_evaluation
+from pipeline.report.findings import read_results
+from pipeline.studies.results import stage as results
+from pipeline.studies.results.evaluations import read_all
 from pipeline.training import evaluate as stage
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.methods.method import find
 from pipeline.training.policy import load_policy
-from pipeline.training.results import stage as results
-from pipeline.training.results.evaluations import read_all
 
 pytestmark = pytest.mark.slow
 

@@ -1,0 +1,1 @@
+"""Questions about the paper and about methods; nothing outside imports from here."""

@@ -1,0 +1,153 @@
+"""The report of the stage `environments`: tables in three formats, and maps of visits."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.storage import write_text
+from pipeline.config.errors import ConfigError
+from pipeline.machinery.markdown import table
+from pipeline.studies.environments.discretisation import Discretisation
+from pipeline.studies.environments.environment import FACTS
+from pipeline.studies.environments.variation import Variation
+
+Visits = NDArray[np.int64]
+Values = dict[str, Any]
+
+_REPORTED = ("average_reward", "action_difference", "trajectory_difference", "p_value")
+"""The names of the original's figures in `environments.json`."""
+
+_LIKE_THEIRS = {
+    "environment": "{name}",
+    "average reward": "{average_reward:,.4f} ({original[average_reward]:,.4f})",
+    "actions differ": "{actions[distance]:.4f} ({original[action_difference]:.4f})",
+    "trajectories differ": "{states[distance]:.4f} ({original[trajectory_difference]:.4f})",
+    "p-value": "{states[p_value]:.3f} ({original[p_value]:.3f})",
+    "Holm": "{states[holm]:.3f}",
+    "effect size": "{states[effect]:.4f}",
+}
+_MORE = {
+    "environment": "{name}",
+    "episodes": "{seeds:,}",
+    "steps": "{steps:,}",
+    "reward, sd": "{reward_deviation:,.4f}",
+    "least reward": "{least_reward:,.4f}",
+    "actions' p-value": "{actions[p_value]:.3f}",
+    "Holm": "{actions[holm]:.3f}",
+    "effect size": "{actions[effect]:.4f}",
+    "two episodes: actions": "{actions[two_episodes]:.4f}",
+    "trajectories": "{states[two_episodes]:.4f}",
+}
+_FIRST = {
+    "environment": "{name}",
+    "Manhattan distance": "{first_states:.4f}",
+    "share of the range": "{first_states_scaled:.4f}",
+}
+"""The columns of the three tables: headings, and formats of an environment's values."""
+
+MAPS = "visits"
+"""The name of the pictures, before `.png` and `.svg`."""
+
+
+def check_can_draw() -> None:
+    """Raise ConfigError if matplotlib is missing; called before hours of playing."""
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            "stages=[environments] needs matplotlib: pip install 'labyrinth-datasets[analysis]'"
+        ) from error
+
+
+def write_report(
+    folder: Path, results: Sequence[Variation], maps: Mapping[str, tuple[Discretisation, Visits]]
+) -> None:
+    """Write `environments.json`, `.csv` and `.md`, and the maps of visits as PNG and SVG.
+
+    Args:
+        folder: The folder to write to.
+        results: The results of all environments.
+        maps: The discretisation and the visits, (2, up, across), of each environment.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    values = [
+        asdict(each) | {"original": dict(zip(_REPORTED, FACTS[each.name].reported, strict=True))}
+        for each in results
+    ]
+    write_text(folder / "environments.json", json.dumps(values, indent=2) + "\n")
+    write_text(folder / "environments.csv", _csv(values))
+    write_text(folder / "environments.md", _markdown(values))
+    draw_visits(folder, maps)
+
+
+def _csv(values: Sequence[Values]) -> str:
+    """Return a row of numbers for each environment; nested values are in columns `part.name`."""
+    rows = []
+    for each in values:
+        row: dict[str, Any] = {}
+        for key, value in each.items():
+            if isinstance(value, dict):
+                row |= {f"{key}.{name}": part for name, part in value.items()}
+            elif not isinstance(value, tuple):
+                row[key] = value
+        rows.append(row)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _markdown(values: Sequence[Values]) -> str:
+    like_theirs, more, first = (
+        table(
+            list(columns), [[cell.format(**each) for cell in columns.values()] for each in values]
+        )
+        for columns in (_LIKE_THEIRS, _MORE, _FIRST)
+    )
+    return "\n\n".join(
+        [
+            "## Episodes of even and of odd seeds\n\nIn brackets, the original's table 6.",
+            like_theirs,
+            more,
+            "## First states\n\nTwo of them, the mean of all pairs.",
+            first,
+            f"## Visits\n\n![Where the episodes of even and of odd seeds were]({MAPS}.png)\n",
+        ]
+    )
+
+
+def draw_visits(folder: Path, maps: Mapping[str, tuple[Discretisation, Visits]]) -> None:
+    """Draw the maps of visits: a column for each environment, even seeds above odd ones."""
+    import matplotlib
+    from matplotlib.colors import PowerNorm
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2.5 * len(maps), 5.2), layout="constrained")
+    axes = figure.subplots(2, len(maps), squeeze=False, sharex="col", sharey="col")
+    for column, (name, (discretisation, visits)) in enumerate(maps.items()):
+        across, up = FACTS[name].labels
+        shares = visits / visits.sum(axis=(1, 2), keepdims=True)
+        # Some places are visited a hundred times as often as others: a root shows the rare ones.
+        norm = PowerNorm(0.5, 0, shares.max())
+        for row, seeds in enumerate(("even seeds", "odd seeds")):
+            panel = axes[row, column]
+            visited = np.ma.masked_equal(shares[row], 0)
+            edges = discretisation.across, discretisation.up
+            panel.pcolormesh(*edges, visited, norm=norm, rasterized=True)
+            panel.tick_params(labelsize=7)
+            panel.set_ylabel(up if column else f"{seeds}\n{up}")
+        axes[0, column].set_title(name, fontsize=10)
+        axes[1, column].set_xlabel(across)
+    with matplotlib.rc_context({"svg.hashsalt": MAPS}):
+        figure.savefig(folder / f"{MAPS}.png", dpi=150, metadata={"Software": None})
+        figure.savefig(folder / f"{MAPS}.svg", dpi=150, metadata={"Date": None})

@@ -1,0 +1,24 @@
+"""Behavioural cloning as the authors' code has it: cross-entropy on all rows.
+
+Among them is the last row of each episode, the agent on the goal, with the action before it.
+"""
+
+from __future__ import annotations
+
+from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings
+from pipeline.studies.methods.authors.trial import rows_of
+from pipeline.training.methods.method import Problem
+
+__all__ = ["Method", "Settings"]
+
+
+class Method(AuthorsLearner):
+    """The policy, and the rows that it learns: `states` with their `labels`."""
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        self.states, self.labels = rows_of(problem.arrays)
+
+    def epoch(self) -> dict[str, float]:
+        loss = self.clone(self.policy, self.optimizer, (self.states,), self.labels)
+        return {"loss": loss, "rows": len(self.states)}

@@ -1,0 +1,83 @@
+"""BCO as the authors' code has it.
+
+An epoch is a pass of the inverse dynamics model over all steps, then one of the policy over the
+pairs of states of the demonstrations, with the model's most likely actions as labels. The model
+sees both pictures through one encoder, and an MLP sees both features. Each time that the policy is
+tried, its episodes on train, cut at the step limit alone, join the steps. The policy that is kept
+is the last one: the code compares each trial with the worst there can be.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from labyrinth_core.policies.networks.acting import outputs_of
+from labyrinth_core.policies.networks.network import WIDTH, Network, as_input
+from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings
+from pipeline.studies.methods.authors.trial import try_out
+from pipeline.training.methods.acting import softmax
+from pipeline.training.methods.method import Problem
+
+__all__ = ["InverseDynamics", "Method", "Settings"]
+
+
+class InverseDynamics(nn.Module):
+    """One encoder for a state and its successor, and the classifier of Table 1 behind both."""
+
+    def __init__(self, spec: NetworkSpec) -> None:
+        super().__init__()
+        single = Network(spec)
+        self.encoder = single.encoder
+        first = nn.Linear(2 * single.encoder.features, WIDTH)
+        self.classifier = nn.Sequential(first, *list(single.classifier)[1:])
+
+    def forward(self, pairs: Tensor) -> Tensor:
+        """Return the scores of the actions, shape (batch, 4), of what `Learner.see` gives."""
+        features = [self.encoder(as_input(each)) for each in pairs.chunk(2, -1)]
+        scores: Tensor = self.classifier(torch.cat(features, 1))
+        return scores
+
+
+class Method(AuthorsLearner):
+    """The policy, the inverse dynamics model, and all steps, an array (N, 3) of s, a, s'."""
+
+    selected_by = "epoch"
+    visits = None
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        self.model = InverseDynamics(problem.spec).to(problem.device)
+        self.model_optimizer = self.adam(self.model)
+        self.experience = np.stack(problem.exploration(), axis=1)
+        self.epochs = 0
+
+    def epoch(self) -> dict[str, float]:
+        states, actions, after = self.experience.T
+        model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)
+        shown = self.problem.demonstrations
+        scores = outputs_of(self.model, self.see(shown.states, shown.next_states))
+        loss = self.learn(softmax(scores))
+        self.epochs += 1
+        if self.epochs % self.settings.evaluate_every == 0:
+            self.explore()
+        return {"loss": loss, "model_loss": model_loss, "experience": len(self.experience)}
+
+    def learn(self, probabilities: NDArray[np.float64]) -> float:
+        """Fit the policy to labels in one pass; return the mean loss.
+
+        Args:
+            probabilities: Those of the actions of the demonstrations' pairs, shape (N, 4).
+        """
+        states = self.problem.demonstrations.states
+        return self.clone(self.policy, self.optimizer, (states,), probabilities.argmax(axis=1))
+
+    def explore(self) -> None:
+        """Let the policy act for one episode in each labyrinth of train; add all its steps."""
+        arrays, rng = self.problem.arrays, self.problem.rng
+        chances = self.chances_in_training(self.outputs(self.policy))
+        _, steps = try_out(arrays, chances, rng, self.visits)
+        self.experience = np.concatenate([self.experience, steps])

@@ -1,0 +1,46 @@
+"""DAgger as the authors' code has it: the solver acts, and the learner never does.
+
+After each epoch, episodes of the solver in labyrinths of train join the rows. The solver takes the
+first route that a search in depth meets, which need not be the shortest; the order in which theirs
+tries the actions is not known to us, and ours is up, right, down, left. The labyrinths are drawn at
+random, with replacement. The optimizer goes on from epoch to epoch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labyrinth_core.world.solver import simple_routes
+from pipeline.studies.methods.authors import bc, learner
+from pipeline.training.methods.method import setting
+
+
+@dataclass(frozen=True)
+class Settings(learner.Settings):
+    """An epoch is one pass over the rows."""
+
+    episodes: int = setting("number of the solver's episodes that join in an epoch", at_least=1)
+
+
+class Method(bc.Method):
+    """The policy, and the rows."""
+
+    def epoch(self) -> dict[str, float]:
+        figures = super().epoch()
+        self.join()
+        return figures
+
+    def join(self) -> None:
+        """Add the solver's episodes, whose last states are not acted in."""
+        arrays = self.problem.arrays
+        states, labels = [], []
+        for number in self.problem.rng.integers(len(arrays.initial), size=self.settings.episodes):
+            state = int(arrays.initial[number])
+            for action in simple_routes(arrays.labyrinths[number], limit=1)[0]:
+                states.append(state)
+                labels.append(action)
+                state = int(arrays.next_state[state, action])
+        self.states = np.concatenate([self.states, states])
+        self.labels = np.concatenate([self.labels, labels])

@@ -1,0 +1,61 @@
+"""GAIL as the authors' code has it: the policy never acts.
+
+In each batch of rows the discriminator learns to call (state, one-hot action of the row) expert and
+(the same state, the policy's logits) not, by binary cross-entropy; then the policy is changed, by
+back-propagation through the discriminator, so that its logits are called expert. Logits are
+compared with one-hot vectors as they are, without a softmax.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from labyrinth_core.policies.networks.network import ACTIONS, Discriminator, as_input
+from pipeline.studies.methods.authors import bc
+from pipeline.studies.methods.authors.learner import Settings, called
+from pipeline.training.methods.method import Problem
+
+__all__ = ["Method", "Settings"]
+
+
+class Method(bc.Method):
+    """The policy, the discriminator, and the rows."""
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        self.discriminator = Discriminator(problem.spec).to(problem.device)
+        self.judge_optimizer = self.adam(self.discriminator)
+
+    def epoch(self) -> dict[str, float]:
+        self.policy.train()
+        self.discriminator.train()
+        totals = torch.zeros(2)
+        for batch in self.batches(len(self.states)):
+            pictures = self.see(self.states[batch])
+            shown = functional.one_hot(self.tensor(self.labels[batch]), ACTIONS).float()
+            totals += torch.tensor(self.update(pictures, shown)) * len(batch)
+        loss, policy_loss = (totals / len(self.states)).tolist()
+        return {"loss": loss, "policy_loss": policy_loss, "rows": len(self.states)}
+
+    def update(self, pictures: Tensor, shown: Tensor) -> tuple[float, float]:
+        """Take a gradient step with each network; return the losses, the discriminator's first.
+
+        Args:
+            pictures: The observations of B rows.
+            shown: The one-hot actions of the rows, shape (B, 4).
+        """
+        logits = self.policy(pictures)
+        told_apart = called(self.judge(pictures, shown), 1)
+        told_apart = told_apart + called(self.judge(pictures, logits.detach()), 0)
+        self.descend(self.judge_optimizer, told_apart)
+        fooled = called(self.judge(pictures, logits), 1)
+        self.descend(self.optimizer, fooled)
+        return told_apart.item(), fooled.item()
+
+    def judge(self, pictures: Tensor, actions: Tensor) -> Tensor:
+        """Return the discriminator's logit that each (picture, action vector) is an expert's."""
+        features = self.discriminator.encoder(as_input(pictures))
+        logits: Tensor = self.discriminator.classifier(torch.cat([features, actions], 1))
+        return logits

@@ -1,0 +1,52 @@
+"""IUPE as the authors' code has it: BCO (`bco.py`) with labels and actions that are drawn.
+
+An action is drawn by counting the cumulative probabilities that lie below random numbers. Where one
+number for each pair would be right, the code draws one for each of the four *actions*, and the same
+four for all pairs of a batch. So an action between two likely ones can be drawn that is impossible.
+
+While it is trained, the policy draws its actions, properly: for experience, and when it is tried.
+What is kept is the policy with the best return on the labyrinths of train.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from pipeline.studies.methods.authors import bco
+from pipeline.studies.methods.authors.learner import Settings
+from pipeline.training.methods.acting import softmax
+
+__all__ = ["Method", "Settings", "draw_labels"]
+
+
+class Method(bco.Method):
+    """The policy, the inverse dynamics model, and all steps."""
+
+    selected_by = "train_return"
+
+    def learn(self, probabilities: NDArray[np.float64]) -> float:
+        states, rng = self.problem.demonstrations.states, self.problem.rng
+        self.policy.train()
+        total = 0.0
+        for batch in self.batches(len(states)):
+            labels = draw_labels(probabilities[batch], rng)
+            scores = self.policy(self.see(states[batch]))
+            loss = functional.cross_entropy(scores, self.tensor(labels))
+            self.descend(self.optimizer, loss)
+            total += loss.item() * len(batch)
+        return total / len(states)
+
+    @classmethod
+    def chances_in_training(cls, scores: Tensor) -> NDArray[np.float64]:
+        return softmax(scores)
+
+
+def draw_labels(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Return a label for each pair of a batch, shape (B,), with four random numbers in all."""
+    cumulative = probabilities.cumsum(axis=1)
+    cumulative[:, -1] = 1  # Whatever rounding made of it.
+    labels: NDArray[np.int64] = (cumulative < rng.random(cumulative.shape[1])).sum(axis=1)
+    return labels

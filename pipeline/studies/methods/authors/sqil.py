@@ -1,0 +1,141 @@
+"""SQIL as the authors' code has it.
+
+The target of Q(s, a) is
+
+    y = r + (1 - done) gamma + V(s'),    V(s) = alpha log sum_a exp(Q(s, a) / alpha),
+
+with a plus where the paper multiplies gamma by V(s'), and with V(s') also where the episode is
+over. V is from a target network that is copied after the gradient steps 1, 2 and 4, counted from 0,
+and never again, since the code asks whether 4 is divisible by the number of the step. (It calls the
+steps epochs.) Like the policy's, that network's dropout is on and its statistics are of the batch.
+
+So V is that of a network that has learnt next to nothing, about alpha log 4, and Q ends between
+y with r = 0 and y with r = 1. The policy acts by softmax(Q / alpha), also when it is tried: with
+alpha 4 a difference of 1 makes an action 1.3 times likelier than another.
+
+A gradient step is on as many of the learner's own steps as of rows, whose reward is 1. The learner
+begins with a full buffer of its own steps, here in all labyrinths of train in lock-step, and takes
+one step before each gradient step, in a labyrinth drawn for each episode. An epoch is as many
+gradient steps as there are batches of rows. In a last row, where the authors' have no next state,
+that is the goal itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from labyrinth_core.policies.networks.acting import outputs_of
+from pipeline.studies.methods.authors import learner
+from pipeline.studies.methods.authors.learner import AuthorsLearner
+from pipeline.studies.methods.authors.trial import rows_of
+from pipeline.training.methods.acting import draw, roll_out, softmax
+from pipeline.training.methods.method import Problem, setting
+
+ALPHA = 4.0
+"""The temperature."""
+COPIES = (1, 2, 4)
+"""The gradient steps, counted from 0, after which the target network is copied."""
+
+
+@dataclass(frozen=True)
+class Settings(learner.Settings):
+    """An epoch is a gradient step for each batch of rows."""
+
+    batch_size: int = setting(
+        "number of rows in a gradient step, and of the learner's own steps", at_least=1
+    )
+    buffer: int = setting("number of the learner's last steps that are remembered", at_least=1)
+    gamma: float = setting("what is added where the episode goes on", at_most=1)
+
+
+class Method(AuthorsLearner):
+    """Q, the target network, the rows, and the buffer, an array (N, 3) of s, a, s'."""
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        super().__init__(problem, settings)
+        arrays = problem.arrays
+        self.target = self.make(problem.spec, settings).to(problem.device)
+        self.copy()
+        states, actions = rows_of(arrays)
+        self.rows = np.stack([states, actions, arrays.next_state[states, actions]], axis=1)
+        self.own = self.first_steps()
+        self.written = self.steps = 0
+        self.where, self.taken = self.begin(), 0
+
+    def epoch(self) -> dict[str, float]:
+        losses, values = [], []
+        for _ in self.batches(len(self.rows)):
+            self.act()
+            loss, value = self.update()
+            losses.append(loss)
+            values.append(value)
+        return {"loss": float(np.mean(losses)), "value": float(np.mean(values))}
+
+    @classmethod
+    def chances(cls, scores: Tensor) -> NDArray[np.float64]:
+        return softmax(scores / ALPHA)
+
+    def first_steps(self) -> NDArray[np.int64]:
+        """Return a buffer full of steps of the untrained policy."""
+        arrays, size = self.problem.arrays, self.settings.buffer
+        where, taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
+        rollout = roll_out(
+            arrays,
+            self.chances(self.outputs(self.policy)),
+            where,
+            taken,
+            -(-size // len(where)),
+            self.problem.rng,
+        )
+        return rollout.transitions[-size:]
+
+    def begin(self) -> int:
+        """Return the first state of an episode in a labyrinth of train."""
+        initial = self.problem.arrays.initial
+        return int(initial[self.problem.rng.integers(len(initial))])
+
+    def act(self) -> None:
+        """Take a step, in place of the oldest in the buffer."""
+        arrays, state = self.problem.arrays, self.where
+        scores = outputs_of(self.policy, self.see(np.array([state])))
+        action = int(draw(self.chances(scores), self.problem.rng)[0])
+        after = int(arrays.next_state[state, action])
+        self.own[self.written] = state, action, after
+        self.written = (self.written + 1) % len(self.own)
+        self.taken += 1
+        over = bool(arrays.terminal[after]) or self.taken >= arrays.step_limit
+        self.where, self.taken = (self.begin(), 0) if over else (after, self.taken)
+
+    def update(self) -> tuple[float, float]:
+        """Take a gradient step; return the loss and the mean V(s')."""
+        size, rng = self.settings.batch_size, self.problem.rng
+        sampled = [each[rng.integers(len(each), size=size)] for each in (self.own, self.rows)]
+        states, actions, after = np.concatenate(sampled).T
+        values = self.values(after)
+        rewards = np.repeat([0.0, 1.0], size)
+        done = self.problem.arrays.done[states, actions]
+        targets = self.tensor(rewards + (1 - done) * self.settings.gamma) + values
+        self.policy.train()
+        q = self.policy(self.see(states)).gather(1, self.tensor(actions)[:, None])[:, 0]
+        loss = functional.mse_loss(q, targets.float())
+        self.descend(self.optimizer, loss)
+        if self.steps in COPIES:
+            self.copy()
+        self.steps += 1
+        return loss.item(), values.mean().item()
+
+    def values(self, states: NDArray[np.int64]) -> Tensor:
+        """Return V of some states, from the target network in training mode, shape (B,)."""
+        self.target.train()
+        with torch.no_grad():
+            return ALPHA * torch.logsumexp(self.target(self.see(states)).double() / ALPHA, 1)
+
+    def copy(self) -> None:
+        """Give the target network the weights of the policy."""
+        self.target.load_state_dict(self.policy.state_dict())

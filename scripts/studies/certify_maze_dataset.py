@@ -1,0 +1,136 @@
+"""Certify splits by seed of maze-dataset's own generator, and check how its mazes are read.
+
+    pip install maze-dataset 'muutils<0.9'
+    python scripts/studies/certify_maze_dataset.py [--folder FOLDER]
+
+maze-dataset brings Jupyter and old pins: give it a virtual environment of its own.
+
+For each size, `gen_dfs` makes a train split from seed 0 and a test split from seed 1, and
+`MazeDataset.save` writes them. The files are read as `leakage.source` reads them, without
+maze-dataset, and every maze is compared with what `MazeDataset.read` makes of them: its adjacency
+list with our passages, its ends with start and goal, and its pictures with the labyrinth, once read
+back. Then the certificate is printed: how many mazes were made, how many different ones ("of") the
+test split has, and how many of these have a counterpart in train. With `--folder FOLDER` the files
+remain, for
+
+    python run.py stages=[analyse] leakage.source=FOLDER/5x5-1000
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import sys
+import warnings
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from measuring import machine
+
+from labyrinth_core.language.collection import read_collection
+from labyrinth_core.language.maze_dataset import from_connections
+from labyrinth_core.language.wall_grid import from_grid
+from labyrinth_core.language.wall_picture import from_picture
+from labyrinth_core.world.labyrinth import Labyrinth
+from pipeline.inspection.elsewhere import read_elsewhere
+from pipeline.inspection.leakage import NEAR, certify
+
+CASES = ((3, 1_000, 200), (4, 1_000, 200), (5, 1_000, 200), (5, 10_000, 2_000))
+"""Size, and mazes of train and of test."""
+
+
+def save(path: Path, size: int, count: int, seed: int) -> None:
+    """Write mazes of maze-dataset as it does, and check that ours are the same."""
+    from maze_dataset import MazeDataset, MazeDatasetConfig
+    from maze_dataset.generation import LatticeMazeGenerators
+
+    config = MazeDatasetConfig(
+        name="split",
+        grid_n=size,
+        n_mazes=count,
+        maze_ctor=LatticeMazeGenerators.gen_dfs,
+        seed=seed,
+    )
+    MazeDataset.generate(config).save(path)
+    for entry, maze in zip(read_collection(path), MazeDataset.read(path), strict=True):
+        if not (isinstance(entry.found, Labyrinth) and same(entry.found, maze)):
+            sys.exit(f"{entry.place} is read differently: {entry.problem or entry.found}")
+
+
+def same(labyrinth: Labyrinth, maze: Any) -> bool:
+    """Return whether a labyrinth is a maze of maze-dataset, in all forms that it gives."""
+    height, width = labyrinth.structure.height, labyrinth.structure.width
+
+    def cell(place: Any) -> int:
+        return int((height - 1 - place[0]) * width + place[1])
+
+    bare = maze.as_pixels(show_endpoints=False, show_solution=False)
+    passages = {tuple(sorted(map(cell, edge))) for edge in maze.as_adj_list()}
+    return (
+        passages == set(labyrinth.structure.passages())
+        and [labyrinth.start, labyrinth.goal] == [cell(maze.start_pos), cell(maze.end_pos)]
+        and from_connections(maze.connection_list, maze.solution) == labyrinth
+        and from_grid(bare.any(axis=2)) == labyrinth.structure
+        and from_picture(png(bare, 1)) == labyrinth.structure
+        and from_picture(png(maze.as_pixels(), 3)) == labyrinth
+    )
+
+
+def png(pixels: Any, scale: int) -> bytes:
+    """Return the PNG file of an array, each element a square of pixels."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    large = np.asarray(pixels, np.uint8).repeat(scale, axis=0).repeat(scale, axis=1)
+    Image.fromarray(large).save(file, "PNG")
+    return file.getvalue()
+
+
+def report(folder: Path, size: int) -> None:
+    """Print what the certificate finds in a folder."""
+    found = read_elsewhere(str(folder), None)
+    certificate = certify(found.splits)
+    (pair,) = certificate.pairs
+    different = certificate.labyrinths["test"]
+    counterparts = (pair.equal, pair.mirrored, pair.symmetric)
+    counts = [len(found.splits["train"]), len(found.splits["test"]), different]
+    counts += [*map(len, counterparts), *(pair.within(walls) for walls in NEAR)]
+    counts.append(len(pair.same_route))
+    show([f"{size}x{size}", *(f"{count:,}" for count in counts), pair.spread(different)])
+
+
+def show(columns: list[str]) -> None:
+    """Print a line of the table."""
+    print("".join(f"{column:>9}" for column in columns), flush=True)
+
+
+def main() -> None:
+    """Make the splits, check them, and print what is found."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, help="where to leave the files (default: nowhere)")
+    arguments = parser.parse_args()
+    try:
+        import maze_dataset  # noqa: F401
+    except ImportError as error:
+        sys.exit(f"This needs maze-dataset ({error}): pip install maze-dataset 'muutils<0.9'")
+    warnings.filterwarnings("ignore", message=".*trying to override GLOBAL_SEED.*")
+    print(machine("numpy", "maze-dataset"))
+    walls = [f"{each} wall{'s' * (each > 1)}" for each in NEAR]
+    headings = ["size", "train", "test", "of", "equal", "mirrored", "turned", *walls]
+    show([*headings, "route", "nearest"])
+    with TemporaryDirectory() as temporary:
+        for size, train, test in CASES:
+            folder = (arguments.folder or Path(temporary)) / f"{size}x{size}-{train}"
+            folder.mkdir(parents=True)
+            save(folder / "train.zanj", size, train, seed=0)
+            save(folder / "test.zanj", size, test, seed=1)
+            report(folder, size)
+
+
+if __name__ == "__main__":
+    main()

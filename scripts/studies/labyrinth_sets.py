@@ -1,0 +1,87 @@
+"""Sets of labyrinths on which ablate.py and generalise.py evaluate a policy.
+
+They are those of the splits, and labyrinths of no dataset. The results are kept as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labyrinth_core.data.storage import write_text
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.sampling import default_open_walls, sample_structures
+from labyrinth_core.world.tasks import change_start_and_goal, default_start_and_goal, place
+
+
+def labyrinth_sets(
+    source: str | Path,
+    config: str,
+    rng: np.random.Generator,
+    *,
+    sides: Sequence[int] = (),
+    labyrinths: int = 100,
+) -> Iterator[tuple[str, list[Labyrinth]]]:
+    """Yield sets of labyrinths by name: the splits, new starts and goals, and fresh labyrinths.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub.
+        config: Such as `5x5`.
+        rng: Draws starts, goals and structures.
+        sides: Sides of larger fresh labyrinths; those of the dataset's size always come.
+        labyrinths: The number of fresh labyrinths of each size, none of a structure of train.
+    """
+    splits = {
+        split: list(load_arrays(source, config, split, observation="vector").labyrinths)
+        for split in EVALUATED_SPLITS
+    }
+    yield from splits.items()
+    for split in ("validation", "test"):
+        yield f"{split}, new ends", [change_start_and_goal(each, rng) for each in splits[split]]
+    like = splits["train"][0]
+    known = {each.structure.canonical() for each in splits["train"]}
+    shapes = {"fresh": (like.structure.height, like.structure.width)}
+    shapes |= {f"fresh {side}x{side}": (side, side) for side in sides}
+    for name, shape in shapes.items():
+        yield name, list(islice(_fresh(shape, like, known, rng), labyrinths))
+
+
+def _fresh(
+    shape: tuple[int, int], like: Labyrinth, known: set[Structure], rng: np.random.Generator
+) -> Iterator[Labyrinth]:
+    """Yield labyrinths of a shape and of the task of `like`, none of a known structure."""
+    walls = default_open_walls(*shape)
+    start, goal = default_start_and_goal(*shape)
+    for structure in sample_structures(*shape, rng, algorithm="wilson", open_walls=walls):
+        if structure.canonical() in known:
+            continue
+        try:
+            yield place(structure, start, goal, like.task, rng)
+        except ValueError:  # It cannot hold the task.
+            continue
+
+
+def write_results(
+    path: Path, about: Mapping[str, Any], solved: Mapping[str, Sequence[bool]]
+) -> None:
+    """Write a description of a run, and which labyrinths of each set it solved."""
+    told = {name: "".join(str(int(each)) for each in which) for name, which in solved.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, json.dumps({**about, "solved": told}, indent=1) + "\n")
+
+
+def read_results(path: Path) -> dict[str, Any]:
+    """Return what `write_results` wrote; `solved` has 1 or 0 for each labyrinth of each set."""
+    kept: dict[str, Any] = json.loads(path.read_text())
+    kept["solved"] = {
+        name: np.array([int(each) for each in which], float)
+        for name, which in kept["solved"].items()
+    }
+    return kept

@@ -1,0 +1,286 @@
+"""The stage `analyse`: what it writes and says, of our datasets and of those from elsewhere."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from wall_grids import GRID, LABYRINTH, changed
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.world.labyrinth import Labyrinth
+from pipeline.config.analysis import LeakageOptions
+from pipeline.inspection import analyse
+from pipeline.inspection.counts import COUNTS, DatasetCounts
+from pipeline.inspection.measures import Shift
+
+
+def infos(folder, split):
+    (path,) = folder.glob(f"{split}-*.parquet")
+    return list(dict.fromkeys(pq.read_table(path, columns=["info"])["info"].to_pylist()))
+
+
+@pytest.fixture(scope="module")
+def analysed(small_dataset, tmp_path_factory):
+    """The folder of a dataset that was analysed; not to be changed."""
+    folder = tmp_path_factory.mktemp("analysed") / "labyrinth"
+    shutil.copytree(small_dataset.data_dir, folder)
+    return folder / "3x3"
+
+
+def run_on(make_run, data_dir, **options):
+    analyse.run(make_run(data_dir, stages=["analyse"], **options))
+
+
+def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it(
+    analysed, make_run, capsys
+):
+    run_on(make_run, analysed.parent)
+    content = json.loads((analysed / ANALYSIS).read_bytes())
+    assert content["fingerprint"] == Manifest.read(analysed).fingerprint
+    leakage, shift = content["leakage"], content["shift"]
+    assert leakage["labyrinths"] == dict.fromkeys(BASE_SPLITS, 8)
+    assert leakage["repeated"] == dict.fromkeys(BASE_SPLITS, 0)
+    assert leakage["strangers"] == {"random": [], "s0": [], "s0_and_g": []}
+    for pair in leakage["pairs"]:
+        assert pair["equal"] == pair["mirrored"] == {}
+        ids = {labyrinth_id(text) for text in infos(analysed, pair["second"])}
+        assert set(pair["nearest"]) == ids
+    assert [pair["second"] for pair in leakage["pairs"]] == ["validation", "test", "test"]
+    assert len(shift["measures"]) == 36
+    assert {test["labyrinths"][0] for test in shift["measures"]} == {8}
+    shown = capsys.readouterr().out.splitlines()
+    assert "Leakage: no structure is in two splits, not even mirrored; none is repeated." in shown
+    assert len(shown) <= 13
+    assert all(len(line) <= 80 for line in shown if "analysis.json" not in line)
+
+
+def test_what_is_more_than_chance_is_named_in_the_terminal(
+    analysed, make_run, monkeypatch, capsys, tmp_path
+):
+    folder = shutil.copytree(analysed.parent, tmp_path / "copy")
+
+    def shift(measure, second, corrected):
+        return Shift(measure, "train", second, (8, 8), 0.5, 1.0, 0.001, corrected)
+
+    found = [shift("actions", "random", 0.036), shift("loops", "random", 1.0)]
+    found += [shift("states", "random", 0.05), shift("actions", "s0", 0.051)]
+    monkeypatch.setattr(analyse, "compare", lambda *_: found)
+    run_on(make_run, folder)
+    shown = capsys.readouterr().out.splitlines()
+    assert "  train, random: actions, states" in shown
+    assert "  train, s0: none" in shown
+    content = json.loads((folder / "3x3" / ANALYSIS).read_bytes())
+    pair = content["leakage"]["pairs"][1]
+    near = f"{pair['within']['1']} of 8 within 1 wall, {pair['within']['3']} within 3"
+    assert f"  train, test: {near}, {len(pair['same_route'])} share a best route" in shown
+
+
+def test_workers_and_another_run_change_no_byte(analysed, make_run):
+    run_on(make_run, analysed.parent)
+    before = [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)]
+    run_on(make_run, analysed.parent, workers=2)
+    assert [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)] == before
+    assert DatasetCounts.read(analysed, Manifest.read(analysed)) is not None
+
+
+def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):
+    with pytest.raises(DatasetError, match="holds no finished dataset"):
+        run_on(make_run, tmp_path)
+
+
+def test_a_labyrinth_that_is_none_is_refused_in_one_line(analysed, make_run, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(analysed.parent, folder)
+    (path,) = (folder / "3x3").glob("test-*.parquet")
+    table = pq.read_table(path)
+    texts = pa.array(["no labyrinth"] * len(table))
+    pq.write_table(table.set_column(4, "info", texts), path)
+    with pytest.raises(DatasetError, match="damaged"):
+        run_on(make_run, folder)
+
+
+# From elsewhere.
+
+
+def turned(text):
+    labyrinth = parse(text)
+    return dump(Labyrinth(labyrinth.structure.transposed(), labyrinth.start, labyrinth.goal))
+
+
+@pytest.fixture
+def files(small_dataset, tmp_path):
+    """A folder of files by split, two of which leak."""
+    texts = {split: infos(small_dataset.folder, split) for split in SAMPLED_SPLITS}
+    images = [text for text in texts["train"] if turned(text) != text]
+    texts["test"] += [texts["validation"][0], turned(images[0])]
+    for split, of in texts.items():
+        folder = tmp_path / "files" / split
+        folder.mkdir(parents=True)
+        for number, text in enumerate(of):
+            (folder / f"{number:02}.labyrinth").write_text(text, encoding="utf-8")
+    return tmp_path / "files"
+
+
+def certified(make_run, source, tmp_path, config=None):
+    data_dir = tmp_path / "data"
+    run_on(make_run, data_dir, leakage=LeakageOptions(str(source), config))
+    (path,) = (data_dir / "analysis").rglob("*.json")
+    content = json.loads(path.read_bytes())
+    assert content["source"] == str(source)
+    pairs = {(pair["first"], pair["second"]): pair for pair in content["leakage"]["pairs"]}
+    return content, pairs
+
+
+def test_files_by_split_are_certified_and_those_that_leak_are_named(
+    files, make_run, tmp_path, capsys
+):
+    content, pairs = certified(make_run, files, tmp_path)
+    assert list(pairs) == [("train", "validation"), ("train", "test"), ("validation", "test")]
+    (equal,) = pairs["validation", "test"]["equal"].items()
+    assert content["files"]["test"][equal[0]] == str(files / "test" / "08.labyrinth")
+    assert content["files"]["validation"][equal[1]] == str(files / "validation" / "00.labyrinth")
+    (mirrored,) = pairs["train", "test"]["mirrored"]
+    assert content["files"]["test"][mirrored] == str(files / "test" / "09.labyrinth")
+    lines = capsys.readouterr().out.splitlines()
+    test, validation = files / "test", files / "validation"
+    assert f"{test / '08.labyrinth'} has the structure of {validation / '00.labyrinth'}" in lines
+    named = [line for line in lines if "has a mirror image of" in line]
+    assert len(named) == 1
+    assert named[0].startswith(str(test / "09.labyrinth"))
+
+
+def test_the_configs_of_a_source_are_certified_side_by_side(files, make_run, tmp_path):
+    data_dir = tmp_path / "data"
+    for config in (None, "3x3", "..", "4x4"):
+        run_on(make_run, data_dir, leakage=LeakageOptions(str(files), config))
+    made = [json.loads(path.read_bytes()) for path in (data_dir / "analysis").rglob("*.json")]
+    assert sorted(str(each["config"]) for each in made) == ["..", "3x3", "4x4", "None"]
+    assert [path.name for path in data_dir.iterdir()] == ["analysis"]
+
+
+def test_a_file_that_is_no_labyrinth_is_named_in_one_line(files, make_run, tmp_path):
+    (files / "test" / "00.labyrinth").write_text("labyrinth:\n---\n", encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"test/00\.labyrinth:2:") as caught:
+        certified(make_run, files, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_arrays_of_one_file_are_certified_by_their_names(make_run, tmp_path, capsys):
+    path = tmp_path / "grids.npz"
+    np.savez(path, train=np.stack([GRID, GRID]), test=np.stack([GRID, changed(3, 2, 0)]))
+    content, pairs = certified(make_run, path, tmp_path)
+    assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
+    assert not content["structures_alone"]
+    pair = pairs["train", "test"]
+    assert pair["equal"] == {labyrinth_id(LABYRINTH): labyrinth_id(LABYRINTH)}
+    assert pair["within"]["1"] == 2
+    assert content["files"]["train"] == {labyrinth_id(LABYRINTH): f"{path}: train.npy[0]"}
+    lines = capsys.readouterr().out.splitlines()
+    assert f"{path}: test.npy[0] has the structure of {path}: train.npy[0]" in lines
+    assert "train repeats 1 structures" in lines
+
+
+def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path, capsys):
+    bare = np.where(GRID > 1, 0, GRID)
+    folder = tmp_path / "grids"
+    folder.mkdir()
+    np.save(folder / "train.npy", np.stack([bare, bare]))
+    np.save(folder / "test.npy", np.stack([bare[:, ::-1], GRID]))
+    content, pairs = certified(make_run, folder, tmp_path)
+    assert content["structures_alone"]
+    assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
+    pair = pairs["train", "test"]
+    ids = {LABYRINTH.structure.structure_id, LABYRINTH.structure.mirrored().structure_id}
+    assert set(pair["mirrored"]) == set(pair["symmetric"]) == set(pair["nearest"]) == ids
+    assert set(pair["equal"]) == {LABYRINTH.structure.structure_id}
+    assert pair["same_route"] == {}
+    shown = capsys.readouterr().out
+    assert "structures alone are compared" in shown
+    assert re.search(r"train +2 +1 +2 +2 .* - +0", shown)
+
+
+def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_path, capsys):
+    path = tmp_path / "grids.npz"
+    gap = changed(0, 1, 0)
+    np.savez(path, train=np.stack([GRID] + [gap] * 11), test=GRID)
+    first = f"{path}: train.npy[1]: row 0, column 1: a gap in the outer wall"
+    with pytest.raises(DatasetError, match=r"^11 labyrinths or files could not be read") as caught:
+        certified(make_run, path, tmp_path)
+    assert str(caught.value).endswith(f"; the first: {first}")
+    (made,) = (tmp_path / "data" / "analysis").rglob("*.json")
+    content = json.loads(made.read_bytes())
+    assert content["leakage"]["labyrinths"] == {"train": 1, "test": 1}
+    assert len(content["problems"]) == 11
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("a gap in the outer wall" in line for line in lines) == 9
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.npy", b"no array", "a.npy: no array that can be read"),
+        ("a.zip", b"PK\5\6" + bytes(18), "a.zip holds no labyrinth"),
+        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .png, .npy, .npz,"),
+    ],
+)
+def test_a_file_without_labyrinths_is_refused_in_one_line(
+    make_run, tmp_path, name, content, message
+):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match=re.escape(message)) as caught:
+        certified(make_run, path, tmp_path)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "data").exists()
+
+
+def test_a_dataset_in_parquet_is_certified_as_our_own_is(analysed, make_run, tmp_path):
+    run_on(make_run, analysed.parent)
+    own = json.loads((analysed / ANALYSIS).read_bytes())
+    _, pairs = certified(make_run, analysed.parent, tmp_path, "3x3")
+    assert list(pairs.values()) == own["leakage"]["pairs"]
+
+
+def table_of(texts):
+    return pa.table({"obs": [b""] * len(texts), "info": texts})
+
+
+def test_only_the_texts_of_a_dataset_are_needed(small_dataset, make_run, tmp_path, capsys):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    texts = infos(small_dataset.folder, "train")
+    pq.write_table(table_of(texts[:5] * 2), folder / "train.parquet")
+    pq.write_table(table_of(texts[4:]), folder / "test.parquet")
+    content, pairs = certified(make_run, folder, tmp_path)
+    assert content["leakage"]["labyrinths"] == {"train": 5, "test": 4}
+    number = labyrinth_id(texts[4])
+    assert pairs["train", "test"]["equal"] == {number: number}
+    assert f"test {number} has the structure of train {number}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [(["no labyrinth"], "train info: no labyrinth: "), ([1], "every row needs a text")],
+)
+def test_rows_without_a_labyrinth_are_refused_in_one_line(make_run, tmp_path, texts, message):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    pq.write_table(table_of(texts), folder / "train.parquet")
+    with pytest.raises(DatasetError, match=message) as caught:
+        certified(make_run, folder, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_source_that_is_nowhere_is_refused_in_one_line(make_run, tmp_path):
+    with pytest.raises(DatasetError, match="nobody/nothing is no folder") as caught:
+        certified(make_run, "nobody/nothing", tmp_path)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,360 @@
+"""The report as a file: what it says of a dataset, and what it leaves alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reporting import METHOD, analyse, evaluate
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.solver import shortest_route
+from pipeline.inspection.counting import count_dataset, count_routes
+from pipeline.inspection.routes import routes
+from pipeline.inspection.statistics import read_analysis
+from pipeline.machinery.own_files import HASHES
+from pipeline.release.card import write_card
+from pipeline.release.published import published_files
+from pipeline.report import stage as report
+from pipeline.report.findings import read_results
+from pipeline.report.packing import pack, pack_routes
+from pipeline.report.stage import PAGE, page, write_report
+
+pytestmark = pytest.mark.slow
+
+ROOMY = 10**9
+
+
+@pytest.fixture
+def data_dir(small_dataset, tmp_path):
+    """A copy of a small dataset, and nothing found out about it."""
+    shutil.copytree(small_dataset.data_dir, tmp_path / "labyrinth")
+    return tmp_path / "labyrinth"
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Drawing them takes longer than all the rest."""
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+
+
+def data_of(text: str):
+    """Return the data that a page holds."""
+    return json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def content_of(folder):
+    return {
+        path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
+
+
+def test_the_counts_are_those_of_the_episodes(small_dataset):
+    manifest = Manifest.read(small_dataset.folder)
+    counts = count_dataset(small_dataset.folder, manifest)
+    for split in BASE_SPLITS:
+        packed = pack(small_dataset.folder, manifest, split, ROOMY)
+        told = packed.to_json(counts.splits[split], ROOMY)
+        visits, actions, moves = Counter(), Counter(), Counter()
+        labyrinths = {}
+        for episode in load_episodes(
+            small_dataset.data_dir, "3x3", split=split, observation="vector"
+        ):
+            visits.update(episode.observations[:, 0].tolist())
+            actions.update(episode.actions.tolist())
+            labyrinths[episode.labyrinth_id] = parse(episode.info)
+        rng = np.random.default_rng(0)
+        moves.update(len(shortest_route(each, rng)) for each in labyrinths.values())
+        ways = [
+            Counter(cell for pair in each.structure.passages() for cell in pair).values()
+            for each in labyrinths.values()
+        ]
+        assert told["labyrinths"] == told["shown"] == len(labyrinths)
+        assert told["actions"] == [actions[action] for action in range(4)]
+        assert told["moves"] == sorted(moves.items())
+        assert told["loops"] == sorted(Counter(sum(each) // 2 - 8 for each in ways).items())
+        junctions = Counter(sum(count > 2 for count in each) for each in ways)
+        assert told["junctions"] == sorted(junctions.items())
+        assert sum(told["visits"]) == sum(actions.values()) + told["episodes"]
+
+
+def routes_in(dataset):
+    """Return the routes of the split train."""
+    episodes = load_episodes(dataset.data_dir, "3x3", observation="vector")
+    return list(routes((each.info, each.actions.tolist(), 0.0) for each in episodes))
+
+
+def test_shards_add_up_to_what_they_are_together(small_dataset):
+    manifest, found = Manifest.read(small_dataset.folder), routes_in(small_dataset)
+    whole, parts = pack_routes(found, ROOMY), pack_routes(found[:3], ROOMY)
+    parts.extend(pack_routes(found[3:], ROOMY))
+    assert parts == whole == pack(small_dataset.folder, manifest, "train", ROOMY)
+
+
+@pytest.mark.parametrize("limit", [0, 100, 300, 10**6])
+def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_dataset, limit):
+    found = routes_in(small_dataset)
+    counts = count_routes(found, (3, 3)).counts
+    told = pack_routes(found, ROOMY).to_json(counts, limit)
+    assert told["labyrinths"] == 8
+    assert told["shown"] == {0: 0, 100: 2, 300: 6, 10**6: 8}[limit]
+    assert sum(len(column["data"]) for column in told["columns"].values()) * 3 / 4 <= limit + 30
+    assert pack_routes(found, limit).to_json(counts, limit) == told
+
+
+def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    first = write_report(data_dir, tmp_path / "runs").parent
+    before = content_of(first)
+    shutil.rmtree(first)
+    write_report(data_dir, tmp_path / "runs", workers=2)
+    assert content_of(first) == before
+    kinds = ("moves", "actions", "visits", "loops", "junctions", "results")
+    files = {f"3x3-{kind}.{ending}" for kind in kinds for ending in ("svg", "png")}
+    assert {path.name for path in before} == {PAGE, HASHES, *files}
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
+    write_card(data_dir)
+    before = content_of(data_dir)
+    manifests = [Manifest.read(data_dir / "3x3")]
+    published = published_files(data_dir, manifests)
+    path = write_report(data_dir, tmp_path / "runs")
+    after = content_of(data_dir)
+    assert {name: after[name] for name in before} == before
+    written = {path, path.with_name(HASHES)}
+    assert set(after) - set(before) == {each.relative_to(data_dir) for each in written}
+    assert published_files(data_dir, manifests) == published
+
+
+def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
+    text = page([], [{"name": "</script><script>alert(1)</script>{{script}}"}])
+    assert data_of(text)["results"][0]["name"] == "</script><script>alert(1)</script>{{script}}"
+    assert text.count("<script") == 2
+    assert not re.search(r"""(src|href)=["'](?!data:)|@import|url\(""", text)
+    assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|\beval\b", text)
+    assert "default-src 'none'" in text
+    assert "unsafe" not in text
+
+
+def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
+    folder = data_dir / "3x3"
+    manifest = Manifest.read(folder)
+    assert read_analysis(folder, manifest) is None
+    content = analyse(folder)
+    found = read_analysis(folder, manifest)
+    counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
+    assert found["pairs"][0]["counts"] == counts
+    assert found["pairs"][0]["spread"] == "0, 4"
+    (folder / ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
+    assert read_analysis(folder, manifest) is None
+
+
+def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
+    folder, runs = data_dir / "3x3", tmp_path / "runs"
+    manifest = Manifest.read(folder)
+    assert read_results(runs, [manifest]) == []
+    failed = {seed: evaluate(folder, runs, seed) for seed in (10, 2)}
+    (method,) = read_results(runs, [manifest])
+    assert (method["name"], method["config"]) == (METHOD, "3x3")
+    told = {run["name"]: run["splits"]["test"]["failed"] for run in method["runs"]}
+    assert list(told.items()) == [(f"{METHOD}-seed{seed}", failed[seed]) for seed in (2, 10)]
+    for name in told:
+        path = runs / "3x3" / name / "evaluation.json"
+        path.write_text(path.read_text().replace(manifest.fingerprint, "another"))
+    assert read_results(runs, [manifest]) == []
+
+
+def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):
+    folder, runs = data_dir / "3x3", tmp_path / "runs"
+    failed = [evaluate(folder, runs, seed) for seed in (0, 1)]
+    (method,) = read_results(runs, [Manifest.read(folder)])
+    test = method["splits"]["test"]
+    assert (test["sr"], test["aer"], test["aer_std"]) == (0.75, -0.75, 2.0)
+    low, high = test["sr_interval"]
+    assert 0.25 <= low < 0.75 < high <= 1
+    assert (test["unsolved"], test["failed"]) == (1, [failed[0][1]])
+    assert method["splits"]["train"]["sr_interval"] == (1, 1)
+
+
+def test_an_evaluation_of_another_number_of_labyrinths_is_refused(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    (path,) = (tmp_path / "runs").glob("*/*/evaluation.json")
+    content = json.loads(path.read_text())
+    fewer = {"labyrinths": 7, "outcomes": "s" * 7, "moves": [4] * 7, "by_distance": {"4": [7, 7]}}
+    content["splits"]["train"] |= fewer
+    path.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match="train has 8 labyrinths, not 7"):
+        write_report(data_dir, tmp_path / "runs")
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("splits", "test", "sr"), float("nan")),
+        (("splits", "test", "aer"), float("-inf")),
+        (("splits", "test", "labyrinths"), True),
+        (("splits", "test", "failed"), [{}]),
+        (("splits", "test", "failures"), {"<script>": 1}),
+        (("baselines",), {}),
+        (("baselines", "test", "oracle", "sr"), "1"),
+        (("run", "seed"), [0]),
+    ],
+)
+@pytest.mark.usefixtures("no_figures")
+def test_an_evaluation_that_is_none_is_named_in_one_line(data_dir, tmp_path, place, value):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    (path,) = (tmp_path / "runs").glob("*/*/evaluation.json")
+    content = json.loads(path.read_text())
+    planted(content, place, value)
+    path.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=r"^.*evaluation\.json cannot be read: .*$"):
+        write_report(data_dir, tmp_path / "runs")
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("leakage", "labyrinths", "test"), float("inf")),
+        (("leakage", "labyrinths"), {}),
+        (("leakage", "repeated", "train"), "<b>"),
+        (("leakage", "strangers", "s0"), "many"),
+        (("leakage", "pairs", 0, "equal"), {"x": "y"}),
+        (("leakage", "pairs", 0, "within"), {}),
+        (("leakage", "pairs", 0, "second"), "| <b>"),
+        (("leakage", "pairs", 0, "spread"), "<b>"),
+        (("shift", "permutations"), None),
+        (("shift", "measures", 0, "distance"), float("nan")),
+        (("shift", "measures", 0, "p_value"), 7),
+        (("shift", "measures", 0), {}),
+    ],
+)
+def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
+    folder = data_dir / "3x3"
+    content = analyse(folder)
+    planted(content, place, value)
+    (folder / ANALYSIS).write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it anew$"):
+        read_analysis(folder, Manifest.read(folder))
+
+
+def planted(content, place, value):
+    """Put a value into JSON."""
+    *path, last = place
+    for name in path:
+        content = content[name]
+    content[last] = value
+
+
+def test_a_name_with_dollar_signs_is_drawn_as_it_is(data_dir, tmp_path):
+    evaluate(data_dir / "3x3", tmp_path / "runs")
+    (folder,) = (tmp_path / "runs").glob("*/*")
+    folder.rename(folder.with_name(r"$\frac$-seed0"))
+    write_report(data_dir, tmp_path / "runs")
+    assert r"<!-- $\frac$ -->" in (data_dir / "report/figures/3x3-results.svg").read_text()
+
+
+@pytest.mark.parametrize("damage", ["{", "[]", '{"fingerprint": null}', "[" * 100_000])
+def test_damaged_findings_are_named_in_one_line(data_dir, tmp_path, damage):
+    if damage == '{"fingerprint": null}':
+        damage = json.dumps({"fingerprint": Manifest.read(data_dir / "3x3").fingerprint})
+    (data_dir / "3x3" / ANALYSIS).write_text(damage)
+    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*$"):
+        write_report(data_dir, tmp_path / "runs")
+    assert not (data_dir / "report").exists()
+
+
+def test_a_folder_without_dataset_and_a_damaged_shard_are_refused(data_dir, tmp_path):
+    with pytest.raises(DatasetError, match=r"holds no finished dataset: stages=\[build\]"):
+        write_report(tmp_path, tmp_path / "runs")
+    shard = next((data_dir / "3x3").glob("test-*.parquet"))
+    shard.write_bytes(shard.read_bytes()[:-1])
+    with pytest.raises(DatasetError, match="is damaged"):
+        write_report(data_dir, tmp_path / "runs")
+
+
+def test_without_matplotlib_the_page_is_written_and_the_extra_named(
+    data_dir, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    path = write_report(data_dir, tmp_path / "runs")
+    assert data_of(path.read_text())["figures"] is None
+    assert "'labyrinth-datasets[analysis]'" in capsys.readouterr().out
+    assert {each.name for each in path.parent.iterdir()} == {PAGE, HASHES}
+
+
+def test_a_page_of_somebody_else_is_refused_and_so_is_one_that_was_changed(
+    data_dir, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+    (data_dir / "report").mkdir()
+    page = data_dir / "report" / PAGE
+    for mine in ("<title>Labyrinth report</title> mine", "<p>mine</p>"):
+        page.write_text(mine)
+        with pytest.raises(DatasetError, match=r"index\.html was made or changed by somebody else"):
+            write_report(data_dir, tmp_path / "runs")
+        assert content_of(data_dir / "report") == {Path(PAGE): mine.encode()}
+    page.unlink()
+    write_report(data_dir, tmp_path / "runs")
+    page.write_text(page.read_text() + "mine")
+    with pytest.raises(DatasetError, match="made or changed by somebody else"):
+        write_report(data_dir, tmp_path / "runs")
+    assert page.read_text().endswith("mine")
+
+
+def test_figures_take_the_place_of_ours_and_of_no_others(data_dir, tmp_path, monkeypatch, capsys):
+    folder = data_dir / "report" / "figures"
+    drawn = {"figures/3x3-moves.png": b"1", "figures/4x4-moves.png": b"1"}
+    monkeypatch.setattr(report, "draw_figures", lambda *_: drawn)
+    write_report(data_dir, tmp_path / "runs")
+    (folder / "3x3-moves.png").write_bytes(b"mine")
+    (folder / "photo.png").write_bytes(b"mine")
+    drawn = {"figures/3x3-moves.png": b"2", "figures/3x3-loops.png": b"2"}
+    write_report(data_dir, tmp_path / "runs")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
+        "3x3-moves.png": b"mine",
+        "photo.png": b"mine",
+        "3x3-loops.png": b"2",
+    }
+    assert "changed them: figures/3x3-moves.png." in capsys.readouterr().out
+
+
+def test_a_list_that_names_other_files_removes_none_of_them(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
+    page = write_report(data_dir, tmp_path / "runs")
+    (tmp_path / "thesis.txt").write_bytes(b"mine")
+    digest = hashlib.sha256(b"mine").hexdigest()
+    with page.with_name(HASHES).open("a") as listed:
+        listed.write(f"{digest}  ../../thesis.txt\n")
+    write_report(data_dir, tmp_path / "runs")
+    assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
+
+
+def test_the_report_of_an_earlier_version_is_written_anew(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {"figures/3x3-moves.png": b"1"})
+    page = write_report(data_dir, tmp_path / "runs")
+    page.with_name(HASHES).unlink()  # Earlier versions left none.
+    (page.parent / "figures" / "photo.png").write_bytes(b"mine")
+    monkeypatch.setattr(report, "draw_figures", lambda *_: {"figures/3x3-loops.png": b"2"})
+    monkeypatch.setattr(report, "__version__", "another")
+    write_report(data_dir, tmp_path / "runs")
+    assert data_of(page.read_text())["version"] == "another"
+    names = {path.name for path in (page.parent / "figures").iterdir()}
+    assert names == {"3x3-loops.png", "photo.png"}
+
+
+def test_the_splits_are_in_the_order_of_the_table(small_dataset):
+    counts = count_dataset(small_dataset.folder, Manifest.read(small_dataset.folder))
+    assert list(counts.splits) == list(BASE_SPLITS)

@@ -1,0 +1,7 @@
+"""The fixtures of tests that train, for the tests of this folder."""
+
+from __future__ import annotations
+
+from learning import problem_of, require_reproducible, targets_of
+
+__all__ = ["problem_of", "require_reproducible", "targets_of"]

@@ -1,0 +1,462 @@
+"""The methods of `protocol=authors`: each departure from the usual methods, and from papers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.solver import moves_of, simple_routes
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.config.training import CONF, PROTOCOLS
+from pipeline.studies.methods.authors import bco, iupe, sqil, trial
+from pipeline.studies.methods.authors.learner import AuthorsLearner
+from pipeline.training import checkpoint, evaluate, train
+from pipeline.training.checkpoint import Progress
+from pipeline.training.loop import fit
+from pipeline.training.methods.method import Learner, Problem, find
+from pipeline.training.record import CHECKPOINT, RECORD
+
+pytestmark = pytest.mark.slow
+
+Problems = Callable[..., Problem]
+
+NAMES = ("bc", "dagger", "gail", "bco", "sqil", "iupe")
+ALL = pytest.mark.parametrize("name", NAMES)
+
+
+def learner_of(name: str, problem: Problem, **values: Any) -> Any:
+    small = {"batch_size": 8, "learning_rate": 1e-3}
+    small |= {"buffer": 200} if name == "sqil" else {}
+    method, settings = find(name, small | values, "authors")
+    return method(problem, settings)
+
+
+def weights(learner: Learner) -> list[torch.Tensor]:
+    return [each.detach().clone() for each in learner.policy.parameters()]
+
+
+def equal(left: list[torch.Tensor], right: list[torch.Tensor]) -> bool:
+    return all(torch.equal(*pair) for pair in zip(left, right, strict=True))
+
+
+# All six.
+
+
+@ALL
+def test_the_settings_are_those_of_the_authors_script(name: str) -> None:
+    path = CONF / "method" / "authors" / f"{name}.yaml"
+    content = yaml.safe_load(path.read_text())
+    _, settings = find(name, {}, "authors")
+    assert content == {"protocol": "authors", "method": {"name": name} | asdict(settings)}
+    assert (settings.epochs, settings.evaluate_every, settings.batch_size) == (5000, 100, 1)
+    assert settings.learning_rate == (1e-3 if name == "iupe" else 5e-4)
+    assert {each.stem for each in path.parent.iterdir()} == set(NAMES)
+
+
+@ALL
+def test_the_loss_falls(name: str, problem_of: Problems) -> None:
+    learner = learner_of(name, problem_of())
+    losses = [learner.epoch()["loss"] for _ in range(8)]
+    if name == "gail":  # Of an adversary.
+        assert all(np.isfinite(losses))
+    else:
+        assert losses[-1] < losses[0]
+
+
+@ALL
+def test_a_batch_of_one_row_and_the_cnn_will_do(name: str, problem_of: Problems) -> None:
+    learner = learner_of(name, problem_of(encoder="cnn"), batch_size=1)
+    learner.experience = problem_of().exploration().states[:3, None] * [1, 0, 1]
+    before = weights(learner)
+    assert np.isfinite(learner.epoch()["loss"])
+    assert not equal(before, weights(learner))
+
+
+@ALL
+def test_going_on_from_a_checkpoint_changes_nothing(
+    name: str, problem_of: Problems, tmp_path: Path
+) -> None:
+    whole = learner_of(name, problem_of())
+    whole.epoch()
+    checkpoint.save(tmp_path / "checkpoint", whole, Progress(), {})
+    resumed = learner_of(name, problem_of(5))
+    checkpoint.load(tmp_path / "checkpoint", resumed, {})
+    state = torch.get_rng_state()
+    whole.epoch()
+    torch.set_rng_state(state)
+    resumed.epoch()
+    assert equal(weights(whole), weights(resumed))
+
+
+@ALL
+def test_trying_a_policy_draws_nothing_that_training_draws(name: str, problem_of: Problems) -> None:
+    problem = problem_of()
+    learner = learner_of(name, problem)
+    before = problem.rng.bit_generator.state, torch.get_rng_state().tolist()
+    figures = learner.figures(uniform_policy, problem.arrays, problem.arrays)
+    assert figures == learner.figures(uniform_policy, problem.arrays, problem.arrays)
+    assert before == (problem.rng.bit_generator.state, torch.get_rng_state().tolist())
+
+
+def uniform_policy(observations: Any) -> Any:
+    return np.zeros((len(observations), 4), np.float32)
+
+
+@pytest.mark.parametrize("name", ["bc", "dagger", "gail", "sqil"])
+def test_the_last_rows_of_episodes_are_learnt_from(
+    name: str, problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learner = learner_of(name, problem_of())
+    seen: list[Any] = []
+    see = Learner.see
+
+    def noting(self: Learner, *states: Any) -> torch.Tensor:
+        seen.append(states[0])
+        return see(self, *states)
+
+    monkeypatch.setattr(Learner, "see", noting)
+    learner.epoch()
+    assert learner.problem.arrays.goal[np.concatenate(seen)].any()
+
+
+@pytest.mark.parametrize("name", ["bc", "dagger", "gail"])
+def test_the_learner_never_acts(
+    name: str, problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learner = learner_of(name, problem_of())
+
+    def forbidden(*_: Any) -> None:
+        raise AssertionError("it looked at what its policy does")
+
+    monkeypatch.setattr(Learner, "outputs", forbidden)
+    monkeypatch.setattr(torch, "no_grad", forbidden)
+    learner.epoch()
+
+
+# Rows and trials.
+
+
+def test_a_last_row_repeats_the_action_before_it(problem_of: Problems) -> None:
+    arrays = problem_of().arrays
+    states, actions = trial.rows_of(arrays)
+    place = 0
+    for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
+        end = place + len(route)
+        assert states[place] == start
+        assert actions[place : end + 1].tolist() == [*route.tolist(), route[-1]]
+        assert arrays.goal[states[end]]
+        place = end + 1
+    assert place == len(states) == len(problem_of().demonstrations.states) + len(arrays.routes)
+
+
+def test_accuracy_counts_last_rows_too(problem_of: Problems) -> None:
+    arrays = problem_of().arrays
+    rows = trial.rows_of(arrays)
+    ups = trial.certain(np.zeros(len(arrays.terminal), np.int64))
+    got = trial.accuracy(arrays, ups, np.random.default_rng(0))
+    assert got == pytest.approx((rows.actions == 0).mean())
+    assert got != pytest.approx((problem_of().demonstrations.actions == 0).mean())
+
+
+@pytest.mark.parametrize(("visits", "steps"), [(5, 5), (None, 360)])
+def test_an_episode_is_cut_where_a_picture_comes_again_too_often(
+    problem_of: Problems, visits: int | None, steps: int
+) -> None:
+    arrays = problem_of().arrays
+    downs = trial.certain(np.full(len(arrays.terminal), 2))  # Into the outer wall, for ever.
+    episodes, taken = trial.try_out(arrays, downs, np.random.default_rng(0), visits)
+    assert len(taken) == steps * len(arrays.initial)
+    assert not episodes.solved.any()
+    assert (episodes.returns == -4).all()
+
+
+def test_what_reaches_the_goal_is_counted_with_its_moves(problem_of: Problems) -> None:
+    arrays = problem_of().arrays
+    best = trial.certain(arrays.optimal.argmax(axis=1))
+    episodes, taken = trial.try_out(arrays, best, np.random.default_rng(0))
+    assert episodes.solved.all()
+    assert episodes.moves.tolist() == arrays.distance.tolist()
+    assert np.array_equal(arrays.next_state[taken[:, 0], taken[:, 1]], taken[:, 2])
+
+
+def test_a_policy_that_draws_is_cut_more_often_with_the_rule(problem_of: Problems) -> None:
+    arrays = problem_of().arrays
+    uniform = np.full((len(arrays.terminal), 4), 0.25)
+    rates = [
+        np.mean(
+            [
+                trial.try_out(arrays, uniform, np.random.default_rng(seed), visits)[0].solved
+                for seed in range(20)
+            ]
+        )
+        for visits in (5, None)
+    ]
+    assert rates[0] < 0.8 < rates[1]
+
+
+# DAgger.
+
+WALLED = """labyrinth:
+-------------
+|       | E |
+|   +   +   |
+|           |
+|   +   +   |
+| S         |
+-------------
+end
+"""
+
+
+def test_the_solvers_first_route_in_depth_joins_and_need_not_be_shortest(
+    problem_of: Problems,
+) -> None:
+    learner = learner_of("dagger", problem_of(), episodes=3)
+    arrays, before = learner.problem.arrays, len(learner.states)
+    learner.epoch()
+    states, labels = learner.states[before:], learner.labels[before:]
+    begins = np.flatnonzero(np.isin(states, arrays.initial))
+    assert len(begins) == 3
+    for part, routed in zip(
+        np.split(states, begins[1:]), np.split(labels, begins[1:]), strict=True
+    ):
+        labyrinth = arrays.labyrinths[arrays.labyrinth[part[0]]]
+        assert routed.tolist() == simple_routes(labyrinth, limit=1)[0]
+        assert arrays.goal[arrays.next_state[part[-1], routed[-1]]]
+        assert np.array_equal(arrays.next_state[part[:-1], routed[:-1]], part[1:])
+    walled = parse(WALLED)
+    assert simple_routes(walled, limit=1)[0] == [0, 0, 1, 2, 1, 0]
+    assert moves_of(walled) == 4
+
+
+# GAIL.
+
+
+def test_the_policy_is_changed_through_the_discriminator_which_sees_its_logits(
+    problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learner = learner_of("gail", problem_of())
+    learner.policy.eval()  # Without dropout, for the sums below.
+    # This one calls an action vector an expert's by its first entry.
+    monkeypatch.setattr(
+        learner, "judge", lambda _, actions: actions[:, :1] + 0 * sum_of(learner.discriminator)
+    )
+    pictures = learner.see(learner.states[:8])
+    shown = torch.eye(4)[[0, 0, 1, 1, 2, 2, 3, 3]]
+    logits = learner.policy(pictures).detach()
+    loss, policy_loss = learner.update(pictures, shown)
+    softplus = torch.nn.functional.softplus
+    own = softplus(logits[:, 0]).mean()
+    assert loss == pytest.approx(float(softplus(-shown[:, 0]).mean() + own), rel=1e-5)
+    assert policy_loss == pytest.approx(float(softplus(-logits[:, 0]).mean()), rel=1e-5)
+    assert (learner.policy(pictures)[:, 0] > logits[:, 0]).all()
+
+
+def sum_of(network: torch.nn.Module) -> torch.Tensor:
+    return torch.stack([each.sum() for each in network.parameters()]).sum()
+
+
+# BCO.
+
+
+def test_the_model_sees_both_pictures_through_one_encoder(problem_of: Problems) -> None:
+    problem = problem_of(encoder="cnn")
+    learner = learner_of("bco", problem)
+    features = learner.model.encoder.features
+    assert learner.model.encoder[0].in_channels == 3
+    assert learner.model.classifier[0].in_features == 2 * features
+    learner.model.eval()
+    states, others = np.array([0, 1]), np.array([1, 0])
+    both, swapped = learner.see(states, others), learner.see(others, states)
+    first = learner.model.classifier[0]
+    with torch.no_grad():
+        expected = learner.model(both)
+        first.weight.copy_(first.weight.roll(features, 1))
+        assert torch.allclose(learner.model(swapped), expected, atol=1e-5)
+
+
+def test_what_the_policy_does_on_train_joins_the_steps(problem_of: Problems) -> None:
+    learner = learner_of("bco", problem_of(), evaluate_every=2)
+    before = len(learner.experience)
+    assert learner.epoch()["experience"] == before
+    chances = learner.chances(learner.outputs(learner.policy))
+    learner.explore()
+    arrays = learner.problem.arrays
+    _, steps = trial.try_out(arrays, chances, np.random.default_rng(0), None)
+    assert np.array_equal(learner.experience[before:], steps)
+    learner.epoch()
+    assert len(learner.experience) > before + len(steps)
+
+
+def test_labels_are_the_most_likely_actions(
+    problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learner = learner_of("bco", problem_of())
+    learned: list[Any] = []
+    monkeypatch.setattr(Learner, "clone", lambda *given: learned.append(given[-1]) or 0.0)
+    count = len(learner.problem.demonstrations.states)
+    learner.learn(np.tile([0.1, 0.2, 0.4, 0.3], (count, 1)))
+    assert learned[0].tolist() == [2] * count
+
+
+# IUPE.
+
+
+def test_labels_are_drawn_with_one_number_for_each_action() -> None:
+    rng = np.random.default_rng(0)
+    half = np.array([[0.5, 0, 0, 0.5]])
+    drawn = np.concatenate([iupe.draw_labels(half, rng) for _ in range(20_000)])
+    # Three of the sums are 1/2, so that the label counts how many of three coins fall.
+    wanted = np.array([1, 3, 3, 1]) / 8
+    assert np.abs(np.bincount(drawn, minlength=4) / 20_000 - wanted).max() < 0.015
+    for _ in range(20):
+        assert len(set(iupe.draw_labels(np.tile(half, (50, 1)), rng).tolist())) == 1
+    assert iupe.draw_labels(np.eye(4), rng).tolist() == [0, 1, 2, 3]
+
+
+def test_iupe_draws_its_actions_while_it_is_trained_and_not_afterwards() -> None:
+    scores = torch.log(torch.tensor([[0.1, 0.2, 0.3, 0.4]]))
+    assert np.allclose(iupe.Method.chances_in_training(scores), [[0.1, 0.2, 0.3, 0.4]])
+    assert iupe.Method.chances(scores).tolist() == [[0, 0, 0, 1]]
+    assert bco.Method.chances_in_training(scores).tolist() == [[0, 0, 0, 1]]
+
+
+# SQIL.
+
+
+def test_the_target_adds_gamma_and_keeps_the_value_where_the_episode_is_over(
+    problem_of: Problems, monkeypatch: pytest.MonkeyPatch, targets_of: Callable[[Any], list[Any]]
+) -> None:
+    problem = problem_of()
+    arrays, learner = problem.arrays, learner_of("sqil", problem, gamma=0.75, batch_size=2)
+    last = np.flatnonzero(arrays.done.any(axis=1) & ~arrays.terminal)[0]
+    onto_goal = [last, int(arrays.done[last].argmax()), 0]
+    first = [int(arrays.initial[0]), 2, int(arrays.initial[0])]  # Into the outer wall.
+    learner.own, learner.rows = np.array([first]), np.array([onto_goal])
+    monkeypatch.setattr(learner, "values", lambda after: torch.full((len(after),), 7.0))
+    targets = targets_of(sqil)
+    learner.update()
+    assert targets[0].tolist() == [0 + 0.75 + 7] * 2 + [1 + 0 + 7] * 2
+
+
+def test_a_value_is_the_soft_maximum_with_temperature_four(problem_of: Problems) -> None:
+    learner = learner_of("sqil", problem_of())
+    q = torch.tensor([0.0, 1.0, 2.0, 3.0])
+    with torch.no_grad():
+        learner.target.classifier[-1].weight.zero_()
+        learner.target.classifier[-1].bias.copy_(q)
+    wanted = 4 * np.log(np.exp(q.numpy() / 4).sum())
+    goal = np.flatnonzero(learner.problem.arrays.goal)[:1]
+    assert learner.values(np.array([0, *goal])).tolist() == pytest.approx([wanted] * 2)
+
+
+def test_the_target_network_is_copied_after_steps_1_2_and_4_alone(problem_of: Problems) -> None:
+    learner = learner_of("sqil", problem_of())
+    copied = []
+    for step in range(12):
+        learner.update()
+        if equal(weights(learner), [each.clone() for each in learner.target.parameters()]):
+            copied.append(step)
+    assert copied == [1, 2, 4]
+
+
+def test_sqil_draws_its_actions_also_when_it_is_tried(problem_of: Problems) -> None:
+    scores = torch.tensor([[0.0, 0.0, 0.0, 4 * np.log(3)]])
+    assert np.allclose(sqil.Method.chances(scores), [[1 / 6, 1 / 6, 1 / 6, 1 / 2]])
+    arrays = problem_of().arrays
+    tried = sqil.Method.as_tried(uniform_policy, arrays)
+    assert 0 < tried["sr"] < 1
+    greedy = AuthorsLearner.as_tried(uniform_policy, arrays)
+    assert greedy["sr"] != tried["sr"]
+
+
+def test_the_buffer_begins_full_and_forgets_the_oldest_step(problem_of: Problems) -> None:
+    learner = learner_of("sqil", problem_of(), buffer=100)
+    assert learner.own.shape == (100, 3)
+    arrays, before = learner.problem.arrays, learner.own.copy()
+    for _ in range(3):
+        learner.act()
+    assert np.array_equal(learner.own[3:], before[3:])
+    states, actions, after = learner.own[:3].T
+    assert np.array_equal(arrays.next_state[states, actions], after)
+    assert states[0] in arrays.initial
+
+
+# What is kept.
+
+
+@pytest.mark.parametrize(
+    ("name", "figure", "kept"),
+    [
+        ("bc", "validation_accuracy", 2),
+        ("dagger", "validation_accuracy", 2),
+        ("gail", "validation_accuracy", 2),
+        ("sqil", "validation_accuracy", 2),
+        ("iupe", "train_return", 2),
+        ("bco", "nothing", 4),
+    ],
+)
+def test_each_method_keeps_the_first_best_policy_by_its_own_figure(
+    problem_of: Problems, tmp_path: Path, name: str, figure: str, kept: int
+) -> None:
+    learner = learner_of(name, problem_of(), epochs=4, evaluate_every=1)
+    learner.__class__ = type("Idle", (type(learner),), {"epoch": lambda _: {"loss": 1.0}})
+    tried = iter([-4.0, 0.9, 0.9, 0.2])
+    misleading = {"validation_accuracy": 0.1, "train_return": 0.1}
+
+    def judge(_: Any) -> dict[str, float]:
+        return {"validation_sr": 0.5, **misleading, figure: next(tried)}
+
+    path = tmp_path / CHECKPOINT
+    done = fit(learner, judge, PROTOCOLS["authors"], path, {}, lambda _: None)
+    assert done.best is not None
+    assert done.best["epoch"] == kept
+
+
+# The stages.
+
+
+def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code_tries_it(
+    small_dataset: Run,
+    make_run: Callable[..., Run],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run = make_run(
+        small_dataset.data_dir,
+        stages=["train"],
+        run_dir=str(tmp_path),
+        protocol="authors",
+        method={"name": "sqil", "epochs": 1, "batch_size": 8, "buffer": 100},
+    )
+    train.run(run)
+    told = " ".join(capsys.readouterr().out.split())
+    assert "but method.epochs=1 instead of 5,000, method.batch_size=8 instead of 1" in told
+    record = json.loads((run.training_folder / RECORD).read_text())
+    assert run.training_folder.name == "sqil-cnn-seed0-authors"
+    assert {"validation_accuracy", "train_return"} <= record["selected"].keys()
+    evaluate.run(run)
+    content = json.loads((run.training_folder / "evaluation.json").read_text())
+    assert content["as_tried"].keys() == content["splits"].keys()
+    assert 0 <= content["as_tried"]["test"]["sr"] <= 1
+    assert "As the code of protocol=authors tries a policy: train" in capsys.readouterr().out
+
+
+def test_the_usual_settings_are_refused_in_one_line() -> None:
+    with pytest.raises(ConfigError) as caught:
+        find("bc", {"augment": False}, "authors")
+    assert str(caught.value) == (
+        "protocol=authors: its methods have other settings, so give method=authors/bc alone"
+    )
+    with pytest.raises(ConfigError, match=r"^method=planner: no .*/methods/authors$"):
+        find("planner", {}, "authors")

@@ -1,0 +1,260 @@
+"""The leaderboard: the figures are those of `evaluate`, ranks claim no more than intervals do."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from policies import Rounds
+from submitted import add_up, content_of, forgetful, results_of
+
+from labyrinth_core.evaluation.description import Description
+from pipeline.studies.results import stage
+from pipeline.studies.results.leaderboard import Entry, Standing, boards
+from pipeline.studies.results.leaderboard_tables import MARK, csv_of, markdown
+from pipeline.studies.results.stage import RefusedError
+
+ROOT = Path(__file__).parents[3]
+PUBLISHED = ROOT / "docs" / "results"
+
+
+@pytest.fixture(scope="module")
+def results(small_dataset):
+    """Of two policies: one by look-ups, one in two episodes."""
+    folder = small_dataset.data_dir
+    return {
+        "planner": results_of(folder, "3x3", forgetful(3, 3)),
+        "rounds": results_of(folder, "3x3", Rounds(2), episodes=2),
+    }
+
+
+@pytest.fixture
+def run_of(make_run, small_dataset, tmp_path):
+    """A function that returns a run of the stage."""
+
+    def make(data_dir=small_dataset.data_dir, **options):
+        folders = {"run_dir": str(tmp_path / "runs"), "results_dir": str(tmp_path / "results")}
+        return make_run(data_dir, stages=["results"], **(folders | options))
+
+    return make
+
+
+@pytest.fixture
+def submit(tmp_path):
+    """A function that puts a file where anybody's results lie."""
+
+    def write(content, name="mine.json"):
+        path = tmp_path / "results" / "submissions" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(content), encoding="utf-8")
+        return path
+
+    return write
+
+
+def rows(folder):
+    with (folder / "leaderboard.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def text(folder):
+    return (folder / "leaderboard.md").read_text(encoding="utf-8")
+
+
+def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
+    results, run_of, submit, tmp_path
+):
+    for name, each in results.items():
+        submit(content_of(each, name, details={"steps": 12}), f"{name}.json")
+    stage.run(run_of())
+    found = {(row["method"], row["split"]): row for row in rows(tmp_path / "results")}
+    assert len(found) == 2 * 5
+    for name, each in results.items():
+        for split, scores in each.splits.items():
+            row, figures = found[name, split], scores.figures()
+            for figure in ("labyrinths", "sr", "aer", "aer_std", "path_efficiency"):
+                assert row[figure] == ("" if figures[figure] is None else str(figures[figure]))
+            for figure in ("sr", "aer"):
+                interval = [row[f"{figure}_low"], row[f"{figure}_high"]]
+                assert interval == [str(bound) for bound in figures[f"{figure}_interval"]]
+            assert row["fingerprint"] == each.fingerprint
+            assert (row["train_steps"], row["parameters"]) == ("12", "")
+            assert row["compared"] == "True"
+        scores = each.splits["test"]
+        low, high = scores.figures()["sr_interval"]
+        cells = f"| {100 * scores.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}] | {scores.aer:.2f} ±"
+        assert re.search(rf"\| {name} \|  {re.escape(cells)}", text(tmp_path / "results"))
+
+
+def test_a_refused_file_is_named_and_keeps_no_other_from_the_leaderboard(
+    results, run_of, submit, tmp_path, capsys
+):
+    submit(content_of(results["planner"], "planner"), "a.json")
+    forged = content_of(results["planner"], "better")
+    told = forged["splits"]["test"]
+    told["moves"][0] = [1] * 8
+    told["outcomes"] = ["s" * 8]
+    add_up(told, 9)
+    path = submit(forged, "5x5/b.json")
+    again = submit(content_of(results["rounds"], "planner"), "c.json")
+    with pytest.raises(RefusedError) as error:
+        stage.run(run_of())
+    first, second, third = str(error.value).splitlines()
+    assert first == "2 files not on the leaderboard:"
+    assert re.fullmatch(
+        rf"  {re.escape(str(path))} is refused: test: labyrinth \w{{16}} has .*", second
+    )
+    assert third.strip() == (
+        f"{again} is refused: {path.parents[1] / 'a.json'} has the same name, planner, on the same "
+        "dataset"
+    )
+    assert {row["method"] for row in rows(tmp_path / "results")} == {"planner"}
+    assert f"1 method: {tmp_path / 'results' / 'leaderboard.md'}" in capsys.readouterr().out
+
+
+def test_where_the_dataset_is_not_at_hand_it_is_said_and_marked(
+    results, run_of, submit, tmp_path, capsys
+):
+    submit(content_of(results["planner"], "planner"))
+    elsewhere = tmp_path / "nothing"
+    stage.run(run_of(elsewhere))
+    line = f"3x3 is not at hand, so results on it are compared with no dataset: {elsewhere}/3x3"
+    assert f"{line} holds no dataset" in capsys.readouterr().out
+    assert f"| planner {MARK} |" in text(tmp_path / "results")
+    assert {row["compared"] for row in rows(tmp_path / "results")} == {"False"}
+    stage.run(run_of())
+    assert f"| planner {MARK} |" not in text(tmp_path / "results")
+
+
+def test_results_of_policies_that_the_program_evaluated_are_kept(results, run_of, tmp_path):
+    folder = tmp_path / "runs" / "3x3" / "my-policy"
+    results["planner"].save(folder / "results.json", name="my policy")
+    stage.run(run_of())
+    kept = tmp_path / "results" / "submissions" / "3x3" / "my-policy.json"
+    assert kept.read_bytes() == (folder / "results.json").read_bytes()
+    assert {row["method"] for row in rows(tmp_path / "results")} == {"my policy"}
+    before = text(tmp_path / "results")
+    (folder / "results.json").write_text("{")
+    with pytest.raises(RefusedError, match=r"my-policy/results\.json is refused: "):
+        stage.run(run_of())
+    assert text(tmp_path / "results") == before
+
+
+def test_results_on_another_dataset_are_not_ranked_beside_those_on_this_one(
+    results, run_of, submit, tmp_path
+):
+    submit(content_of(results["planner"], "planner"), "a.json")
+    other = content_of(results["planner"], "planner")
+    other["dataset"]["fingerprint"] = "1" * 64
+    submit(other, "b.json")
+    with pytest.raises(RefusedError, match=r"b\.json is refused: it is of another dataset than"):
+        stage.run(run_of())
+    stage.run(run_of(tmp_path / "nothing"))
+    assert text(tmp_path / "results").count("\n## 3x3\n") == 2
+
+
+@pytest.mark.slow
+def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_others(
+    results, small_dataset, submit, tmp_path
+):
+    page = (ROOT / "docs" / "evaluate-your-policy.md").read_text(encoding="utf-8")
+    section = page.split("## Stand on the leaderboard\n")[1].split("\n## ")[0]
+    [command] = re.findall(r"```sh\nlabyrinth-datasets (.*)\n```", section)
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
+    content = content_of(results["planner"], "planner")
+    submit(content)
+    told = content["splits"]["test"]
+    told["moves"][0][told["outcomes"][0].index("s")] = 3
+    submit(content, "other.json")
+    arguments = [sys.executable, str(ROOT / "run.py"), command]
+    done = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "1 method: results/leaderboard.md\n")
+    first, second = done.stderr.splitlines()
+    assert first == "error: 1 file not on the leaderboard:"
+    reason = r"test: .*: solved after 3 moves, with a shortest route of \d"
+    assert re.fullmatch(rf"  results/submissions/other\.json is refused: {reason}", second)
+    assert {row["method"] for row in rows(tmp_path / "results")} == {"planner"}
+
+
+# Ranks and names.
+
+
+def entry(name, sr=None, low=0.0, high=1.0, **changed):
+    standing = sr is not None and Standing(100, sr, (low, high), -1.0, 2.0, (-2.0, 0.0), None)
+    about = {
+        "config": "5x5",
+        "fingerprint": "0" * 64,
+        "observation": "image",
+        "seeds": 1,
+        "episodes": 1,
+        "version": "0.1.0",
+        "compared": True,
+        "standings": {"test": standing} if standing else {},
+    }
+    return Entry(method=Description(name), **(about | changed))
+
+
+def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above():
+    entries = [
+        entry("none"),
+        entry("low", 0.1, 0.05, 0.2),
+        entry("middle", 0.45, 0.4, 0.5),
+        entry("beside", 0.40, 0.35, 0.45),
+        entry("equal", 0.45, 0.4, 0.5),
+        entry("best", 1.0, 1.0, 1.0),
+    ]
+    [board] = boards(entries)
+    assert [(each.rank, each.method.name) for each in board] == [
+        (1, "best"),
+        (2, "equal"),
+        (2, "middle"),
+        (2, "beside"),
+        (5, "low"),
+        (None, "none"),
+    ]
+    assert boards(reversed(entries)) == [board]
+
+
+def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first():
+    entries = [
+        entry("a", config="10x10"),
+        entry("b", config="5x5", fingerprint="1" * 64),
+        entry("c", config="5x5"),
+        entry("d", config="5x5-icy_floor"),
+    ]
+    assert [each[0].method.name for each in boards(entries)] == ["c", "b", "d", "a"]
+
+
+def test_no_name_is_markup_a_link_or_a_formula():
+    name = "=1|<script>[a](javascript:b)`*"
+    url = "https://a.org/(b)[c]|<d>"
+    method = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
+    shown = replace(entry("x", 0.5), method=method)
+    told = "\n".join(markdown([shown])).replace(f"`{shown.fingerprint}`", "")
+    assert not re.search(r"(?<!\\)[<`*]", told)
+    link = r"[=1\|\<script\>\[a\](javascript:b)\`\*](https://a.org/%28b%29%5Bc%5D%7C%3Cd%3E)"
+    assert link in told
+    for table in re.findall(r"(?:^\|.*\n?)+", told, re.MULTILINE):
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
+    [row] = csv.DictReader(csv_of([shown]).splitlines())
+    assert (row["method"], row["author"], row["budget"]) == (f"'{name}", "'@me|", "'+1<b>")
+    assert row["aer"] == "-1.0"
+
+
+# What is published.
+
+
+@pytest.mark.slow
+def test_the_leaderboard_that_is_published_is_made_of_the_runs_that_are(run_of, tmp_path):
+    folder = tmp_path / "results"
+    shutil.copytree(PUBLISHED / "runs", folder / "runs")
+    stage.run(run_of(tmp_path / "nothing"))
+    for name in ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv"):
+        assert (folder / name).read_bytes() == (PUBLISHED / name).read_bytes(), name

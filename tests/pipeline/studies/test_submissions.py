@@ -1,0 +1,318 @@
+"""Results of anybody: those that add up are believed, and whatever was changed in one is found."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from labyrinths_of_datasets import CONFIGS
+from policies import Rounds
+from submitted import add_up, content_of, forgetful, results_of
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.studies.results.known import AtHand
+from pipeline.studies.results.submissions import LARGEST, read_submission
+
+
+@pytest.fixture(scope="module")
+def results(small_dataset):
+    return results_of(small_dataset.data_dir, "3x3", forgetful(3, 3))
+
+
+@pytest.fixture
+def content(results):
+    return content_of(results)
+
+
+@pytest.fixture(scope="module")
+def at_hand(small_dataset):
+    return AtHand(small_dataset)
+
+
+@pytest.fixture
+def elsewhere(make_run, tmp_path):
+    """What is at hand in a folder without datasets."""
+    return AtHand(make_run(tmp_path / "nothing"))
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory):
+    """A function that reads content from a file."""
+    path = tmp_path_factory.mktemp("submissions") / "mine.json"
+
+    def read_content(content, at_hand):
+        path.write_text(json.dumps(content), encoding="utf-8")
+        return read_submission(path, at_hand)
+
+    return read_content
+
+
+def refused(read, content, at_hand, why):
+    """Check that content is refused in one line that says why."""
+    with pytest.raises(DatasetError) as error:
+        read(content, at_hand)
+    assert re.fullmatch(rf"\S*mine\.json is refused: {why}", str(error.value)), str(error.value)
+
+
+# What is believed.
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+def test_what_evaluate_saves_is_believed_and_gives_the_same_figures_to_the_digit(
+    datasets, make_run, read, config
+):
+    run = make_run(datasets)
+    policies = {"planner": (forgetful(3, 4), {}), "rounds": (Rounds(2), {"episodes": 2})}
+    for policy, options in policies.values():
+        results = results_of(datasets, config, policy, **options)
+        found = read(content_of(results), AtHand(run))
+        assert found.compared
+        assert list(found.scores) == list(EVALUATED_SPLITS)
+        for split, scores in results.splits.items():
+            figures = scores.figures()
+            again = found.scores[split].figures()
+            for name in again.keys() - {"accuracy_on_demonstrations", "accuracy_elsewhere"}:
+                assert again[name] == figures[name]
+
+
+def test_the_policies_of_these_tests_fail_and_succeed(content):
+    letters = "".join(told["outcomes"][0] for told in content["splits"].values())
+    assert {"s", "l", "w"} == set(letters)
+
+
+def test_without_the_dataset_only_what_the_file_tells_is_checked(content, elsewhere, read):
+    content["dataset"]["fingerprint"] = "1" * 64
+    assert not read(content, elsewhere).compared
+    reason = elsewhere.missing["3x3"]
+    assert reason.endswith("nothing/3x3 holds no dataset")
+    content["splits"]["test"]["sr"] /= 2
+    refused(read, content, elsewhere, "test: sr is .*, but .* follows from the outcomes")
+
+
+def test_some_splits_are_enough(content, at_hand, read):
+    content["splits"] = {"test": content["splits"]["test"]}
+    assert list(read(content, at_hand).scores) == ["test"]
+
+
+# What is not.
+
+
+def leaves(value, path=()):
+    """Return the places of all numbers and texts, of texts letter by letter."""
+    if isinstance(value, dict):
+        return [leaf for key, each in value.items() for leaf in leaves(each, (*path, key))]
+    if isinstance(value, list):
+        return [leaf for key, each in enumerate(value) for leaf in leaves(each, (*path, key))]
+    if isinstance(value, str):
+        return [(*path, place) for place in range(len(value))]
+    return [path]
+
+
+def change(content, path):
+    """Change a number or a letter a little."""
+    *way, last = path
+    inner = content
+    for key in way[:-1]:
+        inner = inner[key]
+    value = inner[way[-1]]
+    if isinstance(value, str):
+        letter = value[last]
+        letters = "slw" if letter in "slw" and "outcomes" in path else "0123456789abcdef"
+        other = letters[(letters.index(letter) + 1) % len(letters)]
+        inner[way[-1]] = value[:last] + other + value[last + 1 :]
+    elif value[last] is None:
+        value[last] = 0.5
+    else:
+        value[last] += 1 if type(value[last]) is int else 1e-6 if value[last] < 0.5 else -1e-6
+
+
+@given(data=st.data())
+def test_one_change_to_whatever_is_told_of_a_split_is_found(results, at_hand, read, data):
+    content = content_of(results)
+    split = data.draw(st.sampled_from(sorted(content["splits"])))
+    told = content["splits"][split]
+    part = data.draw(st.sampled_from([name for name in told if "accuracy" not in name]))
+    places = leaves(told[part], ("splits", split, part))
+    if not places:
+        return
+    change(content, data.draw(st.sampled_from(places)))
+    refused(read, content, at_hand, rf".*\b{split}\b.*")
+
+
+FIRST = r"labyrinth [0-9a-f]{16} has"
+
+
+def solved(told):
+    return told["outcomes"][0].index("s")
+
+
+def failed(told):
+    return re.search("[lw]", told["outcomes"][0]).start()
+
+
+def too_short(told):
+    told["moves"][0][solved(told)] = 1
+
+
+def too_long(told):
+    told["moves"][0][solved(told)] = 361
+
+
+def beyond_the_states(told):
+    told["moves"][0][solved(told)] = 9
+
+
+def given_up(told):
+    told["moves"][0][failed(told)] = 17
+
+
+def on_ice(told):
+    letters = told["outcomes"][0]
+    told["outcomes"][0] = "i" + letters[1:]
+
+
+def far_away(told):
+    told["distance"][0] = 9
+
+
+def one_less(told):
+    for name in ("labyrinth_ids", "distance"):
+        told[name].pop()
+    told["outcomes"][0] = told["outcomes"][0][:-1]
+    told["moves"][0].pop()
+
+
+def twice(told):
+    told["labyrinth_ids"][1] = told["labyrinth_ids"][0]
+
+
+def in_another_order(told):
+    told["labyrinth_ids"][:2] = told["labyrinth_ids"][1::-1]
+
+
+def easier(told):
+    told["distance"] = [1] * len(told["distance"])
+
+
+@pytest.mark.parametrize(
+    ("forge", "why", "without_dataset"),
+    [
+        (too_short, f"{FIRST} a solution of fewer moves than a shortest route: solved .*", True),
+        (too_long, f"{FIRST} more moves than the limit of 360: solved after 361 moves, .*", True),
+        (beyond_the_states, f"{FIRST} more than 8 moves to an end by look-ups: .*", True),
+        (given_up, f"{FIRST} a failure before the limit of 360 moves: .* after 17 moves,.*", True),
+        (on_ice, f"{FIRST} an end on ice, which this task has not: ice after .*", True),
+        (twice, r"labyrinth [0-9a-f]{16} is there twice", True),
+        (far_away, f"{FIRST} a shortest route of .*", True),
+        (one_less, "7 labyrinths, but .*/3x3 has 8", False),
+        (in_another_order, "labyrinth 1 is [0-9a-f]{16}, but [0-9a-f]{16} in .*/3x3", False),
+        (easier, f"{FIRST} a shortest route of 1 moves, but of [2-8] in .*/3x3", False),
+    ],
+)
+def test_a_forgery_that_adds_up_is_refused_for_what_cannot_be(
+    content, at_hand, elsewhere, read, forge, why, without_dataset
+):
+    told = content["splits"]["test"]
+    forge(told)
+    add_up(told, 9)
+    refused(read, content, at_hand, f"test: {why}")
+    if without_dataset:
+        refused(read, content, elsewhere, f"test: {why}")
+    else:
+        read(content, elsewhere)
+
+
+def test_of_several_episodes_the_message_names_the_one(small_dataset, at_hand, read):
+    results = results_of(small_dataset.data_dir, "3x3", Rounds(1), episodes=3)
+    content = content_of(results)
+    told = content["splits"]["s0"]
+    told["moves"][2][0] = 361
+    add_up(told, 9)
+    refused(read, content, at_hand, "s0: episode 3, labyrinth .* more moves than the limit .*")
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "why"),
+    [
+        (("kind",), "results", "it.kind is 'results', not 'labyrinth-results'"),
+        (("format",), 1, "it.format is 1, not 2"),
+        (("format",), True, "it.format is True, not 2"),
+        (("method", "name"), " ", "name=' ': say what the policy is called"),
+        (("method", "name"), "a\u202eb", "name=.* all of which can be seen"),
+        (("method", "author"), "a\nb", "author=.* one line of 300 characters at most, .*"),
+        (("method", "budget"), "a" * 301, "budget=.* one line of 300 characters at most, .*"),
+        (("method", "url"), "javascript:alert(1)", "url=.*: give an address such as https://.*"),
+        (("method", "date"), "yesterday", "date=yesterday: give a day such as 2026-11-30"),
+        (("method", "details"), {"size": 1}, "details: 'size': choose from labyrinths, .*"),
+        (("method", "details"), {"steps": -1}, "it.method.details.steps is -1, not .*"),
+        (("method", "details"), [], r"it.method.details is \[\], not an object"),
+        (("method",), None, "it.method is None, not an object with name, .*"),
+        (("dataset", "config"), "3x3-lava", "config=3x3-lava: there is none of this name"),
+        (("dataset", "config"), "03x3", "config=03x3: there is none of this name"),
+        (("dataset", "config"), "../3x3", "it.dataset.config is '../3x3', not .*"),
+        (("dataset", "fingerprint"), "1" * 64, "it is of another dataset than .*/3x3: .*"),
+        (("dataset", "fingerprint"), "1" * 63, "it.dataset.fingerprint is '1+, not .*"),
+        (("evaluated", "episodes"), 2, "episodes=2: a policy has one in each .* by look-ups"),
+        (("evaluated", "way"), "guesses", "it.evaluated.way is 'guesses', not .*"),
+        (("evaluated", "version"), "=1+1|", r"it.evaluated.version is '=1\+1\|', not .*"),
+        (("splits",), {}, "it has results on no split"),
+        (("splits", "exam"), {}, "a name in it.splits is 'exam', not .*"),
+        (("splits", "test", "sr"), float("nan"), "NaN is no number of JSON"),
+        (("splits", "test", "aer"), float("inf"), "Infinity is no number of JSON"),
+        (("splits", "test", "aer"), -(10**400), "it.splits.test.aer is -1000.*"),
+        (("splits", "test", "sr"), "1.0", "it.splits.test.sr is '1.0', not a number .*"),
+        (("splits", "test", "sr"), True, "it.splits.test.sr is True, not a number .*"),
+        (("splits", "test", "moves", 0, 3), 2.5, r"it.splits.test.moves\[0\]\[3\] is 2.5, not .*"),
+        (("splits", "test", "moves", 0, 3), 0, r"it.splits.test.moves\[0\]\[3\] is 0, not .*"),
+        (("splits", "test", "moves", 0, 3), 10**12, ".*more moves than the limit .*"),
+        (("splits", "test", "labyrinths"), 10**15, "test: labyrinth_ids are of 8 labyrinths, .*"),
+        (("splits", "test", "labyrinth_ids", 0), "f" * 16, r"it.splits.test.labyrinth_ids\[0\] .*"),
+        (("splits", "test", "outcomes"), ["s" * 8] * 2, "test: outcomes are of 2 episodes .*"),
+        (("splits", "test", "moves"), [], "test: moves are of 0 episodes in each .*, not 1"),
+        (("splits", "test", "outcomes", 0), "c" * 8, r"it.splits.test.outcomes\[0\] is 'cccc.*"),
+        (("splits", "test", "step_limit"), 10**9, "test: step_limit is 1000000000, not 360"),
+        (("splits", "test", "failures"), {"bored": 1}, "a name in it.splits.test.failures .*"),
+    ],
+)
+def test_what_is_no_result_is_refused_in_one_line(content, at_hand, read, place, value, why):
+    *way, last = place
+    inner = content
+    for key in way:
+        inner = inner[key]
+    inner[last] = value
+    refused(read, content, at_hand, why)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", ".*Expecting value.*"),
+        ("[" * 100_000, ".*recursion.*"),
+        ("[]", "it is .*, not an object with kind, .*"),
+        ('{"kind": 1, "kind": 2}', "'kind' is there twice in one object"),
+        ("\udcff", ".*codec can't decode.*"),
+        (" " * (LARGEST + 1), f"it has more than {LARGEST:,} bytes"),
+    ],
+)
+def test_a_file_that_is_no_json_is_refused_in_one_line(at_hand, tmp_path, text, why):
+    path = tmp_path / "mine.json"
+    path.write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(DatasetError, match=rf"\A\S*mine\.json is refused: {why}\Z"):
+        read_submission(path, at_hand)
+
+
+def test_a_folder_is_no_file(at_hand, tmp_path):
+    (tmp_path / "mine.json").mkdir()
+    with pytest.raises(DatasetError, match=r"mine\.json is refused: it is no file"):
+        read_submission(tmp_path / "mine.json", at_hand)
+
+
+def test_nothing_is_changed_by_reading(content, at_hand, read):
+    before = copy.deepcopy(content)
+    read(content, at_hand)
+    assert content == before

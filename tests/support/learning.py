@@ -1,0 +1,87 @@
+"""Fixtures: a small problem to learn, and what the tests of methods have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.config.run import Run
+from pipeline.training import checkpoint
+from pipeline.training.checkpoint import Progress
+from pipeline.training.methods.acting import load_steps
+from pipeline.training.methods.method import Learner, Problem
+
+torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def problem_of(small_dataset: Run) -> Callable[..., Problem]:
+    """A function that returns a problem with eight labyrinths of 3x3."""
+    folder = small_dataset.data_dir
+    arrays = {
+        encoder: load_arrays(folder, "3x3", "train", observation=sees)
+        for encoder, sees in (("mlp", "vector"), ("cnn", "image"))
+    }
+    demonstrations, exploration = (
+        load_steps(folder, "3x3", split, arrays["mlp"]) for split in ("train", "random")
+    )
+
+    def make(seed: int = 0, encoder: str = "mlp", **changed: Any) -> Problem:
+        torch.manual_seed(seed)
+        problem = Problem(
+            arrays=arrays[encoder],
+            observations=torch.tensor(arrays[encoder].observations),
+            demonstrations=demonstrations,
+            exploration=lambda: exploration,
+            spec=NetworkSpec(encoder, 1, 3, 3, "navigation"),
+            rng=np.random.default_rng(seed),
+        )
+        return replace(problem, **changed)
+
+    return make
+
+
+@pytest.fixture
+def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]], None]:
+    """A function that fails unless weights follow from the seed, and from a checkpoint."""
+
+    def require(learner_of: Callable[[int], Learner]) -> None:
+        whole, again, other = map(learner_of, (0, 0, 1))
+        for learner in (whole, again, other):
+            learner.epoch()
+        checkpoint.save(tmp_path / "checkpoint", again, Progress(), {})
+        resumed = learner_of(5)
+        checkpoint.load(tmp_path / "checkpoint", resumed, {})
+        whole.epoch()
+        resumed.epoch()
+        weights = [learner.policy.state_dict() for learner in (whole, resumed, other)]
+        assert all(torch.equal(each, weights[1][name]) for name, each in weights[0].items())
+        assert not all(torch.equal(each, weights[2][name]) for name, each in weights[0].items())
+
+    return require
+
+
+@pytest.fixture
+def targets_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], list[Any]]:
+    """A function that returns a list of the targets of each squared error of a module to come."""
+
+    def note(module: Any) -> list[Any]:
+        targets: list[Any] = []
+        loss = module.functional.mse_loss
+
+        def noting(q: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+            targets.append(target)
+            return loss(q, target)
+
+        monkeypatch.setattr(module.functional, "mse_loss", noting)
+        return targets
+
+    return note
