@@ -1,7 +1,7 @@
 """Export the demonstrations of more and more labyrinths, and measure time and memory.
 
     python scripts/benchmark_export.py --folder measured
-    python scripts/benchmark_export.py --folder measured --labyrinths 2040 --formats npz
+    python scripts/benchmark_export.py --folder measured --labyrinths 2040 --formats lerobot
 
 Each export is a process of its own, whose peak resident set and processor time are printed. Its
 folder is removed afterwards; the datasets stay.

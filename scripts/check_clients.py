@@ -37,7 +37,7 @@ from hub.local_hub import LocalHub  # noqa: E402
 from labyrinth_core import load_episodes  # noqa: E402
 
 TORCH = "torch==2.13.0"
-CONFIG, SPLITS, FORMATS = "5x5", ("train", "random"), ("minari", "imitation", "lerobot", "npz")
+CONFIG, SPLITS, FORMATS = "5x5", ("train", "random"), ("minari", "imitation", "lerobot")
 SECONDS = 1800
 """After so long the installation or the script of a client is given up."""
 

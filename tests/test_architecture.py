@@ -99,7 +99,7 @@ HOMES = {
         "labyrinth_core.data.observations",
         "pipeline.generation.check_rows",
         "pipeline.release",
-        "pipeline.export.picture",
+        "pipeline.export.split",
     ),
     "rich": ("pipeline",),
     "yaml": ("pipeline", "labyrinth_core.data.source"),  # There, what broken cards raise.

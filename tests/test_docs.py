@@ -44,7 +44,7 @@ def runs(block: str) -> bool:
 
     `scripts/check_clients.py` runs those libraries, in environments of their own.
     """
-    clients = ("exports/", "import webdataset")
+    clients = ("exports/", "import webdataset", "imitation_datasets")
     return not any(word in block for word in ("play(", "s3://", *clients))
 
 

@@ -12,7 +12,6 @@ EXPORTS = {
     "minari": "pipeline.export.minari",
     "imitation": "pipeline.export.imitation",
     "lerobot": "pipeline.export.lerobot",
-    "npz": "pipeline.export.npz",
 }
 """Format -> the module whose `write` writes a split in it."""
 

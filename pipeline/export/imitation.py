@@ -1,8 +1,8 @@
 """Trajectories for the library imitation: a Hugging Face dataset with a row for each episode.
 
 The columns are those of `imitation.data.huggingface_utils` of https://pypi.org/project/imitation/,
-1.0.1, whose `imitation.data.serialize.load` reads the folder. It would write pictures as lists of
-numbers, which it reads back as int64; those that are PNG files it reads as they were, and sooner.
+1.0.1, whose `imitation.data.serialize.load` reads the folder. The library itself writes pictures as
+lists of numbers, which it reads back slowly and as int64; it reads PNG files as uint8.
 """
 
 from __future__ import annotations
@@ -15,16 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.storage import write_text
-from labyrinth_core.data.transitions import LoadedEpisode
-from pipeline.export.picture import image_value
-from pipeline.export.split import Split
-
-PART_BYTES = 16 << 20
-"""The bytes of PNG files that a file has at least, but for the last."""
+from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 
-def write(split: Split, folder: Path) -> None:
-    """Write a split into an empty folder, as `Dataset.save_to_disk` does, with a file a part."""
+def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
+    """Write a split into an empty folder, as `Dataset.save_to_disk` does, with a file per part."""
     import datasets
 
     features = datasets.Features(
@@ -36,12 +31,13 @@ def write(split: Split, folder: Path) -> None:
             "rews": datasets.List(datasets.Value("float32")),
         }
     )
-    facts = {"description": split.description, "license": split.licence}
-    info = datasets.DatasetInfo(features=features, **facts)
+    info = datasets.DatasetInfo(
+        features=features, description=split.description, license=split.licence
+    )
     names: list[str] = []
     state: dict[str, Any] = {}
     with _without_bars():
-        for part in _parts(split):
+        for part in in_parts(_rows(split), part_bytes):
             place = folder / "part"
             datasets.Dataset.from_list(part, info=info).save_to_disk(place, num_shards=1)
             state = json.loads((place / "state.json").read_bytes())
@@ -54,29 +50,21 @@ def write(split: Split, folder: Path) -> None:
     write_text(folder / "state.json", json.dumps(state, indent=2, sort_keys=True))
 
 
-def _parts(split: Split) -> Iterator[list[dict[str, Any]]]:
-    """Yield the rows of consecutive episodes."""
-    rows: list[dict[str, Any]] = []
-    held = 0
+def _rows(split: Split) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the row of each episode, after the bytes of its pictures."""
     for episode in split.episodes():
-        rows.append(_row(episode))
-        held += sum(len(picture["bytes"]) for picture in rows[-1]["obs"])
-        if held >= PART_BYTES:
-            yield rows
-            rows, held = [], 0
-    if rows:
-        yield rows
-
-
-def _row(episode: LoadedEpisode) -> dict[str, Any]:
-    """Return the row of an episode; the labyrinth is in the info of the first step."""
-    return {
-        "obs": [image_value(picture) for picture in episode.observations],
-        "acts": episode.actions,
-        "infos": [json.dumps({"labyrinth": episode.info}), *["{}"] * (len(episode) - 1)],
-        "terminal": episode.terminated,
-        "rews": episode.rewards,
-    }
+        pictures = [png_value(picture) for picture in episode.observations]
+        yield (
+            sum(len(picture["bytes"]) for picture in pictures),
+            {
+                "obs": pictures,
+                "acts": episode.actions,
+                # The labyrinth is in the info of the first step.
+                "infos": [json.dumps({"labyrinth": episode.info}), *["{}"] * (len(episode) - 1)],
+                "terminal": episode.terminated,
+                "rews": episode.rewards,
+            },
+        )
 
 
 @contextmanager

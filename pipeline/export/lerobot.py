@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,8 +25,7 @@ from labyrinth_core.data.labyrinth_table import table_rows, table_schema
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.data.transitions import LoadedEpisode
 from pipeline.export.frame_statistics import FrameStatistics
-from pipeline.export.picture import image_value
-from pipeline.export.split import Split
+from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -42,21 +40,8 @@ FPS = 10
 CHUNK_FILES, FILE_MB, VIDEO_MB = 1000, 100, 200
 """The files of a folder, and the most megabytes of a file, as LeRobot has them."""
 
-PART_BYTES = 16 << 20
-"""The bytes of PNG files that a file has at least, but for the last."""
 
-
-@dataclass(frozen=True)
-class _Part:
-    """Consecutive episodes, which become one file."""
-
-    frames: list[dict[str, Any]] = field(default_factory=list)
-    """The columns of the frames of each episode."""
-    episodes: list[dict[str, Any]] = field(default_factory=list)
-    """The row of each episode in the table of episodes."""
-
-
-def write(split: Split, folder: Path) -> None:
+def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     """Write a split into an empty folder.
 
     Raises:
@@ -71,14 +56,15 @@ def write(split: Split, folder: Path) -> None:
     schema = _frame_schema()
     (folder / EPISODES).parent.mkdir(parents=True)
     with pq.ParquetWriter(folder / EPISODES, _episode_schema()) as episodes:
-        for number, part in enumerate(_parts(split, statistics)):
+        parts = in_parts(_frames_and_rows(split, statistics), part_bytes)
+        for number, part in enumerate(parts):
             chunk, file = divmod(number, CHUNK_FILES)
             path = folder / DATA.format(chunk_index=chunk, file_index=file)
             path.parent.mkdir(parents=True, exist_ok=True)
             with pq.ParquetWriter(path, schema) as frames:
-                frames.write_table(_joined(part.frames, schema))
+                frames.write_table(_joined([each for each, _ in part], schema))
             place = {"data/chunk_index": chunk, "data/file_index": file}
-            rows = [row | place for row in part.episodes]
+            rows = [row | place for _, row in part]
             episodes.write_table(pa.Table.from_pylist(rows, episodes.schema))
     task = str(split.manifest.config.task)
     pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
@@ -86,10 +72,14 @@ def write(split: Split, folder: Path) -> None:
     write_text(folder / "meta/info.json", json.dumps(_info(split), indent=4))
 
 
-def _parts(split: Split, statistics: FrameStatistics) -> Iterator[_Part]:
-    """Yield the episodes of a split in parts, and count them in the statistics."""
-    part = _Part()
-    first = held = 0
+def _frames_and_rows(
+    split: Split, statistics: FrameStatistics
+) -> Iterator[tuple[int, tuple[dict[str, Any], dict[str, Any]]]]:
+    """Yield each episode: the bytes of its pictures, then its frames and its row in the table.
+
+    Each episode is counted in the statistics.
+    """
+    first = 0
     task = str(split.manifest.config.task)
     labyrinths = chain(_labyrinths(split), repeat({"labyrinth_id": ""}))  # It may be too short.
     pairs = zip(split.episodes(), labyrinths, strict=False)
@@ -100,28 +90,20 @@ def _parts(split: Split, statistics: FrameStatistics) -> Iterator[_Part]:
             )
         frames = _frames(episode, number, first, truncated=split.is_truncated(episode))
         statistics.add({**frames, IMAGE: episode.observations})
-        frames[IMAGE] = [image_value(picture) for picture in episode.observations]
-        part.frames.append(frames)
-        part.episodes.append(
-            {
-                "episode_index": number,
-                "tasks": [task],
-                "length": len(episode) + 1,
-                "dataset_from_index": first,
-                "dataset_to_index": first + len(episode) + 1,
-                "meta/episodes/chunk_index": 0,
-                "meta/episodes/file_index": 0,
-                "info": episode.info,
-                **labyrinth,
-            }
-        )
+        frames[IMAGE] = [png_value(picture) for picture in episode.observations]
+        row = {
+            "episode_index": number,
+            "tasks": [task],
+            "length": len(episode) + 1,
+            "dataset_from_index": first,
+            "dataset_to_index": first + len(episode) + 1,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+            "info": episode.info,
+            **labyrinth,
+        }
+        yield sum(len(picture["bytes"]) for picture in frames[IMAGE]), (frames, row)
         first += len(episode) + 1
-        held += sum(len(picture["bytes"]) for picture in frames[IMAGE])
-        if held >= PART_BYTES:
-            yield part
-            part, held = _Part(), 0
-    if part.episodes:
-        yield part
 
 
 def _labyrinths(split: Split) -> Iterator[dict[str, Any]]:

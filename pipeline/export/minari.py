@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.version import __version__
-from pipeline.export.split import NAMESPACE, Split
+from pipeline.export.split import NAMESPACE, PART_BYTES, Split, in_parts
 from pipeline.machinery.front_matter import DEVELOPERS
 
 if TYPE_CHECKING:
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
 
 NEEDS = ("minari", "h5py")
-
-BATCH_BYTES = 16 << 20
-"""The bytes of pictures that are given to Minari at once."""
 
 EPISODE_BYTES = 1 << 17
 """More than HDF5 takes for an episode, besides its text and thrice the bytes of its pictures."""
@@ -55,7 +52,7 @@ def write(split: Split, folder: Path) -> None:
             data_format="hdf5",
             jpeg_encoding=False,
         ).storage
-    for batch in _batches(split):
+    for batch in in_parts(_episodes(split), PART_BYTES):
         _check_disk(folder, batch)
         storage.update_episodes(batch)
     storage.update_metadata({"licence": split.licence, "labyrinth": split.record()})
@@ -63,32 +60,23 @@ def write(split: Split, folder: Path) -> None:
     shutil.rmtree(folder / NAMESPACE)
 
 
-def _batches(split: Split) -> Iterator[list[EpisodeBuffer]]:
-    """Yield the episodes of a split in lists of at least one, bounded in memory."""
+def _episodes(split: Split) -> Iterator[tuple[int, EpisodeBuffer]]:
+    """Yield the episodes of a split, each after the bytes of its pictures."""
     from minari.data_collector import EpisodeBuffer
 
-    batch: list[EpisodeBuffer] = []
-    size = 0
     for episode in split.episodes():
         terminations, truncations = [[False] * len(episode) for _ in range(2)]
         terminations[-1], truncations[-1] = episode.terminated, split.is_truncated(episode)
-        batch.append(
-            EpisodeBuffer(
-                options=_options(episode),
-                observations=episode.observations,
-                actions=episode.actions,
-                rewards=episode.rewards,
-                terminations=terminations,
-                truncations=truncations,
-                infos={},
-            )
+        buffer = EpisodeBuffer(
+            options=_options(episode),
+            observations=episode.observations,
+            actions=episode.actions,
+            rewards=episode.rewards,
+            terminations=terminations,
+            truncations=truncations,
+            infos={},
         )
-        size += episode.observations.nbytes
-        if size >= BATCH_BYTES:
-            yield batch
-            batch, size = [], 0
-    if batch:
-        yield batch
+        yield episode.observations.nbytes, buffer
 
 
 def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:

@@ -1,10 +1,14 @@
-"""One split of a dataset, as it is exported: its episodes, and what a format may say of it."""
+"""One split of a dataset, as it is exported: its episodes, and facts for the formats' metadata."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core import load_episodes
 from labyrinth_core.data.errors import DatasetError
@@ -20,6 +24,11 @@ from pipeline.machinery.front_matter import DEVELOPERS
 NAMESPACE = "labyrinth"
 VERSION = 0
 """The first and the last part of the names of exports, which stay as they are."""
+
+PART_BYTES = 16 << 20
+"""The least number of bytes of pictures in a part; only the last part may have fewer."""
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,7 @@ class Split:
 
     @property
     def description(self) -> str:
-        """What it holds, in a sentence."""
+        """The content of the split in a sentence."""
         config = self.manifest.config
         return (
             f"Grid labyrinths of {config.height} x {config.width} cells, task {config.task}; "
@@ -69,7 +78,7 @@ class Split:
 
     @property
     def demonstrator(self) -> str:
-        """Who acts in its episodes."""
+        """The policy that acts in its episodes."""
         config = self.manifest.config
         if self.name == "random":
             return "a uniformly random policy"
@@ -82,7 +91,7 @@ class Split:
         }[config.solutions]
 
     def record(self) -> dict[str, Any]:
-        """Return where the export comes from, in plain types; equal records are equal exports."""
+        """Return the origin of the export in plain types; equal records mean equal exports."""
         return {
             "id": self.id,
             "description": self.description,
@@ -101,7 +110,7 @@ class Split:
         """Yield its episodes in order, under a progress bar.
 
         Raises:
-            DatasetError: They cannot be read, or are not as many as the manifest says.
+            DatasetError: They cannot be read, or their number differs from the manifest.
         """
         found = load_episodes(
             self.source,
@@ -123,3 +132,26 @@ class Split:
     def is_truncated(self, episode: LoadedEpisode) -> bool:
         """Return whether an environment truncates the episode with its last step."""
         return not episode.terminated or len(episode) >= self.step_limit
+
+
+def in_parts(items: Iterable[tuple[int, Item]], part_bytes: int) -> Iterator[list[Item]]:
+    """Yield consecutive items, given with their sizes, in lists of at least so many bytes."""
+    part: list[Item] = []
+    held = 0
+    for size, item in items:
+        part.append(item)
+        held += size
+        if held >= part_bytes:
+            yield part
+            part, held = [], 0
+    if part:
+        yield part
+
+
+def png_value(picture: NDArray[np.uint8]) -> dict[str, Any]:
+    """Return a picture, shape (height, width, 3), as `datasets` keeps one: a PNG file."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    return {"bytes": file.getvalue(), "path": None}

@@ -46,7 +46,7 @@ def run(run: Run) -> None:
     asked = run.options.export
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
-    splits = _splits(run)
+    splits = splits_of(run)
     for split in splits:
         _is_there(root / split.id, split, overwrite=run.options.overwrite)
     for split in splits:
@@ -75,7 +75,7 @@ def _writer(format_: str) -> Callable[[Split, Path], None]:
     return write
 
 
-def _splits(run: Run) -> list[Split]:
+def splits_of(run: Run) -> list[Split]:
     """Return the splits to export; raise as `run`."""
     asked, options = run.options.export, run.options
     manifest = manifest_of(run)

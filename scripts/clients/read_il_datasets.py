@@ -1,29 +1,14 @@
-"""IL-Datasets, of the benchmark's authors: a release on the Hub as it is, and the npz export."""
+"""IL-Datasets, of the benchmark's authors: a release on the Hub as it is."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
-from comparing import EXPORTS, IDS, Episode, compare, expected, fitted, report
-from imitation_datasets.dataset import BaselineDataset, IRLDataset
+from comparing import EXPORTS, IDS, fitted, report
+from imitation_datasets.dataset import BaselineDataset
 
-
-def episodes(data: IRLDataset, split: str):
-    """Yield the episodes of npz; the library keeps of each all pairs of consecutive states."""
-    step = 0
-    for ours in expected(split):
-        part = slice(step, step + len(ours.actions))
-        states = np.concatenate([data.states[part], data.next_states[part][-1:]])
-        yield Episode(states, data.actions[part][:, 0], data.rewards[part])
-        step = part.stop
-    assert step == len(data)
-
-
-steps = pairs = 0
-for split, name in IDS.items():
-    data = IRLDataset(EXPORTS / "npz" / name / "episodes.npz")
-    steps += compare(episodes(data, split), split)
-
+pairs = 0
+for split in IDS:
     # Pictures of the release have 600 x 600 pixels, so that 1 in 30 pairs is compared.
     release = BaselineDataset("user/labyrinth", source="huggingface", hf_split=split)
     full = dict(np.load(EXPORTS.parent / "reference" / f"{split}-600.npz"))
@@ -35,19 +20,18 @@ for split, name in IDS.items():
     pairs += len(release)
 
 loader = torch.utils.data.DataLoader(
-    IRLDataset(EXPORTS / "npz" / IDS["train"] / "episodes.npz"),
+    BaselineDataset("user/labyrinth", source="huggingface", hf_split="train"),
     batch_size=64,
     shuffle=True,
     generator=torch.Generator().manual_seed(0),
 )
 batches = (
-    (states.permute(0, 3, 1, 2) / 255, actions[:, 0])
+    (torch.nn.functional.interpolate(states, size=64, mode="area"), actions[:, 0])
     for _ in range(3)
     for states, actions, *_ in loader
 )
 report(
     ["IL-Datasets", "datasets", "torch"],
-    f"{pairs:,} pairs of a release on a Hub, of which the pictures of 1 in 30; {steps:,} steps of "
-    "the npz export",
+    f"{pairs:,} pairs of a release on a Hub, of which the pictures of 1 in 30",
     fitted(batches),
 )

@@ -11,6 +11,7 @@ from labyrinth_core.data.transitions import LoadedEpisode
 from pipeline.config.export import ExportOptions
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.export import stage
+from pipeline.export.split import Split
 
 SIZE = 40
 """Pixels on each side of the pictures that are exported."""
@@ -18,10 +19,22 @@ SIZE = 40
 
 def export(of: Run, folder: Path, format_: str, *splits: str, **options: Any) -> Path:
     """Export splits of a dataset, all if none is named, and return the folder of the exports."""
+    stage.run(_run(of, folder, format_, splits, options))
+    return folder / format_ / "labyrinth" / of.dataset.name
+
+
+def split_of(of: Run, name: str) -> Split:
+    """Return a split of a dataset as formats are given it."""
+    (split,) = stage.splits_of(_run(of, Path(), "lerobot", (name,), {}))
+    return split
+
+
+def _run(
+    of: Run, folder: Path, format_: str, splits: tuple[str, ...], options: dict[str, Any]
+) -> Run:
     asked = ExportOptions(format_, str(folder), splits, options.pop("image_size", SIZE))
     given = {"size": of.options.size, "task": of.options.task, "data_dir": of.options.data_dir}
-    stage.run(resolve(RunConfig(stages=("export",), export=asked, **given | options)))
-    return folder / format_ / "labyrinth" / of.dataset.name
+    return resolve(RunConfig(stages=("export",), export=asked, **given | options))
 
 
 def episodes(of: Run, split: str) -> Iterator[LoadedEpisode]:

@@ -11,7 +11,7 @@ import datasets
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from exporting import SIZE, episodes, export
+from exporting import SIZE, episodes, split_of
 
 from labyrinth_core.data.labyrinth_table import TABLE
 from pipeline.config.run import Run
@@ -21,30 +21,10 @@ SPLITS = ("train", "random")
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_the_arrays_for_il_datasets_are_the_rows_of_the_dataset(
-    small_dataset: Run, tmp_path, split
-):
-    folder = export(small_dataset, tmp_path, "npz", split)
-    expected = list(episodes(small_dataset, split))
-    with np.load(folder / f"{split}-v0" / "episodes.npz", allow_pickle=False) as arrays:
-        names = ["obs", "actions", "rewards", "episode_starts", "episode_returns"]
-        assert sorted(arrays) == sorted(names)
-        obs, actions, rewards, starts, returns = (arrays[name] for name in names)
-    assert obs.dtype == np.uint8
-    assert np.array_equal(obs, np.concatenate([each.observations for each in expected]))
-    assert np.array_equal(actions, np.concatenate([[*each.actions, -1] for each in expected]))
-    assert np.array_equal(rewards, np.concatenate([[*each.rewards, 0] for each in expected]))
-    assert np.array_equal(np.flatnonzero(starts[1:]) + 1, np.flatnonzero(actions == -1)[:-1] + 1)
-    assert starts[0]
-    assert np.allclose(returns, [each.rewards.sum() for each in expected])
-
-
-@pytest.mark.parametrize("split", SPLITS)
-def test_the_trajectories_for_imitation_are_the_episodes(
-    small_dataset: Run, tmp_path, monkeypatch, split
-):
-    monkeypatch.setattr(imitation, "PART_BYTES", 4_000)
-    folder = export(small_dataset, tmp_path, "imitation", split) / f"{split}-v0"
+def test_the_trajectories_for_imitation_are_the_episodes(small_dataset: Run, tmp_path, split):
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    imitation.write(split_of(small_dataset, split), folder, part_bytes=4_000)
     assert len(list(folder.glob("data-*.arrow"))) > 1
     rows = datasets.load_from_disk(folder)
     assert rows.column_names == ["obs", "acts", "infos", "terminal", "rews"]
@@ -63,11 +43,10 @@ def test_the_trajectories_for_imitation_are_the_episodes(
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(
-    small_dataset: Run, tmp_path, monkeypatch, split
-):
-    monkeypatch.setattr(lerobot, "PART_BYTES", 4_000)
-    folder = export(small_dataset, tmp_path, "lerobot", split) / f"{split}-v0"
+def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(small_dataset: Run, tmp_path, split):
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    lerobot.write(split_of(small_dataset, split), folder, part_bytes=4_000)
     info = json.loads((folder / "meta/info.json").read_bytes())
     paths = sorted(folder.glob("data/*/*.parquet"))
     assert len(paths) > 1

@@ -6,6 +6,7 @@ import json
 import resource
 import shutil
 import signal
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from labyrinth_core.data.storage import file_sha256
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS
 from pipeline.config.run import Run
-from pipeline.export import minari, npz, stage
+from pipeline.export import stage
 
 FORMATS = tuple(EXPORTS)
 
@@ -32,7 +33,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
 
 
 def test_all_splits_are_exported_unless_some_are_named(small_dataset: Run, tmp_path):
-    folder = export(small_dataset, tmp_path, "npz")
+    folder = export(small_dataset, tmp_path, "lerobot")
     splits = [f"{split}-v0" for split in small_dataset.dataset.splits]
     assert sorted(path.name for path in folder.iterdir()) == sorted(splits)
 
@@ -57,24 +58,24 @@ def test_a_finished_export_is_kept_and_made_alike_where_it_is_missing(
 def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
     small_dataset: Run, tmp_path
 ):
-    folder = export(small_dataset, tmp_path, "npz", "train")
+    folder = export(small_dataset, tmp_path, "lerobot", "train")
     before = content_of(folder)
     with pytest.raises(ConfigError, match=r"train-v0 is an export .*: overwrite=true replaces it"):
-        export(small_dataset, tmp_path, "npz", "train", image_size=8)
+        export(small_dataset, tmp_path, "lerobot", "train", image_size=8)
     assert content_of(folder) == before
-    export(small_dataset, tmp_path, "npz", "train", image_size=8, overwrite=True)
+    export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
     assert json.loads((folder / "train-v0" / stage.RECORD).read_bytes())["image_size"] == 8
     assert [path.name for path in folder.iterdir()] == ["train-v0"]
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, overwrite):
-    theirs = tmp_path / "npz" / "labyrinth" / "3x3" / "test-v0"
+    theirs = tmp_path / "lerobot" / "labyrinth" / "3x3" / "test-v0"
     theirs.mkdir(parents=True)
     (theirs / "thesis.txt").write_text("mine")
     with pytest.raises(ConfigError, match="test-v0 is no export: move it elsewhere, or choose"):
-        export(small_dataset, tmp_path, "npz", overwrite=overwrite)
-    assert content_of(tmp_path) == {"npz/labyrinth/3x3/test-v0/thesis.txt": b"mine"}
+        export(small_dataset, tmp_path, "lerobot", overwrite=overwrite)
+    assert content_of(tmp_path) == {"lerobot/labyrinth/3x3/test-v0/thesis.txt": b"mine"}
 
 
 @contextmanager
@@ -108,30 +109,19 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(
 
 
 def test_what_a_killed_run_left_is_removed_and_its_finished_splits_stay(
-    small_dataset: Run, tmp_path, monkeypatch
+    small_dataset: Run, tmp_path, capsys
 ):
-    write = npz.write
-
-    def killed(split, folder):
-        if split.name == "test":
-            (folder / "half").write_text("written")
-            raise KeyboardInterrupt
-        write(split, folder)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(npz, "write", killed)
-        patch.setattr(shutil, "rmtree", lambda *_, **__: None)
-        with pytest.raises(KeyboardInterrupt):
-            export(small_dataset, tmp_path, "npz", "train", "test")
-    folder = tmp_path / "npz" / "labyrinth" / "3x3"
-    assert {path.name for path in folder.iterdir()} == {"train-v0", ".test-v0.exporting"}
-    export(small_dataset, tmp_path, "npz", "train", "test")
+    folder = export(small_dataset, tmp_path, "lerobot", "train")
+    (folder / ".test-v0.exporting").mkdir()
+    (folder / ".test-v0.exporting" / "half").write_text("written")
+    export(small_dataset, tmp_path, "lerobot", "train", "test")
+    assert "train-v0 is there already" in capsys.readouterr().out
     assert {path.name for path in folder.iterdir()} == {"train-v0", "test-v0"}
     assert not (folder / "test-v0" / "half").exists()
 
 
 MISTAKES = [
-    ({"format_": "hdf4"}, r"export.format=hdf4: choose one of \[minari, imitation, lerobot, npz\]"),
+    ({"format_": "hdf4"}, r"export.format=hdf4: choose one of \[minari, imitation, lerobot\]"),
     ({"format_": ""}, r"export.format=: choose one of \[minari"),
     ({"splits": ["train", "eval"]}, r"export.splits=\[train, eval\]: choose from \[train, vali"),
     ({"image_size": 0}, "export.image_size=0: give a whole number from 1 to 600"),
@@ -143,7 +133,7 @@ MISTAKES = [
 @pytest.mark.parametrize(("options", "message"), MISTAKES)
 def test_a_mistake_is_told_in_one_line(small_dataset: Run, tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
-    given = {"folder": tmp_path / "exports", "format_": "npz", "splits": ()} | options
+    given = {"folder": tmp_path / "exports", "format_": "lerobot", "splits": ()} | options
     place, splits = (given.pop("folder"), given.pop("format_")), given.pop("splits")
     with pytest.raises(ConfigError, match=message):
         export(small_dataset, *place, *splits, **given)
@@ -153,8 +143,8 @@ def test_a_mistake_is_told_in_one_line(small_dataset: Run, tmp_path, monkeypatch
 def test_a_library_that_is_missing_is_named_before_anything_is_read(
     small_dataset: Run, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(minari, "NEEDS", ("minari", "a_library_that_nobody_has"))
-    message = r"minari needs a_library_that_nobody_has: pip install 'labyrinth-datasets\[minari\]'"
+    monkeypatch.setitem(sys.modules, "h5py", None)  # As if it were not installed.
+    message = r"minari needs h5py: pip install 'labyrinth-datasets\[minari\]'"
     with pytest.raises(ConfigError, match=message):
         export(small_dataset, tmp_path, "minari")
     assert list(tmp_path.iterdir()) == []
