@@ -46,7 +46,7 @@ from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.evaluation_file import FORMAT
 from pipeline.report.findings import SCORES, read_results
 from pipeline.report.packing import PackedSplit, pack_routes
-from pipeline.report.stage import PACKED_BYTES, PAGE, describe, page
+from pipeline.report.report import PACKED_BYTES, PAGE, describe, page
 
 RANDOM_STEPS = 100
 METHODS, SEEDS = 7, 3

@@ -24,7 +24,7 @@ from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
-from pipeline.report import stage as report
+from pipeline.report import report
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 SEED = 4

@@ -119,7 +119,7 @@ HOMES = {
         "pipeline.export.minari",
     ),
     "mujoco": ("pipeline.studies.environments",),
-    "matplotlib": ("pipeline.studies", "pipeline.report", "pipeline.training"),
+    "matplotlib": ("pipeline.studies", "pipeline.training"),
     "tensorboard": ("pipeline.training.record",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.command"),
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.

@@ -38,7 +38,7 @@ STAGES = {
     "validate": "pipeline.generation.validate",
     "analyse": "pipeline.inspection.analyse",
     "card": "pipeline.release.card",
-    "report": "pipeline.report.stage",
+    "report": "pipeline.report.report",
     "publish": "pipeline.release.publish",
     "export": "pipeline.export.stage",
     "train": "pipeline.training.train",

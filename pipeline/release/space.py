@@ -1,4 +1,4 @@
-"""The report of a folder of datasets as a static Space: its page, its figures, and a card."""
+"""The report of a folder of datasets as a static Space: its page and a card."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import Run
 from pipeline.machinery import front_matter
 from pipeline.machinery.own_files import OwnFiles
-from pipeline.release.plan import SPACE
 from pipeline.release.provenance import code
 
 FOLDER, PAGE = "report", "index.html"
@@ -38,10 +37,7 @@ def staged_report(run: Run) -> Iterator[Path]:
     dataset, _ = run.dataset_on_hub
     with tempfile.TemporaryDirectory(prefix="labyrinth-space-") as temporary:
         folder = Path(temporary)
-        for name in sorted(name for name, _ in own.hashes if SPACE.is_data(name)):
-            if own.has(name):
-                (folder / name).parent.mkdir(exist_ok=True)
-                shutil.copyfile(source / name, folder / name)
+        shutil.copyfile(source / PAGE, folder / PAGE)
         (folder / "README.md").write_text(_card(dataset), encoding="utf-8")
         yield folder
 

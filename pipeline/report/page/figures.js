@@ -77,7 +77,7 @@ function distribution(dataset, key, title, text, unit) {
   ]);
   const names = dataset.splits.map(({ name }) => name);
   const numbers = table(`${title}: labyrinths`, [unit, ...names], rows);
-  return figure(`${dataset.name}-${key}`, title, text, panels, numbers);
+  return figure(title, text, panels, numbers);
 }
 
 function panel(name, note, picture) {
@@ -85,16 +85,11 @@ function panel(name, note, picture) {
   return element("figure", {}, caption, picture);
 }
 
-/** Return a figure; `file` is the name of its files, if there are any. */
-function figure(file, title, text, panels, numbers) {
-  const links = ["svg", "png"].map((kind) =>
-    element("a", { href: `${DATA.figures}/${file}.${kind}` }, kind.toUpperCase()),
-  );
-  const as = DATA.figures ? [" As a file: ", links[0], ", ", links[1], "."] : [];
+function figure(title, text, panels, numbers) {
   return element(
     "section", { class: "figure" },
     element("h2", {}, title),
-    element("p", { class: "muted" }, text, ...as),
+    element("p", { class: "muted" }, text),
     element("div", { class: "panels" }, ...panels),
     element("details", {}, element("summary", {}, "The numbers"), numbers),
   );
@@ -139,7 +134,7 @@ function actionFigure(dataset) {
   });
   const rows = dataset.splits.map(({ name, actions }) => [name, ...actions.map(grouped)]);
   return figure(
-    `${dataset.name}-actions`, "Actions", "Share of each action among all that the episodes take.",
+    "Actions", "Share of each action among all that the episodes take.",
     panels, table("Actions: how often each is taken", ["split", ...ACTIONS], rows),
   );
 }
@@ -165,7 +160,7 @@ function visitFigure(dataset) {
   const names = dataset.splits.map(({ name }) => name);
   const caption = height * width > 400 ? "Visited cells: the first 400" : "Visited cells: states";
   return figure(
-    `${dataset.name}-visits`, "Visited cells",
+    "Visited cells",
     "Share of an episode's states with the agent in each cell, on one scale for all splits; row 0 is at the bottom.",
     panels, table(caption, ["row, column", ...names], rows),
   );

@@ -180,7 +180,7 @@ function resultsOf(config) {
     ...splits.map((split) => ratesOf(baselines[split][name])),
   ]);
   const results = figure(
-    `${config}-results`, `Success rate, ${config}`,
+    `Success rate, ${config}`,
     "Share of the labyrinths that one greedy episode solves, the mean over seeds, with its 95% " +
     "interval over seeds and labyrinths. In the table, the average return and its standard " +
     "deviation stand below; in grey, what needs no learning.",

@@ -36,7 +36,7 @@ from pipeline.release import model
 from pipeline.release.model import staged_policy
 from pipeline.release.remote import PublishError, Remote
 from pipeline.release.space import staged_report
-from pipeline.report import stage as report
+from pipeline.report.report import write_report
 
 MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
 
@@ -97,7 +97,7 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     local_hub: LocalHub, trained: Run, tmp_path: Path
 ) -> None:
     data_dir = Path(shutil.copytree(trained.source, tmp_path / "labyrinth"))
-    report.write_report(data_dir, Path(trained.options.run_dir))
+    write_report(data_dir, Path(trained.options.run_dir))
     options = (*of_run(trained), f"publish.model={MODEL}", f"publish.space={SPACE}")
     printed = published(local_hub, data_dir, "1.0.0", *options)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed

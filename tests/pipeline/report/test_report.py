@@ -6,7 +6,6 @@ import hashlib
 import json
 import re
 import shutil
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -26,10 +25,9 @@ from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.own_files import HASHES
 from pipeline.release.card import write_card
 from pipeline.release.published import published_files
-from pipeline.report import stage as report
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
-from pipeline.report.stage import PAGE, page, write_report
+from pipeline.report.report import PAGE, page, write_report
 
 pytestmark = pytest.mark.slow
 
@@ -41,12 +39,6 @@ def data_dir(small_dataset, tmp_path):
     """A copy of a small dataset, and nothing found out about it."""
     shutil.copytree(small_dataset.data_dir, tmp_path / "labyrinth")
     return tmp_path / "labyrinth"
-
-
-@pytest.fixture
-def no_figures(monkeypatch):
-    """Drawing them takes longer than all the rest."""
-    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
 
 
 def data_of(text: str):
@@ -120,12 +112,9 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
     shutil.rmtree(first)
     write_report(data_dir, tmp_path / "runs", workers=2)
     assert content_of(first) == before
-    kinds = ("moves", "actions", "visits", "loops", "junctions", "results")
-    files = {f"3x3-{kind}.{ending}" for kind in kinds for ending in ("svg", "png")}
-    assert {path.name for path in before} == {PAGE, HASHES, *files}
+    assert set(before) == {Path(PAGE), Path(HASHES)}
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
     write_card(data_dir)
     before = content_of(data_dir)
@@ -213,7 +202,6 @@ def test_an_evaluation_of_another_number_of_labyrinths_is_refused(data_dir, tmp_
         (("run", "seed"), [0]),
     ],
 )
-@pytest.mark.usefixtures("no_figures")
 def test_an_evaluation_that_is_none_is_named_in_one_line(data_dir, tmp_path, place, value):
     evaluate(data_dir / "3x3", tmp_path / "runs")
     (path,) = (tmp_path / "runs").glob("*/*/evaluation.json")
@@ -258,14 +246,6 @@ def planted(content, place, value):
     content[last] = value
 
 
-def test_a_name_with_dollar_signs_is_drawn_as_it_is(data_dir, tmp_path):
-    evaluate(data_dir / "3x3", tmp_path / "runs")
-    (folder,) = (tmp_path / "runs").glob("*/*")
-    folder.rename(folder.with_name(r"$\frac$-seed0"))
-    write_report(data_dir, tmp_path / "runs")
-    assert r"<!-- $\frac$ -->" in (data_dir / "report/figures/3x3-results.svg").read_text()
-
-
 @pytest.mark.parametrize("damage", ["{", "[]", '{"fingerprint": null}', "[" * 100_000])
 def test_damaged_findings_are_named_in_one_line(data_dir, tmp_path, damage):
     if damage == '{"fingerprint": null}':
@@ -285,74 +265,36 @@ def test_a_folder_without_dataset_and_a_damaged_shard_are_refused(data_dir, tmp_
         write_report(data_dir, tmp_path / "runs")
 
 
-def test_without_matplotlib_the_page_is_written_and_the_extra_named(
-    data_dir, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    path = write_report(data_dir, tmp_path / "runs")
-    assert data_of(path.read_text())["figures"] is None
-    assert "'labyrinth-datasets[analysis]'" in capsys.readouterr().out
-    assert {each.name for each in path.parent.iterdir()} == {PAGE, HASHES}
-
-
-def test_a_page_of_somebody_else_is_refused_and_so_is_one_that_was_changed(
-    data_dir, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
-    (data_dir / "report").mkdir()
+def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path):
     page = data_dir / "report" / PAGE
-    for mine in ("<title>Labyrinth report</title> mine", "<p>mine</p>"):
-        page.write_text(mine)
+    page.parent.mkdir()
+
+    def refused(text: str) -> None:
+        page.write_text(text)
+        before = content_of(data_dir)
         with pytest.raises(DatasetError, match=r"index\.html was made or changed by somebody else"):
             write_report(data_dir, tmp_path / "runs")
-        assert content_of(data_dir / "report") == {Path(PAGE): mine.encode()}
+        assert content_of(data_dir) == before
+
+    refused("<title>Labyrinth report</title> mine")
     page.unlink()
     write_report(data_dir, tmp_path / "runs")
-    page.write_text(page.read_text() + "mine")
-    with pytest.raises(DatasetError, match="made or changed by somebody else"):
-        write_report(data_dir, tmp_path / "runs")
-    assert page.read_text().endswith("mine")
+    refused(page.read_text() + "mine")
 
 
-def test_figures_take_the_place_of_ours_and_of_no_others(data_dir, tmp_path, monkeypatch, capsys):
-    folder = data_dir / "report" / "figures"
-    drawn = {"figures/3x3-moves.png": b"1", "figures/4x4-moves.png": b"1"}
-    monkeypatch.setattr(report, "draw_figures", lambda *_: drawn)
+def test_a_new_report_replaces_ours_and_no_other_file(data_dir, tmp_path):
     write_report(data_dir, tmp_path / "runs")
-    (folder / "3x3-moves.png").write_bytes(b"mine")
+    folder = data_dir / "report"
+    before = (folder / PAGE).read_bytes()
     (folder / "photo.png").write_bytes(b"mine")
-    drawn = {"figures/3x3-moves.png": b"2", "figures/3x3-loops.png": b"2"}
-    write_report(data_dir, tmp_path / "runs")
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
-        "3x3-moves.png": b"mine",
-        "photo.png": b"mine",
-        "3x3-loops.png": b"2",
-    }
-    assert "changed them: figures/3x3-moves.png." in capsys.readouterr().out
-
-
-def test_a_list_that_names_other_files_removes_none_of_them(data_dir, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "draw_figures", lambda *_: {})
-    page = write_report(data_dir, tmp_path / "runs")
     (tmp_path / "thesis.txt").write_bytes(b"mine")
-    digest = hashlib.sha256(b"mine").hexdigest()
-    with page.with_name(HASHES).open("a") as listed:
-        listed.write(f"{digest}  ../../thesis.txt\n")
+    with (folder / HASHES).open("a") as listed:  # A list may name anything.
+        listed.write(f"{hashlib.sha256(b'mine').hexdigest()}  ../../thesis.txt\n")
+    evaluate(data_dir / "3x3", tmp_path / "runs")
     write_report(data_dir, tmp_path / "runs")
+    assert (folder / PAGE).read_bytes() != before
+    assert (folder / "photo.png").read_bytes() == b"mine"
     assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
-
-
-def test_the_report_of_an_earlier_version_is_written_anew(data_dir, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "draw_figures", lambda *_: {"figures/3x3-moves.png": b"1"})
-    page = write_report(data_dir, tmp_path / "runs")
-    page.with_name(HASHES).unlink()  # Earlier versions left none.
-    (page.parent / "figures" / "photo.png").write_bytes(b"mine")
-    monkeypatch.setattr(report, "draw_figures", lambda *_: {"figures/3x3-loops.png": b"2"})
-    monkeypatch.setattr(report, "__version__", "another")
-    write_report(data_dir, tmp_path / "runs")
-    assert data_of(page.read_text())["version"] == "another"
-    names = {path.name for path in (page.parent / "figures").iterdir()}
-    assert names == {"3x3-loops.png", "photo.png"}
 
 
 def test_the_splits_are_in_the_order_of_the_table(small_dataset):

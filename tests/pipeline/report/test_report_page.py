@@ -27,8 +27,7 @@ from labyrinth_core.world.solver import distances, optimal_actions
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
 from pipeline.machinery.front_matter import finished
-from pipeline.report import stage as report
-from pipeline.report.stage import write_report
+from pipeline.report.report import write_report
 
 pytestmark = pytest.mark.slow
 
@@ -53,9 +52,7 @@ def reported(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
     analyse(first)
     for seed in (0, 1):
         evaluate(first, data_dir.parent / "runs", seed)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "draw_figures", lambda *_: None)
-        write_report(data_dir, data_dir.parent / "runs")
+    write_report(data_dir, data_dir.parent / "runs")
     return data_dir
 
 

@@ -1,7 +1,7 @@
-"""The report on a folder of datasets: one HTML file to look at, offline, and its figures.
+"""The report on a folder of datasets: one HTML file to look at, offline.
 
-The page is made of the files in `page/`, put into one, with the data beside them. It draws every
-picture itself, and asks the network for nothing: its content security policy forbids it.
+The page is assembled from the files in `page/` with the data beside them. It draws every picture
+itself, and makes no request: its content security policy forbids it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,19 +21,15 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from pipeline.config.run import Run
 from pipeline.inspection.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
-from pipeline.machinery.console import console, say
+from pipeline.machinery.console import say
 from pipeline.machinery.locks import held
 from pipeline.machinery.own_files import OwnFiles, write_list
-from pipeline.report.figures import FIGURES_FOLDER, draw_figures, is_figure
 from pipeline.report.findings import read_results
 from pipeline.report.packing import PackedSplit, pack
 
 FOLDER = "report"
-"""The folder of the report in the data_dir; it is not published."""
+"""The folder of the report in the data_dir; it is not published with the dataset."""
 PAGE = "index.html"
-
-_TITLE = b'<link rel="icon" href="data:,">\n<title>Labyrinth report</title>'
-"""What every page has, also of versions that left no list of their files."""
 
 PACKED_BYTES = 36_000_000
 """The most bytes of labyrinths and episodes of all datasets; 48 MB of the page, as base64."""
@@ -60,7 +55,7 @@ def run(run: Run) -> None:
     """Write the report on the data_dir of a run.
 
     Raises:
-        DatasetError: There is no dataset, or one is damaged.
+        DatasetError: As for `write_report`.
         OSError: The folder cannot be written.
     """
     run_dir = Path(run.options.run_dir).expanduser()
@@ -78,8 +73,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         workers: The number of processes that read shards.
 
     Raises:
-        DatasetError: There is no dataset, or one, or what was found out about it, is damaged; or
-            a page of somebody else is in the place of the report.
+        DatasetError: There is no dataset; a dataset, its analysis or an evaluation is damaged; or
+            the page was made or changed by someone else.
         OSError: The folder cannot be written.
     """
     found = statistics_of(data_dir, "report", workers)
@@ -89,43 +84,19 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         folder = data_dir / of.name
         packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    results = read_results(run_dir, [of.manifest for of in found])
-    figures = draw_figures(datasets, results)
-    if figures is None:
-        console.print("No figures as files: pip install 'labyrinth-datasets[analysis]' for them.")
-    html = page(datasets, results, None if figures is None else FIGURES_FOLDER)
+    html = page(datasets, read_results(run_dir, [of.manifest for of in found]))
+    folder = data_dir / FOLDER
     with held(data_dir, FOLDER):
-        _write(data_dir / FOLDER, html, figures)
-    return data_dir / FOLDER / PAGE
-
-
-def _write(folder: Path, html: str, figures: Mapping[str, bytes] | None) -> None:
-    """Write the page, and put the figures in place of earlier ones, unless they were not drawn."""
-    own = _own_files(folder)
-    files = {**(figures or {}), PAGE: html.encode()}
-    others = own.others(files)
-    if PAGE in others:
-        raise DatasetError(
-            f"{folder / PAGE} was made or changed by somebody else: move it away, or choose "
-            "another data_dir"
-        )
-    # A list may name anything, and nothing but figures is ever removed.
-    left = {name for name, _ in own.hashes if is_figure(name)}
-    gone = set() if figures is None else left - set(files)
-    (folder / FIGURES_FOLDER if figures else folder).mkdir(parents=True, exist_ok=True)
-    now = own.replace({name: files[name] for name in files if name not in others}, gone)
-    write_list(folder, now.hashes)
-    if others:
-        say(f"Not written, since somebody else made or changed them: {', '.join(others)}.")
-
-
-def _own_files(folder: Path) -> OwnFiles:
-    """Return the files of the report that is there."""
-    own, page = OwnFiles.read(folder, always=re.escape(PAGE)), folder / PAGE
-    if own.hashes or not page.is_file() or _TITLE not in page.read_bytes():
-        return own
-    inside = (f"{FIGURES_FOLDER}/{path.name}" for path in folder.glob(f"{FIGURES_FOLDER}/*"))
-    return OwnFiles.adopted(folder, [PAGE, *filter(is_figure, inside)])
+        own = OwnFiles.read(folder, always=re.escape(PAGE))
+        files = {PAGE: html.encode()}
+        if own.others(files):
+            raise DatasetError(
+                f"{folder / PAGE} was made or changed by somebody else: move it away, or choose "
+                "another data_dir"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        write_list(folder, own.replace(files, gone=()).hashes)
+    return folder / PAGE
 
 
 def describe(
@@ -136,7 +107,7 @@ def describe(
     Args:
         dataset: Its counts and its analysis.
         splits: Its labyrinths and episodes.
-        limit: About how many bytes of labyrinths and episodes of each split to tell.
+        limit: About how many bytes of labyrinths and episodes the page holds of each split.
     """
     config = dataset.manifest.config
     return {
@@ -153,17 +124,12 @@ def describe(
     }
 
 
-def page(
-    datasets: Sequence[Mapping[str, Any]],
-    results: Sequence[Mapping[str, Any]] = (),
-    figures: str | None = None,
-) -> str:
+def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]] = ()) -> str:
     """Return the page.
 
     Args:
         datasets: As from `describe`.
         results: As from `findings.read_results`.
-        figures: The folder with the figures as files, relative to the page.
     """
     data = {
         "version": __version__,
@@ -171,7 +137,6 @@ def page(
         "actionColours": list(ACTION_COLOURS.values()),
         "datasets": datasets,
         "results": results,
-        "figures": figures,
     }
     style, script = _source("style.css"), "\n".join(_source(f"{name}.js") for name in SCRIPTS)
     policy = (
@@ -179,15 +144,14 @@ def page(
         f"style-src '{_hash(style)}'; script-src '{_hash(script)}'"
     )
     html = _source("index.html")
-    # The data last: nothing in it is taken for a place to fill.
+    # The data comes last, so that nothing in it is taken for a place to fill.
     for name, text in {"policy": policy, "style": style, "script": script}.items():
         html = html.replace(f"{{{{{name}}}}}", text)
-    # What is no number in JSON would be the end of the whole page.
+    # A NaN is not JSON: the browser would not read any of the data.
     plain = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return html.replace("{{data}}", plain)
 
 
-@cache
 def _source(name: str) -> str:
     return files("pipeline.report").joinpath(f"page/{name}").read_text(encoding="utf-8")
 
