@@ -16,20 +16,22 @@ from labyrinth_core.data.source import HUB_ID
 from labyrinth_core.policies.spec import CONFIG, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:
-    from labyrinth_core.policies.networks.acting import LoadedPolicy
+    from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy
 
 MOST_BYTES: Mapping[str, int] = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 """The largest size of each file; the weights of the largest network here take 46 MB."""
 
-_REFUSED = (OSError, *MALFORMED)
-"""What is raised for a file that is missing, or that is no such file."""
+_UNREADABLE = (OSError, *MALFORMED)
+"""What is raised for a file that cannot be read, or has other content."""
 
 
-def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy:
+def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy | LoadedMapper:
     """Return a policy that was published, or lies in a folder, as `evaluate` takes it.
 
-    It is called with B observations, and returns the scores of the four actions, shape (B, 4);
-    `network` is its module of PyTorch, on the processor, and `spec` says what it looks at.
+    It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
+    remembers its plan, so it is an object with `reset(count)` and `act(observations)`, which
+    returns B actions. Of both, `network` is the module of PyTorch, on the processor, and `spec`
+    says what they look at; a mapper looks at pictures of 600 pixels (`image_size=600`).
 
     Args:
         source: A folder with `config.json` and `model.safetensors`, or an id on the Hub such as
@@ -38,8 +40,8 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
 
     Raises:
         ValueError: A folder is given with a revision.
-        DatasetError: There is no such policy, one of its files is too large, or is not what it
-            should be; or PyTorch is not installed.
+        DatasetError: The policy does not exist, one of its files is too large or has other
+            content than it should have, or PyTorch is not installed.
     """
     try:
         import safetensors.torch  # noqa: F401
@@ -73,15 +75,15 @@ def _located(source: str | Path, revision: str | None) -> Path:
         raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
     from huggingface_hub import hf_hub_download
 
-    def had(name: str, **options: Any) -> Any:
+    def download(name: str, **options: Any) -> Any:
         return hf_hub_download(str(source), name, revision=revision, **options)
 
     try:
-        for name in MOST_BYTES:  # Before a byte of them is downloaded.
-            _check_size(f"{source}: {name}", name, had(name, dry_run=True).file_size)
-        folders = {Path(had(name)).parent for name in MOST_BYTES}
+        for name in MOST_BYTES:  # Before anything is downloaded.
+            _check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
+        folders = {Path(download(name)).parent for name in MOST_BYTES}
     except (OSError, ValueError) as error:
-        reason = f"{source} is no folder, and not to be had from the Hub"
+        reason = f"{source} is not a folder, and cannot be loaded from the Hub"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     if len(folders) > 1:
         raise DatasetError(f"{source} has changed while it was downloaded: load it again")
@@ -98,21 +100,21 @@ def _read_spec(path: Path) -> PolicySpec:
         _check_size(path, CONFIG, path.stat().st_size)
         return PolicySpec.from_json(json.loads(path.read_bytes()))
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: this is no policy of ours") from error
-    except _REFUSED as error:
+        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
+    except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
 
 
-def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy:
-    """Return the policy with its weights, of which names, shapes and types are those expected."""
+def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
+    """Return the policy with its weights, whose names, shapes and types are checked."""
     import torch
     from safetensors import SafetensorError, safe_open
 
-    from labyrinth_core.policies.networks.acting import LoadedPolicy
-    from labyrinth_core.policies.networks.assembly import make_network
+    from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
+    from labyrinth_core.policies.networks.mapping import Mapper
 
     def make() -> torch.nn.Module:
-        return make_network(spec.network, average=spec.average, planner=spec.planner)
+        return make_network(spec.network, average=spec.average, own=spec.own)
 
     with torch.device("meta"):  # Without memory for weights, of which a file could ask for any.
         expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
@@ -121,8 +123,8 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: this is no policy of ours") from error
-    except (*_REFUSED, SafetensorError) as error:
+        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
+    except (*_UNREADABLE, SafetensorError) as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
     for name in sorted(expected.keys() | tensors.keys()):
         tensor = tensors.get(name)
@@ -132,7 +134,10 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy:
             raise DatasetError(f"{path} is of another network: {name} is {told[0]}, not {told[1]}")
     network = make()
     network.load_state_dict(tensors)
-    return LoadedPolicy(network.eval(), spec)
+    network.eval()
+    if isinstance(network, Mapper):
+        return LoadedMapper(network, spec)
+    return LoadedPolicy(network, spec)
 
 
 def _described(tensor: Any) -> str:

@@ -1,15 +1,17 @@
 """What a policy's network is made from, in plain types: `config.json`, beside its weights.
 
-The file is data. Each value in it is checked against what is allowed, and nothing in it is run.
+The file is data: each value in it is checked against what is allowed, and nothing in it is run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable
+from dataclasses import Field, asdict, dataclass, field, fields
+from math import inf
 from typing import Any, TypeVar
 
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
 from labyrinth_core.world.labyrinth import Task
 
@@ -20,34 +22,71 @@ WEIGHTS = "model.safetensors"
 KIND = "labyrinth-policy"
 FORMAT = 1
 
-PLANNER = "planner"
-"""The encoder of a policy that is a `Planner`, which has no other one."""
+ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
+"""Encoder -> what it looks at."""
+
+PLANNER, MAPPER = "planner", "mapper"
+"""The methods with a network of their own; in a `NetworkSpec` they stand for the encoder."""
+
+
+def checked(least: float | None = None, most: float = inf, one_of: Iterable[Any] = ()) -> Any:
+    """Return a field with its allowed values, in the form of an option of `pipeline.config`.
+
+    So a method's settings can inherit fields from here, and are checked like its other settings.
+
+    Args:
+        least: The least value of a number; None for a boolean.
+        most: The greatest value of a number.
+        one_of: The values to choose from, instead of a range.
+    """
+    return field(metadata={"checks": (least, most, list(one_of), None)})
 
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """Everything that the shape of a policy's network depends on, but for that of a planner."""
+    """Everything that the shape of a network with an encoder depends on."""
 
-    encoder: str
-    """cnn, resnet18, mlp or planner."""
-    pool_stride: int
+    encoder: str = checked(one_of=(*ENCODERS, PLANNER, MAPPER))
+    """An encoder, or the name of a method that has a network of its own."""
+    pool_stride: int = checked(one_of=(1, 2))
     """The stride of ResNet-18's first pooling: 1 in Table 1, 2 in the original ResNet."""
-    height: int
+    height: int = checked(MIN_SIDE, MAX_SIDE)
     """The height of the labyrinths in cells, on which the length of vectors depends."""
-    width: int
-    task: str
+    width: int = checked(MIN_SIDE, MAX_SIDE)
+    task: str = checked(one_of=map(str, Task))
 
 
 @dataclass(frozen=True)
 class PlannerSpec:
-    """What else the network of a planner depends on: settings of `method=planner`."""
+    """The settings of `method=planner` on which its network depends."""
 
-    path_prior: bool
-    grid_prior: bool
-    colour_prior: bool
-    channels: int
-    iterations: int
-    sharpness: float
+    path_prior: bool = checked()
+    """Whether costs of steps add up, and the cheapest way is taken."""
+    grid_prior: bool = checked()
+    """Whether the number of pixels of a cell is known."""
+    colour_prior: bool = checked()
+    """Whether the agent is found by its colour."""
+    channels: int = checked(1, 1024)
+    iterations: int = checked(1, 1000)
+    """The number of iterations of planning, in cells. With `path_prior` it holds in training only:
+    a policy that acts plans until nothing changes."""
+    sharpness: float = checked(0, 1000)
+    """The power to which costs are raised when acting, with `grid_prior` only: the longer the ways
+    of a labyrinth, the more a wall has to cost."""
+
+
+@dataclass(frozen=True)
+class MapperSpec:
+    """The settings of `method=mapper` on which its network depends."""
+
+    channels: int = checked(1, 1024)
+    """The width of the hidden layers."""
+    looks: int = checked(1, 64)
+    """The number of features of a colour that may block."""
+
+
+OWN = {PLANNER: PlannerSpec, MAPPER: MapperSpec}
+"""Method with a network of its own -> the settings on which that depends."""
 
 
 @dataclass(frozen=True)
@@ -55,29 +94,35 @@ class PolicySpec:
     """What a policy's network is made from."""
 
     network: NetworkSpec
-    average: bool
+    average: bool = checked()
     """Whether it is averaged over the symmetries of the picture."""
-    planner: PlannerSpec | None
-    """None for all encoders but the planner."""
+    own: PlannerSpec | MapperSpec | None = None
+    """The settings of a network without an encoder."""
 
     @property
     def observation(self) -> str:
         """What the policy looks at: image or vector."""
-        return "vector" if self.network.encoder == "mlp" else "image"
+        return ENCODERS.get(self.network.encoder, "image")
 
     @property
     def image_size(self) -> int | None:
         """Pixels on each side of the pictures that it was trained on; None for vectors."""
+        if self.network.encoder == MAPPER:
+            return PICTURE_SIZE
         return DEFAULT_IMAGE_SIZE if self.observation == "image" else None
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of `config.json`."""
+        own = {} if self.own is None else {self.network.encoder: asdict(self.own)}
         return {
             "kind": KIND,
             "format": FORMAT,
             "observation": self.observation,
             "image_size": self.image_size,
-            **asdict(self),
+            "network": asdict(self.network),
+            "average": self.average,
+            PLANNER: None,
+            **own,
         }
 
     @classmethod
@@ -85,46 +130,34 @@ class PolicySpec:
         """Return what the content of a `config.json` describes.
 
         Raises:
-            ValueError: It is of another form, or a value is none of those allowed.
+            ValueError: It has another form, or a value that is not allowed.
         """
-        own = ("kind", "format", "observation", "image_size")
-        _check_names("it", content, [*own, *(field.name for field in fields(cls))])
-        planner = content["planner"]
+        needed = ("network", "average")
+        if not isinstance(content, dict) or not content.keys() >= set(needed):
+            raise ValueError(f"it is {content!r:.60}, not an object with {', '.join(needed)}")
         network = _read(NetworkSpec, content["network"], "network")
-        _check("average", content["average"])
-        spec = cls(
-            network=network,
-            average=content["average"],
-            planner=None if planner is None else _read(PlannerSpec, planner, "planner"),
-        )
-        if (network.encoder == PLANNER) != (planner is not None):
-            raise ValueError(f"encoder is {network.encoder!r}, and planner is {planner!r:.60}")
-        for name, value in spec.to_json().items():
-            if name in own and content[name] != value:
+        name, average = network.encoder, content["average"]
+        _check("average", average, next(each for each in fields(cls) if each.name == "average"))
+        own = _read(OWN[name], content.get(name), name) if name in OWN else None
+        if average and name == MAPPER:
+            raise ValueError("average is True, but a mapper looks at a picture in one way")
+        spec = cls(network, average, own)
+        expected = spec.to_json()
+        _check_names("it", content, list(expected))
+        for name, value in expected.items():
+            if content[name] != value:
                 raise ValueError(f"{name} is {content[name]!r:.60}, not {value!r}")
         return spec
 
 
-_ALLOWED: Mapping[str, Iterable[Any]] = {
-    "encoder": ("cnn", "resnet18", "mlp", PLANNER),
-    "pool_stride": (1, 2),
-    "height": range(MIN_SIDE, MAX_SIDE + 1),
-    "width": range(MIN_SIDE, MAX_SIDE + 1),
-    "task": tuple(map(str, Task)),
-    "channels": range(1, 1025),
-    "iterations": range(1, 1001),
-}
-"""The values of each name; other names have true or false, but for the sharpness."""
-
-_MOST_SHARPNESS = 1_000.0
-
-Spec = TypeVar("Spec", NetworkSpec, PlannerSpec)
+Spec = TypeVar("Spec")
 
 
 def _read(cls: type[Spec], values: Any, place: str) -> Spec:
-    _check_names(place, values, [field.name for field in fields(cls)])
+    allowed = {each.name: each for each in fields(cls)}  # type: ignore[arg-type]
+    _check_names(place, values, list(allowed))
     for name, value in values.items():
-        _check(f"{place}.{name}", value)
+        _check(f"{place}.{name}", value, allowed[name])
     return cls(**values)
 
 
@@ -133,21 +166,16 @@ def _check_names(place: str, values: Any, names: list[str]) -> None:
         raise ValueError(f"{place} is {values!r:.60}, not an object with {', '.join(names)}")
 
 
-def _check(place: str, value: Any) -> None:
-    name = place.rpartition(".")[2]
-    if name == "sharpness":
-        if type(value) not in (int, float) or not 0 <= value <= _MOST_SHARPNESS:
-            raise ValueError(
-                f"{place} is {value!r:.60}, not a number from 0 to {_MOST_SHARPNESS:g}"
-            )
+_TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}
+"""Annotation of a field -> the types of its values; in Python, True is also the number 1."""
+
+
+def _check(place: str, value: Any, declared: Field[Any]) -> None:
+    least, most, one_of, _ = declared.metadata["checks"]
+    one_of = [True, False] if declared.type == "bool" else one_of
+    typed = type(value) in _TYPES[str(declared.type)]
+    if typed and (value in one_of if one_of else least <= value <= most):
         return
-    allowed = _ALLOWED.get(name, (True, False))
-    # In Python, True is also the number 1.
-    if not any(type(value) is type(each) and value == each for each in allowed):
-        raise ValueError(f"{place} is {value!r:.60}, not {_told(allowed)}")
-
-
-def _told(allowed: Iterable[Any]) -> str:
-    if isinstance(allowed, range):
-        return f"a whole number from {allowed[0]} to {allowed[-1]}"
-    return f"one of {', '.join(str(each) for each in allowed)}"
+    number = "a number" if declared.type == "float" else "a whole number"
+    told = f"one of {', '.join(map(str, one_of))}" if one_of else f"{number} from {least} to {most}"
+    raise ValueError(f"{place} is {value!r:.60}, not {told}")

@@ -20,13 +20,13 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
+from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import (
-    UNPUBLISHED,
     EvaluationOptions,
     TrainingOptions,
     check_policy,
@@ -313,7 +313,7 @@ def check_publish(options: RunConfig) -> None:
         "its policy is not published",
     )
     check(
-        not publish.model or options.method_name not in UNPUBLISHED,
+        not publish.model or options.network in (*ENCODERS, *OWN),
         f"publish.model={publish.model}: policies of method={options.method_name} are not "
         "published, since load_policy does not make their network",
     )

@@ -6,6 +6,7 @@ Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -13,8 +14,10 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.policies.spec import ENCODERS
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check, listed
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
@@ -23,29 +26,17 @@ _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
 """The folder of the configuration: in the package once installed, else that of the clone."""
 
-ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
-"""Encoder -> what it looks at."""
+METHODS = ("pipeline.training.methods", "pipeline.studies.methods")
+"""The packages of the methods: each method is a module with a file in conf/method/. The methods of
+a protocol are in a folder of the last package.
 
-IMAGE_SIZE = 64
+The file has the values of the method's settings, and may name its `abilities`: `own_network` if the
+method has a network of its own, for pictures, in place of `encoder`; `memory` if it can learn with
+`memory=true`.
+"""
+
+IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
-
-OBSERVATIONS = (*dict.fromkeys(ENCODERS.values()), "text")
-"""What a policy may be shown; encoders do not look at texts."""
-
-OWN_NETWORKS = ("planner", "mapper", "vin", "walls")
-"""Methods with a network of their own, for pictures, whatever `encoder` says."""
-
-UNPUBLISHED = ("mapper", "vin", "walls")
-"""Methods whose networks `labyrinth_core.load_policy` does not make."""
-
-
-WITH_MEMORY = {
-    "method": ("bc", "planner"),
-    "task": (Task.PARTIAL_OBSERVABILITY,),
-    "observation": ("image",),
-    "protocol": ("default",),
-}
-"""What `memory` goes with."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +44,14 @@ class Protocol:
     """How pictures are shrunk, and when training ends."""
 
     resize: str
-    """As `data.observations.RESIZES` has it: `area` keeps every wall, `original` does not."""
+    """One of `data.observations.RESIZES`: `area` keeps every wall, `original` does not."""
     evaluate_every: int | None = None
-    """Epochs after which the policy is tried; None: as the method has it."""
+    """The number of epochs after which the policy is tried; None for that of the method."""
     patience: float = inf
     """Evaluations without a better validation SR after which training stops."""
     methods: str = ""
-    """The folder, in conf/method/ and in pipeline/training/methods/, of the protocol's own methods;
-    without one the usual methods."""
+    """The folder of the protocol's own methods, in conf/method/ and in the last of `METHODS`; empty
+    for the usual methods."""
     first_of_equals: bool = False
     """Whether the first of several equally good policies is kept, and not the latest."""
 
@@ -96,8 +87,8 @@ class TrainingOptions:
     )
     encoder: str = option(
         "cnn",
-        f"network that looks at an observation: {', '.join(ENCODERS)}; "
-        f"{', '.join(OWN_NETWORKS)} have their own",
+        f"network that looks at an observation: {', '.join(ENCODERS)}; planner, mapper, vin, walls "
+        "have their own",
         one_of=ENCODERS,
     )
     pool_stride: int = option(
@@ -106,7 +97,7 @@ class TrainingOptions:
     observation: str = option(
         "image",
         "what is learnt from: image, or vector (for the encoder mlp); or text, for policy",
-        one_of=OBSERVATIONS,
+        one_of=("image", "vector", "text"),
     )
     protocol: str = option(
         "default",
@@ -162,8 +153,9 @@ class TrainingOptions:
 
     @property
     def network(self) -> str:
-        """The encoder of the policy; the method's name if that has a network of its own."""
-        return self.method_name if self.method_name in OWN_NETWORKS else self.encoder
+        """The encoder of the policy, or the name of a method that has a network of its own."""
+        own = "own_network" in abilities_of(self.method_name)
+        return self.method_name if own else self.encoder
 
 
 _URL = (r"(https?://\S+)?", "an address such as https://example.org")
@@ -231,19 +223,41 @@ def check_training(options: TrainingOptions, task: Task) -> None:
         f"observation={seen} choose one of {listed(fitting)}",
     )
     check(
-        name not in OWN_NETWORKS or seen == "image",
+        options.network == options.encoder or seen == "image",
         f"method={name} learns from pictures: leave observation=image",
     )
-    given = {"method": name, "task": task, "observation": seen, "protocol": options.protocol}
-    for each, allowed in WITH_MEMORY.items():
+    if not options.memory:
+        return
+    methods = sorted(path.stem for path in (CONF / "method").glob("*.yaml"))
+    for each, given, allowed in (
+        ("method", name, [method for method in methods if "memory" in abilities_of(method)]),
+        ("task", task, [Task.PARTIAL_OBSERVABILITY]),
+        ("observation", seen, ["image"]),
+        ("protocol", options.protocol, ["default"]),
+    ):
         check(
-            not options.memory or given[each] in allowed,
-            f"memory=true does not go with {each}={given[each]}: choose {' or '.join(allowed)}",
+            given in allowed,
+            f"memory=true does not go with {each}={given}: choose {' or '.join(allowed)}",
         )
 
 
+def abilities_of(method: str) -> list[str]:
+    """Return what a method's file in conf/method/ says that it can do; see `METHODS`."""
+    abilities: list[str] = _values(method, "default").get("abilities", [])
+    return abilities
+
+
 def usual_settings(method: str, protocol: str = "default") -> dict[str, Any]:
-    """Return the values of `method` that conf/method/ has, none if there is no such file."""
+    """Return the settings in a method's file in conf/method/; none if the file does not exist."""
+    return settings_in(_values(method, protocol))
+
+
+def settings_in(method: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings among the values of the option `method`."""
+    return {name: value for name, value in method.items() if name not in ("name", "abilities")}
+
+
+def _values(method: str, protocol: str) -> dict[str, Any]:
     path = CONF / "method" / PROTOCOLS[protocol].methods / f"{method}.yaml"
     if not path.is_file():
         return {}

@@ -20,14 +20,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.spec import (
-    CONFIG,
-    PLANNER,
-    WEIGHTS,
-    NetworkSpec,
-    PlannerSpec,
-    PolicySpec,
-)
+from labyrinth_core.policies.spec import CONFIG, OWN, WEIGHTS, NetworkSpec, PolicySpec
 from pipeline.config.run import Run
 from pipeline.machinery.evaluation_file import EVALUATION, POLICY, check_evaluation
 from pipeline.machinery.schema import Text, check, read_json
@@ -114,12 +107,14 @@ def _spec(run: Run, trained: Mapping[str, Any]) -> PolicySpec:
     """Return what the network of a run is made from; `load_policy` checks it."""
     size = run.dataset.height, run.dataset.width
     encoder, settings = trained["encoder"], trained["settings"]
-    names = [field.name for field in fields(PlannerSpec)]
-    planner = PlannerSpec(**{name: settings.get(name) for name in names})
+    of_method = OWN.get(encoder)
+    own = None
+    if of_method is not None:
+        own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
     return PolicySpec(
         network=NetworkSpec(encoder, trained["pool_stride"], *size, str(run.dataset.task)),
         average=settings.get("average", False),
-        planner=planner if encoder == PLANNER else None,
+        own=own,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.policies.spec import PolicySpec
+from labyrinth_core.policies.spec import MapperSpec, PlannerSpec, PolicySpec
 from pipeline.machinery import front_matter
 from pipeline.machinery.markdown import count, table
 from pipeline.release.citation import paper_bibtex, software_bibtex
@@ -69,7 +69,8 @@ def text(trained: Trained) -> str:
 
 
 def _introduction(trained: Trained) -> str:
-    sees = "vectors" if trained.spec.observation == "vector" else "pictures of 64 x 64 pixels"
+    size = trained.spec.image_size
+    sees = "vectors" if size is None else f"pictures of {size} x {size} pixels"
     figures = trained.evaluation["splits"]["test"]
     low, high = (f"{100 * bound:.0f}" for bound in figures["sr_interval"])
     url = f"https://huggingface.co/datasets/{trained.dataset}"
@@ -82,7 +83,11 @@ labyrinths of `test`, of which no structure is in `train`."""
 
 
 def _loading(trained: Trained) -> str:
-    observation = ', observation="vector"' if trained.spec.observation == "vector" else ""
+    shown = ', observation="vector"' if trained.spec.observation == "vector" else ""
+    form = "a function from a batch of observations to the scores of the four actions"
+    if isinstance(trained.spec.own, MapperSpec):
+        shown = f", image_size={trained.spec.image_size}"
+        form = "an object with `reset(count)` and `act(observations)`, which returns actions"
     return f"""## Load it
 
 With *Labyrinth datasets* and its extra `train`, which brings PyTorch:
@@ -92,12 +97,12 @@ from labyrinth_core import evaluate, load_policy
 
 policy = load_policy("{trained.model}", revision="{trained.version}")
 results = evaluate(
-    policy, "{trained.dataset}", "{trained.config}", revision="{trained.revision}"{observation}
+    policy, "{trained.dataset}", "{trained.config}", revision="{trained.revision}"{shown}
 )
 print(results)
 ```
 
-`policy` is a function from a batch of observations to the scores of the four actions, and
+`policy` is {form}, and
 `policy.network` the module of PyTorch. There is no code here: `config.json` says what the network
 is made from, and `model.safetensors` has its {trained.weights:,} weights."""
 
@@ -165,15 +170,17 @@ def _limits(trained: Trained) -> list[str]:
         "It is one run with one seed: the intervals are over labyrinths, and another seed gives "
         "other weights.",
         "The weights were chosen on `validation`, so that figures there flatter it.",
-        "Its action follows from what it sees now: it remembers nothing, and once it comes back to "
-        "a state it goes round until the step limit.",
+        "It plans once, in the first picture of an episode, and follows that plan."
+        if isinstance(trained.spec.own, MapperSpec)
+        else "Its action follows from what it sees now: it remembers nothing, and once it comes "
+        "back to a state it goes round until the step limit.",
     ]
     if trained.spec.observation == "image":
         points.append(
             "It has learnt from the pictures of one renderer, in one set of colours. Results hold "
             "for those splits and pictures, and say nothing about others, or the real world."
         )
-    if trained.spec.planner is not None:
+    if isinstance(trained.spec.own, PlannerSpec):
         points.append(
             "It was given prior knowledge that the demonstrations do not have, such as that costs "
             "add up along a path: the settings that are `True` say which."

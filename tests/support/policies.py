@@ -14,7 +14,7 @@ RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" /
 RELEASED_SPEC = PolicySpec(
     NetworkSpec("planner", 1, 5, 5, "navigation"),
     average=True,
-    planner=PlannerSpec(True, True, True, channels=32, iterations=20, sharpness=3.0),
+    own=PlannerSpec(True, True, True, channels=32, iterations=20, sharpness=3.0),
 )
 
 

@@ -1,4 +1,4 @@
-"""How a network acts: in evaluation mode and without gradients."""
+"""Policies made of networks: how a network is put together, and how it acts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,42 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.policies.spec import PolicySpec
+from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
+from labyrinth_core.policies.networks.network import Network
+from labyrinth_core.policies.networks.planning import Planner
+from labyrinth_core.policies.networks.symmetry import Averaged
+from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 
 BATCH = 256
 """The number of observations in a forward pass without gradients."""
 
 
+def make_network(
+    spec: NetworkSpec, *, average: bool = False, own: PlannerSpec | MapperSpec | None = None
+) -> nn.Module:
+    """Return a policy's network with fresh weights.
+
+    Args:
+        spec: Its shape; for a planner, the size of the labyrinths that it is trained on.
+        average: Whether it is averaged over the symmetries of the picture when it acts.
+        own: The settings of a planner or a mapper; None for a network with an encoder.
+    """
+    network: nn.Module
+    if isinstance(own, PlannerSpec):
+        network = Planner(DEFAULT_IMAGE_SIZE / max(spec.height, spec.width), own)
+    elif isinstance(own, MapperSpec):
+        network = Mapper(own)
+    else:
+        network = Network(spec)
+    return Averaged(network) if average else network
+
+
 def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
     """Return a network's outputs in evaluation mode: no dropout, running statistics, no gradient.
 
-    Whatever acts, labels or judges during training calls this function, with any number of
+    All code that acts, labels or judges during training calls this function, with any number of
     observations on the network's device. It leaves the network in the mode in which it was.
     """
     training = network.training
@@ -56,13 +81,38 @@ class LoadedPolicy(NetworkPolicy):
         """Return the scores of the four actions, shape (B, 4).
 
         Raises:
-            PolicyError: It looks at another kind of observation.
+            PolicyError: The observations are of another kind than the policy was trained on.
         """
-        shown = "text"
-        if isinstance(observations, np.ndarray):
-            shown = "image" if observations.dtype == np.uint8 else "vector"
-        if shown != self.spec.observation:
-            raise PolicyError(
-                f"the policy looks at observation={self.spec.observation}, and is shown {shown}"
-            )
+        _require_kind(self.spec, observations)
         return super().__call__(observations)
+
+
+class LoadedMapper(MapperPolicy):
+    """The policy of a mapper that was loaded, for labyrinths as large as those trained on.
+
+    `MapperPolicy(policy.network, height, width)` is the same policy for labyrinths of another size.
+    """
+
+    def __init__(self, network: Mapper, spec: PolicySpec) -> None:
+        super().__init__(network, spec.network.height, spec.network.width)
+        self.spec = spec
+
+    def act(self, observations: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Return the actions, shape (B,).
+
+        Raises:
+            PolicyError: The observations are not pictures.
+            ValueError: The pictures have more colours than flat ones have.
+        """
+        _require_kind(self.spec, observations)
+        return super().act(observations)
+
+
+def _require_kind(spec: PolicySpec, observations: Any) -> None:
+    shown = "text"
+    if isinstance(observations, np.ndarray):
+        shown = "image" if observations.dtype == np.uint8 else "vector"
+    if shown != spec.observation:
+        raise PolicyError(
+            f"the policy looks at observation={spec.observation}, and is shown {shown}"
+        )

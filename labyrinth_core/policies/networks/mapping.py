@@ -33,13 +33,18 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.network import ACTIONS
-from labyrinth_core.policies.networks.slots import CELL, Slots, cell_of_colour, scene_of, slots_of
-from labyrinth_core.policies.networks.surroundings import (
+from labyrinth_core.policies.networks.slots import (
+    CELL,
+    Slots,
     Surroundings,
+    cell_of_colour,
     masks_of,
     patches_of,
     places_of,
+    scene_of,
+    slots_of,
 )
+from labyrinth_core.policies.spec import MapperSpec
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
 """The moves to another cell, in rows down and columns right: each four are one, turned."""
@@ -65,14 +70,10 @@ class Roles(NamedTuple):
 class Mapper(nn.Module):
     """The model of what slots are, and of where actions lead."""
 
-    def __init__(self, channels: int = 32, looks: int = 4) -> None:
-        """Draw the weights, which do not depend on the size of labyrinths.
-
-        Args:
-            channels: The width of the hidden layers.
-            looks: The number of features of a slot on the way to another cell.
-        """
+    def __init__(self, settings: MapperSpec) -> None:
+        """Draw the weights, which do not depend on the size of labyrinths."""
         super().__init__()
+        channels, looks = settings.channels, settings.looks
         self.shape = nn.Sequential(
             nn.Linear(CELL**2, channels), nn.ReLU(), nn.Linear(channels, channels), nn.ReLU()
         )

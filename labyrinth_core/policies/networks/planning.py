@@ -15,7 +15,6 @@ actions alone.
 from __future__ import annotations
 
 from math import log
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -23,6 +22,7 @@ from torch.nn import functional
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.policies.networks.network import ACTIONS, as_input
+from labyrinth_core.policies.spec import PlannerSpec
 
 FAR = 1e9
 """The cost of ending outside the picture."""
@@ -118,27 +118,10 @@ class Gated(nn.Module):
         return scores
 
 
-class PlannerSettings(Protocol):
-    """The settings of `method=planner` that determine its network; see `methods/planner.py`."""
-
-    @property
-    def path_prior(self) -> bool: ...
-    @property
-    def grid_prior(self) -> bool: ...
-    @property
-    def colour_prior(self) -> bool: ...
-    @property
-    def channels(self) -> int: ...
-    @property
-    def iterations(self) -> int: ...
-    @property
-    def sharpness(self) -> float: ...
-
-
 class Planner(nn.Module):
     """The stem, the planning, and the choice of the agent's position from the plan."""
 
-    def __init__(self, cell_pixels: float, settings: PlannerSettings) -> None:
+    def __init__(self, cell_pixels: float, settings: PlannerSpec) -> None:
         """Draw the weights.
 
         Without `grid_prior` the internal grid has one position every `POSITION_PIXELS`; without
@@ -146,7 +129,7 @@ class Planner(nn.Module):
 
         Args:
             cell_pixels: The side of a cell in pixels; used with `grid_prior` alone.
-            settings: The settings of `method=planner`.
+            settings: What it is told beforehand, and how large it is.
         """
         super().__init__()
         channels, self.grid_prior = settings.channels, settings.grid_prior

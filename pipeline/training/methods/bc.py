@@ -16,7 +16,7 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.policies.networks.assembly import make_network
+from labyrinth_core.policies.networks.acting import make_network
 from labyrinth_core.policies.networks.symmetry import transform_examples
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting

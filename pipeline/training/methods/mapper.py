@@ -31,25 +31,23 @@ from torch.nn import functional
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.mapping import (
-    AROUND,
-    Mapper,
-    MapperPolicy,
-)
+from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
+from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import (
     CELL,
     Scene,
     Slots,
+    Surroundings,
     cell_of_colour,
     coarsened,
     grown,
+    masks_of,
+    places_of,
     scene_of,
     shifted,
     slots_of,
 )
-from labyrinth_core.policies.networks.surroundings import Surroundings, masks_of, places_of
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check
@@ -57,7 +55,7 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, set
 
 
 @dataclass(frozen=True)
-class Settings(BaseSettings):
+class Settings(MapperSpec, BaseSettings):
     """An epoch is one pass over the demonstrations; `batch_size` is their number in a step."""
 
     steps: int = setting(
@@ -66,8 +64,6 @@ class Settings(BaseSettings):
     explore: bool = setting("whether the split random is learnt from, too")
     shift: int = setting("most pixels by which pictures are shifted", at_least=0, at_most=60)
     grow: int = setting("most pixels by which a colour grows over others", at_least=0, at_most=60)
-    channels: int = setting("width of the hidden layers", at_least=1, at_most=1024)
-    looks: int = setting("number of features of a colour that may block", at_least=1, at_most=64)
 
 
 class Method(Learner):
@@ -109,7 +105,7 @@ class Method(Learner):
             spec.task == Task.NAVIGATION,
             f"task={spec.task}: method=mapper learns navigation, and no other task",
         )
-        return Mapper(settings.channels, settings.looks)
+        return make_network(spec, own=settings)
 
     @classmethod
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003

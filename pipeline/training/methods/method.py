@@ -1,6 +1,6 @@
 """The interface of a method: its settings, and a learner that trains one epoch at a time.
 
-A method is a module of this package, or of `COMPARED`, with two classes, `Settings` and `Method`,
+A method is a module in one of the packages `METHODS`, with two classes, `Settings` and `Method`,
 and a file of the same name in `conf/method/`. docs/new-method.md shows an example.
 """
 
@@ -30,12 +30,15 @@ from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.option import check_options, frozen, option
-from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, usual_settings
+from pipeline.config.training import (
+    IMAGE_SIZE,
+    METHODS,
+    PROTOCOLS,
+    settings_in,
+    usual_settings,
+)
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
-
-COMPARED = "pipeline.studies.methods"
-"""The package of the methods that studies compare with."""
 
 
 def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -242,24 +245,22 @@ def find(
     """Return a method and its settings.
 
     Args:
-        name: The name of the method's module, in this package or in `COMPARED`, such as `bc`.
-        values: The values of some settings; the file of the method in conf/method/ has
-            the others.
+        name: The name of the method's module, such as `bc`.
+        values: The values of some settings; the others are in the method's file in conf/method/.
         protocol: One of `PROTOCOLS`, which may have methods of its own.
 
     Raises:
-        ConfigError: There is no such method or setting, or a value that is not allowed.
+        ConfigError: The method or a setting does not exist, or a value is not allowed.
     """
     own = PROTOCOLS[protocol].methods
-    packages = [f"{COMPARED}.{own}"] if own else [__package__, COMPARED]
+    packages = [f"{METHODS[-1]}.{own}"] if own else METHODS
     names = [f"{package}.{name}" for package in packages]
     module: Any = next((import_module(each) for each in names if find_spec(each)), None)
     if not (hasattr(module, "Method") and hasattr(module, "Settings")):
         where = " and ".join(package.replace(".", "/") for package in packages)
         raise ConfigError(f"method={name}: no method of that name in {where}")
     method, settings = module.Method, module.Settings
-    values = {**usual_settings(name, protocol), **values}
-    values.pop("name", None)
+    values = {**usual_settings(name, protocol), **settings_in(values)}
     known = {each.name for each in fields(settings)}
     check(
         not own or known >= values.keys(),

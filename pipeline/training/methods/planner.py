@@ -40,11 +40,11 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
-from labyrinth_core.policies.networks.assembly import make_network
+from labyrinth_core.policies.networks.acting import make_network
 from labyrinth_core.policies.networks.planning import Planner
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.spec import NetworkSpec, PlannerSpec
 from pipeline.training.methods import bc
-from pipeline.training.methods.method import require_square, same_scale, setting
+from pipeline.training.methods.method import require_square, same_scale
 from pipeline.training.methods.relabelling import NO_LABEL
 
 RISE, FALL = 0.05, 0.5
@@ -54,23 +54,8 @@ MAX_GRADIENT = 1.0
 
 
 @dataclass(frozen=True)
-class Settings(bc.Settings):
+class Settings(PlannerSpec, bc.Settings):
     """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
-
-    path_prior: bool = setting("whether costs of steps add up, and the cheapest way is taken")
-    grid_prior: bool = setting("whether the number of pixels of a cell is known")
-    colour_prior: bool = setting("whether the agent is found by its colour")
-    channels: int = setting("number of channels of the network", at_least=1, at_most=1024)
-    iterations: int = setting(
-        "number of iterations of planning, in cells; with path_prior only in training, and as many "
-        "as it takes when acting",
-        at_least=1,
-        at_most=1000,
-    )
-    sharpness: float = setting(
-        "power to which costs are raised when acting, with grid_prior only: the longer the ways of "
-        "a labyrinth, the more a wall has to cost"
-    )
 
 
 class Method(bc.Method):
@@ -79,7 +64,7 @@ class Method(bc.Method):
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
         _require_square(settings, spec.height, spec.width)
-        return make_network(spec, average=settings.average, planner=settings)
+        return make_network(spec, average=settings.average, own=settings)
 
     @classmethod
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:

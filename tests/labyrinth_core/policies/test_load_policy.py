@@ -19,22 +19,30 @@ from safetensors.torch import load_file, save_file
 
 from labyrinth_core import DatasetError, PolicyError, evaluate, load_policy
 from labyrinth_core.policies.load import MOST_BYTES
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.assembly import make_network
-from labyrinth_core.policies.spec import CONFIG, WEIGHTS, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
+from labyrinth_core.policies.networks.mapping import MapperPolicy
+from labyrinth_core.policies.spec import (
+    CONFIG,
+    WEIGHTS,
+    MapperSpec,
+    NetworkSpec,
+    PlannerSpec,
+    PolicySpec,
+)
 
 torch.set_num_threads(1)
 
 SPECS = [
-    PolicySpec(NetworkSpec("cnn", 1, 3, 4, "key_and_door"), average=True, planner=None),
-    PolicySpec(NetworkSpec("resnet18", 2, 3, 3, "icy_floor"), average=False, planner=None),
-    PolicySpec(NetworkSpec("mlp", 1, 3, 4, "key_and_door"), average=False, planner=None),
+    PolicySpec(NetworkSpec("cnn", 1, 3, 4, "key_and_door"), average=True),
+    PolicySpec(NetworkSpec("resnet18", 2, 3, 3, "icy_floor"), average=False),
+    PolicySpec(NetworkSpec("mlp", 1, 3, 4, "key_and_door"), average=False),
     PolicySpec(
         NetworkSpec("planner", 1, 4, 3, "navigation"),
         average=False,
-        planner=PlannerSpec(False, False, False, channels=4, iterations=3, sharpness=1.5),
+        own=PlannerSpec(False, False, False, channels=4, iterations=3, sharpness=1.5),
     ),
 ]
+MAPPER = PolicySpec(NetworkSpec("mapper", 1, 3, 3, "navigation"), False, MapperSpec(4, 2))
 
 
 @pytest.fixture
@@ -45,10 +53,9 @@ def released(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.network.encoder)
 def test_a_policy_comes_back_as_it_was_written(spec: PolicySpec, tmp_path: Path) -> None:
-    network = make_network(spec.network, average=spec.average, planner=spec.planner)
-    save_file(network.state_dict(), tmp_path / WEIGHTS)
-    (tmp_path / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")
+    network = written(spec, tmp_path)
     loaded = load_policy(tmp_path)
+    assert isinstance(loaded, NetworkPolicy)
     assert loaded.spec == spec
     rng = np.random.default_rng(0)
     seen: Any = rng.integers(256, size=(2, 64, 64, 3)).astype(np.uint8)
@@ -56,6 +63,51 @@ def test_a_policy_comes_back_as_it_was_written(spec: PolicySpec, tmp_path: Path)
         seen = rng.integers(2, size=(2, 5 + 5 * 7)).astype(np.int32)
     assert np.array_equal(loaded(seen), NetworkPolicy(network)(seen))
     assert not loaded.network.training
+
+
+def written(spec: PolicySpec, folder: Path) -> torch.nn.Module:
+    """Write a policy with random weights into a folder; return its network."""
+    network = make_network(spec.network, average=spec.average, own=spec.own)
+    save_file(network.state_dict(), folder / WEIGHTS)
+    (folder / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")
+    return network
+
+
+def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
+    tmp_path: Path, small_dataset: Any
+) -> None:
+    network: Any = written(MAPPER, tmp_path)
+    torch.nn.init.normal_(network.effects)
+    save_file(network.state_dict(), tmp_path / WEIGHTS)
+    loaded = load_policy(tmp_path)
+    assert loaded.spec == MAPPER
+    own = MapperPolicy(network, 3, 3)
+    results = [
+        evaluate(each, small_dataset.data_dir, "3x3", image_size=600, splits=["test"])
+        for each in (loaded, own)
+    ]
+    assert results[0].way == "steps"
+    first, second = (each.splits["test"].episodes for each in results)
+    assert np.array_equal(first.outcomes, second.outcomes)
+    assert np.array_equal(first.moves, second.moves)
+    for options, message in (
+        ({"image_size": 64}, "ValueError: a picture has .* colours: show pictures of flat colours"),
+        ({"observation": "vector"}, "looks at observation=image, and is shown vector"),
+    ):
+        with pytest.raises(PolicyError, match=message):
+            evaluate(loaded, small_dataset.data_dir, "3x3", splits=["test"], **options)
+
+
+def test_a_mapper_with_a_wrong_value_is_refused_in_one_line(tmp_path: Path) -> None:
+    written(MAPPER, tmp_path)
+    for changed, message in (
+        ({"mapper": {"channels": 4, "looks": 65}}, "mapper.looks is 65, not a whole number from"),
+        ({"mapper": None}, "mapper is None, not an object with channels, looks"),
+        ({"image_size": 64}, "image_size is 64, not 600"),
+        ({"average": True}, "average is True, but a mapper looks at a picture in one way"),
+    ):
+        (tmp_path / CONFIG).write_text(json.dumps(MAPPER.to_json() | changed), encoding="utf-8")
+        check_refused(tmp_path, f"{tmp_path / CONFIG} describes no policy: {message}")
 
 
 def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
@@ -77,13 +129,13 @@ def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
         (["observation"], "vector", "observation is 'vector', not 'image'"),
         (["image_size"], 600, "image_size is 600, not 64"),
         (["network", "encoder"], "transformer", "network.encoder is 'transformer', not one of cnn"),
-        (["network", "encoder"], "cnn", "encoder is 'cnn', and planner is {'path_prior': True"),
+        (["network", "encoder"], "cnn", "planner is {'path_prior': True"),
         (["network", "pool_stride"], True, "network.pool_stride is True, not one of 1, 2"),
         (["network", "height"], 10**9, "network.height is 1000000000, not a whole number from"),
         (["network", "task"], "__import__('os')", "network.task is \"__import__('os')\", not one"),
         (["network", "code"], "x", "network is {'encoder': 'planner', "),
         (["average"], 1, "average is 1, not one of True, False"),
-        (["planner"], None, "encoder is 'planner', and planner is None"),
+        (["planner"], None, "planner is None, not an object with path_prior, "),
         (["planner"], [], "planner is [], not an object with path_prior, "),
         (["planner", "channels"], 10**6, "planner.channels is 1000000, not a whole number from 1"),
         (["planner", "iterations"], 1.5, "planner.iterations is 1.5, not a whole number from 1 to"),
@@ -104,7 +156,7 @@ def test_a_description_with_a_wrong_value_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"[]", "describes no policy: it is [], not an object with kind, "),
+        (b"[]", "describes no policy: it is [], not an object with network, "),
         (b"import os", "describes no policy: "),
         (b"\xff", "describes no policy: "),
         (b"[" * 60_000, "describes no policy: "),
@@ -144,7 +196,7 @@ def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
         file.truncate(MOST_BYTES[WEIGHTS] + 1)
     check_refused(released, f"{path} has 268,435,457 bytes, more than 268,435,456")
     path.unlink()
-    check_refused(released, f"{path} is not there: this is no policy of ours")
+    check_refused(released, f"{path} is not there: the folder holds no policy")
 
     of_another = f"{path} is of another network: "
     save_file({each: right[each] for each in right if each != name}, path)
@@ -157,7 +209,7 @@ def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
 
 def test_no_memory_is_taken_for_weights_that_a_description_only_claims(released: Path) -> None:
     most = NetworkSpec("mlp", 1, 1000, 1000, "key_and_door")  # 41 gigabytes.
-    huge = replace(RELEASED_SPEC, network=most, average=False, planner=None)
+    huge = replace(RELEASED_SPEC, network=most, average=False, own=None)
     (released / CONFIG).write_text(json.dumps(huge.to_json()), encoding="utf-8")
     check_refused(released, f"{released / WEIGHTS} is of another network: classifier.0.bias is ")
 
@@ -175,7 +227,7 @@ def check_refused(folder: Path, message: str) -> None:
     ("source", "message"),
     [
         ("no/folder/at/all", "no/folder/at/all is neither a folder nor an id such as user/pla"),
-        ("user/absent", "user/absent is no folder, and not to be had from the Hub: "),
+        ("user/absent", "user/absent is not a folder, and cannot be loaded from the Hub: "),
     ],
 )
 def test_what_is_not_there_is_refused_in_one_line(
@@ -191,7 +243,7 @@ def test_what_is_not_there_is_refused_in_one_line(
 def test_a_folder_has_no_revisions_and_has_to_hold_a_policy(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"revision=1.0.0: .* is a folder, which has no revisions"):
         load_policy(tmp_path, revision="1.0.0")
-    check_refused(tmp_path, f"{tmp_path / CONFIG} is not there: this is no policy of ours")
+    check_refused(tmp_path, f"{tmp_path / CONFIG} is not there: the folder holds no policy")
 
 
 @pytest.mark.slow

@@ -28,15 +28,17 @@ from publishing import (
     published,
 )
 
+from labyrinth_core import evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
-from pipeline.config.training import UNPUBLISHED
 from pipeline.release import model
 from pipeline.release.model import staged_policy
 from pipeline.release.remote import PublishError, Remote
 from pipeline.release.space import staged_report
 from pipeline.report.report import write_report
+from pipeline.training import evaluate as evaluate_stage
+from pipeline.training import train
 
 MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
 
@@ -265,6 +267,25 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     assert tasks == ["3x3-validation", "3x3-test", "3x3-s0_and_g"]
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("on_the_hub")
+def test_a_mapper_is_published_and_loaded_as_it_was_trained(trained: Run, tmp_path: Path) -> None:
+    method = {"name": "mapper", "epochs": 2, "batch_size": 3, "channels": 8}
+    run = replace(trained, options=replace(trained.options, method=method, run_dir=str(tmp_path)))
+    train.run(run)
+    evaluate_stage.run(run)
+    content = json.loads((run.training_folder / "evaluation.json").read_bytes())
+    with staged_policy(of_hub(run), HfApi()) as folder:
+        card = (folder / "README.md").read_text(encoding="utf-8")
+        results = evaluate(load_policy(folder), run.source, "3x3", image_size=600)
+    for split, scores in content["splits"].items():
+        assert results.splits[split].episodes.moves.tolist() == [scores["moves"]]
+        assert results.splits[split].episodes.solved.mean() == scores["sr"]
+    assert f'"{REPO}", "3x3", revision="{"0" * 40}", image_size=600' in card
+    assert "`policy` is an object with `reset(count)` and `act(observations)`" in card
+    assert "It plans once, in the first picture of an episode" in card
+
+
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     trained: Run, tmp_path: Path
 ) -> None:
@@ -333,7 +354,7 @@ def test_a_report_that_is_not_there_or_was_changed_is_not_published(
                 {"publish": {"model": MODEL}, "dataset": REPO, "method": {"name": method}},
                 f"publish.model={MODEL}: policies of method={method} are not published, since",
             )
-            for method in UNPUBLISHED
+            for method in ("vin", "walls")
         ),
     ],
 )

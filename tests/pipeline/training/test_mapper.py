@@ -18,9 +18,8 @@ from labyrinth_core.evaluation.attempts import attempts
 from labyrinth_core.evaluation.stepping import Player
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.policies.networks.slots import CELL, scene_of, slots_of
-from labyrinth_core.policies.networks.surroundings import masks_of
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.networks.slots import CELL, masks_of, scene_of, slots_of
+from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
@@ -121,7 +120,7 @@ def test_without_memory_it_confuses_the_start_with_the_goal(trained: Mapper) -> 
 
 def test_the_same_palette_or_another_gives_the_same_actions_to_the_bit() -> None:
     torch.manual_seed(0)
-    network, rng = Mapper(), np.random.default_rng(0)
+    network, rng = Mapper(MapperSpec(32, 4)), np.random.default_rng(0)
     labyrinths = labyrinths_of(4, 5)
     colours = rng.permutation(256)[:27].reshape(9, 3).tolist()
     drawings = [Drawing(None), Drawing(Style(*map(tuple, colours)))]
@@ -139,7 +138,7 @@ def test_the_same_palette_or_another_gives_the_same_actions_to_the_bit() -> None
 
 def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
     torch.manual_seed(0)
-    network = Mapper()
+    network = Mapper(MapperSpec(32, 4))
     (labyrinth,) = labyrinths_of(5, 5, 1)
     masks = masks_of(scene_of(slots_of(render(labyrinth, State(labyrinth.start))), 5, 5)[None])
     roles = network.roles(masks)
