@@ -54,7 +54,7 @@ NEXT = {
     "train": "stages=evaluate judges the policy on every split",
     "evaluate": "stages=results compares it with others; stages=report shows where it fails",
     "results": "stages=report shows which labyrinths each method fails in",
-    "environments": "docs/analysis.md says what the tables mean",
+    "environments": "docs/studies/environments.md says what the tables mean",
 }
 """Stage -> what can be done after it, as the last line of a run says it."""
 

@@ -1,4 +1,4 @@
-"""Draw the pictures of the README and of docs/.
+"""Draw the pictures of the README: the tasks, moving, and a report.
 
 python scripts/draw_pictures.py
 """
@@ -11,12 +11,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
-from labyrinth_core.pictures.renderer import render
-from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.world.labyrinth import LabyrinthError, Task
 from labyrinth_core.world.rollout import Episode, replay
 from labyrinth_core.world.sampling import sample_structures
@@ -28,8 +25,6 @@ from pipeline.report import report
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 SEED = 4
-SIZE = 300
-GAP = 20
 
 
 def optimal_episode(task: Task, size: int) -> Episode:
@@ -46,25 +41,10 @@ def optimal_episode(task: Task, size: int) -> Episode:
     raise AssertionError("the sampler never ends")
 
 
-def picture(task: Task, part: float, size: int = 5) -> np.ndarray:
-    """Return the picture of the state at a fraction of an optimal episode."""
-    episode = optimal_episode(task, size)
-    return render(episode.labyrinth, episode.states[int(part * len(episode))])
-
-
 def draw_tasks() -> None:
     """Write a moving picture of an optimal episode of each task."""
     episodes = [frames_of(optimal_episode(task, 5), 200) for task in Task]
     (FOLDER / "tasks.gif").write_bytes(gif([beside(*episodes)]))
-
-
-def side_by_side(pictures: list[np.ndarray]) -> np.ndarray:
-    """Return the pictures in a row, on white."""
-    gap = np.full((SIZE, GAP, 3), 255, np.uint8)
-    parts = [gap]
-    for image in pictures:
-        parts += [area_average(image, SIZE), gap]
-    return np.concatenate(parts[1:-1], axis=1)
 
 
 def draw_report() -> None:
@@ -87,15 +67,9 @@ def draw_report() -> None:
 
 
 def main() -> None:
-    """Write all pictures."""
+    """Write both pictures."""
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
-    for task in Task:
-        Image.fromarray(picture(task, 0.2)).save(FOLDER / f"{task}.png", optimize=True)
-    tasks = side_by_side([picture(task, 0.2) for task in Task])
-    Image.fromarray(tasks).save(FOLDER / "tasks.png", optimize=True)
-    sizes = side_by_side([picture(Task.NAVIGATION, 0.4, size) for size in (3, 5, 10, 25)])
-    Image.fromarray(sizes).save(FOLDER / "sizes.png", optimize=True)
     draw_tasks()
     draw_report()
 

@@ -52,9 +52,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     source = page.file.src_uri
     if source in ROOT_PAGES:
         markdown = re.sub(r"\]\(docs/", "](", markdown)
-    elif "/" not in source:
-        for target, original in ROOT_PAGES.items():
-            markdown = markdown.replace(f"](../{original}", f"]({target}")
+    else:
         markdown = markdown.replace("](../examples/", "](examples/")
     return re.sub(r"<!-- (modules|help) of (\S+) -->", _filled, markdown)
 
@@ -62,7 +60,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
 def on_page_content(html: str, *, page: Any, **_: Any) -> str:
     """Return the body of a page, a notebook's links to the documentation resolved."""
     if page.file.src_uri.endswith(".ipynb"):
-        html = re.sub(r'href="\.\./docs/([\w-]+)\.md', r'href="../\1.html', html)
+        html = re.sub(r'href="\.\./docs/([\w/-]+)\.md', r'href="../\1.html', html)
         for words in alternatives(ROOT / page.file.src_uri):
             html = html.replace(NO_ALTERNATIVE, words, 1)
     return html

@@ -86,7 +86,7 @@ class Results:
         """Write the results as JSON, whole or not at all.
 
         Each labyrinth is listed with the outcome and the moves of its episodes, from which all
-        figures follow. `docs/evaluate-your-policy.md` describes the format.
+        figures follow. `docs/evaluation.md` describes the format.
 
         Args:
             path: The file; its folder is made.

@@ -1,4 +1,4 @@
-"""Make the table and the figure of docs/mapper.md from results of scripts/studies/generalise.py.
+"""Make the table and figure of docs/studies/mapper.md from results of generalise.py.
 
     python scripts/studies/report_mapper.py docs/results/mapper --figures docs/pictures
 

@@ -164,7 +164,7 @@ def test_results_on_another_dataset_are_not_ranked_beside_those_on_this_one(
 def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_others(
     results, small_dataset, submit, tmp_path
 ):
-    page = (ROOT / "docs" / "evaluate-your-policy.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "evaluation.md").read_text(encoding="utf-8")
     section = page.split("## Stand on the leaderboard\n")[1].split("\n## ")[0]
     [command] = re.findall(r"```sh\nlabyrinth-datasets (.*)\n```", section)
     shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
