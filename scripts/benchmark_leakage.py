@@ -27,7 +27,7 @@ from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation.sample import sample
-from pipeline.inspection.leakage import certify
+from pipeline.inspection.leakage import find_leakage
 
 PAIRS_TIMED = 10**9
 MIN_WALLS = (1, 2, 4)
@@ -60,7 +60,7 @@ def measure(count: int) -> list[float]:
     }
     looked_up = seconds(lambda: near_twins.nearest(of, among))
     compared = seconds(lambda: near_twins._nearest_of_all(some, among)) * len(of) / len(some)
-    whole = seconds(lambda: certify(splits))
+    whole = seconds(lambda: find_leakage(splits))
     return [looked_up, compared, whole, *(seconds(sampled(count, w)) for w in MIN_WALLS)]
 
 

@@ -24,7 +24,7 @@ from unittest.mock import patch
 from labyrinth_core.data.manifest import Manifest, Shard
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
-from pipeline.inspection.counting import count_dataset
+from pipeline.inspection.statistics import count_dataset
 
 SHARDS_FOR_A_RATE = 12
 

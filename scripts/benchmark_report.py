@@ -39,8 +39,7 @@ from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.config.run import RunConfig, resolve
 from pipeline.inspection.certificate import Certificate
-from pipeline.inspection.counting import count_routes
-from pipeline.inspection.counts import DatasetCounts
+from pipeline.inspection.counts import count_routes
 from pipeline.inspection.routes import Route, routes
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.evaluation_file import FORMAT
@@ -155,8 +154,8 @@ def main() -> None:
     splits = {split: pack_routes(of_split, 10**12) for split, of_split in found.items()}
     shards = tuple(shard_of(name, split.labyrinths) for name, split in counts.items())
     manifest = Manifest(config, {}, shards)
-    dataset = DatasetCounts(counts, Certificate({}, {}, (), {}))
-    told = describe(DatasetStatistics(manifest, dataset), splits, limit)
+    dataset = DatasetStatistics(manifest, counts, Certificate({}, {}, (), {}))
+    told = describe(dataset, splits, limit)
     text = page([told], evaluated(manifest, splits))
     seconds = time.perf_counter() - began
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:

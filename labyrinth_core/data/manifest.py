@@ -26,6 +26,8 @@ from labyrinth_core.version import __version__
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
 """The name of the file of the stage `analyse`, in the same folder."""
+COUNTS = "counts.json"
+"""The name of the file of what is counted in the rows, in the same folder."""
 FORMAT = 2
 
 

@@ -12,7 +12,14 @@ from pathlib import Path
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest, Shard, current_versions
+from labyrinth_core.data.manifest import (
+    ANALYSIS,
+    COUNTS,
+    MANIFEST,
+    Manifest,
+    Shard,
+    current_versions,
+)
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
@@ -20,7 +27,6 @@ from labyrinth_core.data.storage import (
     size_and_time,
     write_text,
 )
-from pipeline.inspection.counts import COUNTS
 from pipeline.machinery.whole_folder import move_into_place, recover, wait_for_disk
 
 _CONFIG = "config.json"

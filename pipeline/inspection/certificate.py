@@ -1,7 +1,7 @@
 """The certificate of disjointness: which labyrinths two splits share, counted and not assumed.
 
-Labyrinths are compared by hashes of 63 bits; two that differ have the same with a probability of
-2 ** -63. So three numbers of each labyrinth are all that has to be in memory.
+Labyrinths are compared by hashes of 63 bits: two different labyrinths have the same hash with a
+probability of 2 ** -63. So three numbers of each labyrinth are all that has to be in memory.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Hashes = NDArray[np.int64]
 """One hash of each labyrinth, shape (labyrinths,)."""
 
 Held = Labyrinth | Structure
-"""What a split holds: labyrinths, or structures alone where no start and goal is known."""
+"""What a split holds: labyrinths, or structures alone where start and goal are unknown."""
 
 Found = Mapping[str, str]
 """Id of a labyrinth of the second split -> id of its first counterpart in the first split."""
@@ -59,7 +59,7 @@ def structure_of(labyrinth: Held) -> Structure:
 
 
 def ids_of(labyrinths: Sequence[Held]) -> Hashes:
-    """Return the ids of labyrinths as numbers; that of a structure alone is its own."""
+    """Return the ids of labyrinths, or of structures, as numbers."""
     ids = (
         each.structure_id if isinstance(each, Structure) else labyrinth_id(each)
         for each in labyrinths
@@ -86,8 +86,8 @@ def canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
 
     Args:
         labyrinths: Labyrinths of any sizes.
-        with_ends: Whether start and goal have to be mapped on one another, too; structures alone
-            have none.
+        with_ends: Whether start and goal have to be mapped to one another, too. Ignored where
+            structures alone are given.
     """
     hashes = np.zeros(len(labyrinths), np.int64)
     for size, places in places_by_size(labyrinths).items():
@@ -104,12 +104,16 @@ def canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
 def counterparts(
     first_ids: Hashes, first: Hashes, second_ids: Hashes, second: Hashes
 ) -> dict[str, str]:
-    """Return which labyrinths of the second split have a hash that one of the first split has.
+    """Return the labyrinths of the second split whose hash occurs in the first split.
 
-    The arguments are the ids of the labyrinths of each split, and their hashes.
+    Args:
+        first_ids: The ids of the labyrinths of the first split.
+        first: Their hashes.
+        second_ids: The ids of the labyrinths of the second split.
+        second: Their hashes.
 
     Returns:
-        Id of each of them -> id of the first labyrinth of the first split with that hash.
+        Id in the second split -> id of the first labyrinth of the first split with that hash.
     """
     known, places = np.unique(first, return_index=True)
     if not len(known):
@@ -117,68 +121,70 @@ def counterparts(
     at = np.minimum(np.searchsorted(known, second), len(known) - 1)
     found = np.flatnonzero(known[at] == second)
     ids = zip(second_ids[found], first_ids[places[at[found]]], strict=True)
-    return {_digits(number): _digits(other) for number, other in ids}
+    return {digits(number): digits(other) for number, other in ids}
 
 
-def _digits(number: np.int64) -> str:
+def digits(number: np.int64) -> str:
+    """Return an id as it is written: 16 hexadecimal digits."""
     return f"{number:016x}"
 
 
 @dataclass(frozen=True)
 class Pair:
-    """What the labyrinths of a split have in common with those of another."""
+    """The labyrinths of the second of two splits that are in the first, too."""
 
     first: str
     second: str
     equal: Found
     """Labyrinths with the same structure."""
     mirrored: Found
-    """These, and those that a rotation or reflection makes the same, with their start and goal."""
+    """These, and labyrinths that a rotation or reflection makes the same, with start and goal."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What the splits of a dataset have in common."""
+    """Which structures the splits of a dataset share or repeat."""
 
     labyrinths: Mapping[str, int]
     """Split -> number of different labyrinths in it."""
     repeated: Mapping[str, int]
     """Split -> number of labyrinths whose structure came before in the same split."""
     pairs: Sequence[Pair]
-    """All pairs of splits with structures of their own; of shifts those with what is learnt from.
+    """All pairs of splits with structures of their own.
 
-    That is train, and validation, by which a model is chosen.
+    A shift is compared only with train and with validation, by which a model is chosen.
     """
     strangers: Mapping[str, Sequence[str]]
-    """Split made of the structures of its parent -> ids of the labyrinths in it with others."""
+    """Split made from its parent's structures -> ids of its labyrinths with other structures."""
 
     def problems(self) -> Iterator[str]:
-        """Yield a line for everything that breaks the guarantee."""
+        """Yield a line for each pair of splits, and each split, that breaks the guarantee."""
         for pair in self.pairs:
             if pair.mirrored:
                 yield (
                     f"{pair.first} and {pair.second} share {len(pair.equal)} structures, "
                     f"{len(pair.mirrored)} when mirror images count"
                 )
+        yield from self.problems_of_splits()
+
+    def problems_of_splits(self) -> Iterator[str]:
+        """Yield a line for each split that repeats structures or has others than its parent."""
         for split, count in self.repeated.items():
-            if count and not self.may_repeat(split):
-                yield f"{split} repeats {count} structures"
+            made_from_others = split in SHIFTS and SPLITS[split].parent is not None
+            if count and split not in self.strangers and not made_from_others:
+                yield f"{split} repeats {count:,} structures"
         for split, ids in self.strangers.items():
             if ids:
-                yield f"{split} has {len(ids)} structures that are not in {SPLITS[split].parent}"
-
-    def may_repeat(self, split: str) -> bool:
-        """Return whether structures may be repeated, since they are made from others."""
-        return split in self.strangers or (split in SHIFTS and SPLITS[split].parent is not None)
+                yield f"{split} has {len(ids):,} structures that are not in {SPLITS[split].parent}"
 
 
 def certify(splits: Mapping[str, Keys]) -> Certificate:
     """Return the certificate of a dataset.
 
     Args:
-        splits: The keys of each split. A split that has the name of one of ours is taken to be made
-            of the structures of its parent, if that is there, too; all others are compared with
-            one another.
+        splits: The keys of each split. A split named like one of ours is taken to be made from
+            the structures of its parent, if the parent is among the splits; all other splits are
+            compared with one another.
     """
     names = dict.fromkeys([*(split for split in SPLITS if split in splits), *splits])
     strangers = {}
@@ -187,7 +193,7 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
         if parent != split and parent in splits and len(splits[parent].structure):
             strange = ~np.isin(splits[split].structure, splits[parent].structure)
             ids = splits[split].labyrinth[strange]
-            strangers[split] = list(dict.fromkeys(map(_digits, ids)))
+            strangers[split] = list(dict.fromkeys(map(digits, ids)))
     own = [name for name in names if name not in strangers]
     return Certificate(
         labyrinths={split: len(np.unique(splits[split].labyrinth)) for split in names},
@@ -205,7 +211,7 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
 
 
 def _parent(split: str) -> str:
-    """Return the split whose structures a split is made of, its own name if there is none."""
+    """Return the split whose structures a split is made from, or the split itself."""
     kind = SPLITS.get(split)
     return split if kind is None or kind.new_structure else kind.parent or split
 

@@ -1,32 +1,28 @@
-"""The counts of a dataset: all that is counted in its rows, and the file that keeps it.
+"""What is counted in the rows of a dataset: sums over each split, and numbers for each labyrinth.
 
-The stage `analyse` leaves them in `counts.json` in the dataset's folder, where card and report
-find them. Where there are none, or those of other shards, they are counted anew, and the card
-leaves them, too.
+One pass over a shard finds all of it. In memory are the labyrinths of one shard.
 """
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import MALFORMED
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.inspection.certificate import Certificate, Pair
-from pipeline.machinery.schema import read_json
-
-COUNTS = "counts.json"
-"""The name of the file."""
-FORMAT = 1
+from labyrinth_core.world.solver import optimal_actions
+from pipeline.inspection.certificate import Keys, size_of
+from pipeline.inspection.routes import Route, routes_of
 
 EXAMPLES = 5
 """The number of labyrinths of each split that are kept as examples, for pictures."""
@@ -39,7 +35,7 @@ class Example(NamedTuple):
     actions: tuple[int, ...]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class SplitCounts:
     """The counts of a split or of a shard."""
 
@@ -111,11 +107,11 @@ class SplitCounts:
         shares: NDArray[np.float64] = self.actions / self.actions.sum()
         return shares
 
-    def add(self, other: SplitCounts) -> None:
-        """Add the counts of the shard that follows."""
-        for each in fields(self):
-            setattr(self, each.name, getattr(self, each.name) + getattr(other, each.name))
-        self.examples = self.examples[:EXAMPLES]
+    def __add__(self, other: SplitCounts) -> SplitCounts:
+        """Return the counts of this part of a split and of the part that follows it."""
+        names = [each.name for each in fields(self)]
+        both = SplitCounts(**{name: getattr(self, name) + getattr(other, name) for name in names})
+        return replace(both, examples=both.examples[:EXAMPLES])
 
     def to_json(self) -> dict[str, Any]:
         """Return the counts in plain types; counters as sorted pairs."""
@@ -133,7 +129,7 @@ class SplitCounts:
         """Return the counts that `to_json` described.
 
         Raises:
-            ValueError, LookupError, TypeError: They are something else.
+            ValueError, LookupError, TypeError: The values describe something else.
         """
         known = dict(values)
         for name in ("actions", "visits"):
@@ -144,45 +140,103 @@ class SplitCounts:
         return cls(**known)
 
 
-@dataclass(frozen=True)
-class DatasetCounts:
-    """The counts of a dataset."""
+@dataclass(frozen=True, eq=False)
+class Content:
+    """The labyrinths of a split, in order, with the counts of all episodes in each of them."""
 
-    splits: Mapping[str, SplitCounts]
-    """Split -> its counts, in the order of the table of splits."""
-    certificate: Certificate
-
-    def write(self, folder: AnyPath, manifest: Manifest) -> None:
-        """Write the counts into the folder of their dataset, all or nothing."""
-        content = _described(manifest) | {
-            "splits": {split: counts.to_json() for split, counts in self.splits.items()},
-            "certificate": asdict(self.certificate),
-        }
-        write_text(folder / COUNTS, json.dumps(content) + "\n")
+    labyrinths: tuple[Labyrinth, ...]
+    moves: NDArray[np.int64]
+    """The number of moves of a shortest route, shape (labyrinths,)."""
+    actions: NDArray[np.int64]
+    """How often each action is taken, shape (labyrinths, 4)."""
+    visits: NDArray[np.int64]
+    """States with the agent in each cell, shape (labyrinths, height, width)."""
 
     @classmethod
-    def read(cls, folder: AnyPath, manifest: Manifest) -> DatasetCounts | None:
-        """Return the counts in a folder, None if there are none of its shards as they are now."""
-        try:
-            content = read_json(folder / COUNTS)
-            if content | _described(manifest) != content:
-                return None
-            splits = {
-                split: SplitCounts.from_json(content["splits"][split])
-                for split in manifest.config.splits
-            }
-            certificate = content["certificate"]
-            pairs = tuple(Pair(**pair) for pair in certificate["pairs"])
-            return cls(splits, Certificate(**certificate | {"pairs": pairs}))
-        except (FileNotFoundError, *MALFORMED):
-            return None  # Missing or damaged.
+    def joined(cls, parts: Sequence[Content]) -> Content:
+        """Return the content of shards that follow one another."""
+        labyrinths, *arrays = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(tuple(chain.from_iterable(labyrinths)), *map(np.concatenate, arrays))
 
 
-def _described(manifest: Manifest) -> dict[str, Any]:
-    """Return what the file says of the dataset whose counts it holds."""
-    return {
-        "format": FORMAT,
-        "name": manifest.config.name,
-        "fingerprint": manifest.fingerprint,
-        "shards": {shard.path: shard.sha256 for shard in manifest.shards},
-    }
+class Counted(NamedTuple):
+    """All that one pass over a shard finds."""
+
+    counts: SplitCounts
+    keys: Keys
+    content: Content
+
+
+def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
+    """Return the counts of episodes; those of a labyrinth follow one another.
+
+    Raises:
+        ValueError: A labyrinth has another size, height and width, than the one given.
+    """
+    labyrinths: list[Labyrinth] = []
+    examples: list[Example] = []
+    moves, actions, visits = [], [], []
+    lengths: Counter[int] = Counter()
+    returned, choices, optimal = 0.0, 0, 0
+    cells = size[0] * size[1]
+    for route in routes:
+        if route.is_first:
+            if size_of(route.labyrinth) != size:
+                held = route.labyrinth.size_name
+                raise ValueError(f"a labyrinth is {held}, not {size[0]}x{size[1]}")
+            labyrinths.append(route.labyrinth)
+            moves.append(route.shortest)
+            actions.append(np.zeros(len(Action), np.int64))
+            visits.append(np.zeros(cells, np.int64))
+            best = optimal_actions(route.labyrinth)
+            if len(examples) < EXAMPLES:
+                examples.append(Example(route.labyrinth, tuple(route.actions)))
+        taken = np.array(route.actions, np.int64)
+        states = np.array(route.states)
+        actions[-1] += np.bincount(taken, minlength=len(Action))
+        visits[-1] += np.bincount(states % cells, minlength=cells)
+        choices += int(best[states[:-1]].sum())
+        optimal += int(best[states[:-1], taken].sum())
+        lengths[len(taken)] += 1
+        returned += route.returned
+    content = Content(
+        tuple(labyrinths),
+        np.array(moves, np.int64),
+        np.array(actions, np.int64).reshape(-1, len(Action)),
+        np.array(visits, np.int64).reshape(-1, *size),
+    )
+    counts = SplitCounts(
+        actions=content.actions.sum(axis=0),
+        visits=content.visits.sum(axis=0),
+        labyrinths=len(labyrinths),
+        lengths=lengths,
+        moves=Counter(moves),
+        loops=Counter(each.structure.loops for each in labyrinths),
+        junctions=Counter(each.structure.junctions for each in labyrinths),
+        returned=returned,
+        choices=choices,
+        optimal=optimal,
+        examples=examples,
+    )
+    return Counted(counts, Keys.of(labyrinths), content)
+
+
+def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted:
+    """Return the counts of one shard.
+
+    Raises:
+        DatasetError: The file is missing or damaged, or differs from its manifest.
+    """
+    try:
+        counted = count_routes(routes_of(folder, shard), size)
+    except ValueError as error:
+        raise DatasetError(f"{folder / shard.path} cannot be read: {error}") from error
+    counts = counted.counts
+    found = (counts.labyrinths, counts.episodes, counts.rows)
+    if not counts.rows or found != (shard.labyrinths, shard.episodes, shard.rows):
+        raise DatasetError(
+            f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
+            f"{found[2]} rows, which is not what its manifest says: overwrite=true builds it "
+            "anew"
+        )
+    return counted

@@ -1,9 +1,8 @@
-"""The certificate of leakage: what the labyrinths of two splits have in common, counted exactly.
+"""Leakage: what the labyrinths of two splits have in common beside their structures, exactly.
 
-It adds to the certificate of disjointness whatever is alike without being the same. All of it is
-found by looking up keys that are equal where something is in common, so that the time grows with
-the number of labyrinths and not of pairs; `near_twins` finds those a few walls apart, `symmetry`
-those that a rotation or reflection makes the same.
+Everything is found by looking up keys that are equal where two labyrinths have something in common,
+so that the time grows with the number of labyrinths and not of pairs. `near_twins` finds structures
+a few walls apart, `symmetry` those that a rotation or reflection makes the same.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +19,19 @@ from numpy.typing import NDArray
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, nearest, passage_table
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.inspection import certificate as disjointness
 from pipeline.inspection.certificate import (
+    Certificate,
     Found,
     Hashes,
     Held,
     Keys,
+    Pair,
     canonical_hashes,
+    certify,
     counterparts,
+    digits,
     ids_of,
+    places_by_size,
     size_of,
     structure_of,
 )
@@ -39,34 +42,36 @@ NEAR = range(1, JOINED_WALLS + 1)
 ROUTES = 1_000
 """The largest number of optimal routes of a labyrinth that are compared."""
 
-Route = tuple[int, int, int, bytes]
+OptimalRoute = tuple[int, int, int, bytes]
 """Height and width of the labyrinth, the start, and the actions."""
 
 
 @dataclass(frozen=True)
-class Pair(disjointness.Pair):
-    """What the labyrinths of a split have in common with those of another."""
+class Closeness:
+    """How close the labyrinths of a split are to those of another."""
 
+    pair: Pair
+    """The two splits, and the structures that they share."""
     symmetric: Found
-    """These, and those whose structures a rotation or reflection makes the same."""
+    """The shared ones, and those whose structures a rotation or reflection makes the same."""
     same_route: Found
-    """An optimal route of the one is an optimal route of the other."""
+    """Labyrinths with an optimal route that is optimal in a labyrinth of the first split, too."""
     nearest: Mapping[str, tuple[str, int]]
     """Id -> id of the labyrinth with the nearest structure of its size, and the walls between.
 
-    Labyrinths are missing if there is none of their size, or none near among too many to compare
-    (`near_twins.MOST_PAIRS`).
+    A labyrinth is missing if the first split has none of its size, or none near among too many to
+    compare (`near_twins.MOST_PAIRS`).
     """
 
     def within(self, walls: int) -> int:
-        """Return how many labyrinths of the second split are within so many walls of the first."""
+        """Return the number of labyrinths at most so many walls from one of the first split."""
         return sum(apart <= walls for _, apart in self.nearest.values())
 
     def spread(self, of: int) -> str:
         """Return the distance to the nearest structure in walls, least and median.
 
         Args:
-            of: The number of labyrinths of the second split; those that are missing are far away.
+            of: The number of labyrinths of the second split; the missing ones count as far away.
         """
         walls = [apart for _, apart in self.nearest.values()]
         values = (min(walls, default=inf), median([*walls, *[inf] * (of - len(walls))]))
@@ -74,83 +79,92 @@ class Pair(disjointness.Pair):
 
 
 @dataclass(frozen=True)
-class Certificate(disjointness.Certificate):
-    """What the splits of a dataset have in common, and how near they are to one another."""
+class Leakage:
+    """What the splits of a dataset have in common, and how close they are to one another."""
 
-    pairs: Sequence[Pair]
+    certificate: Certificate
+    pairs: Sequence[Closeness]
+    """One for each pair of the certificate."""
     cut: int
-    """The number of labyrinths with more than `ROUTES` optimal routes, of which so many were
+    """The number of labyrinths with more than `ROUTES` optimal routes, of which only that many were
     compared."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the certificate in plain types, with the counts."""
+        """Return it in plain types, with the counts."""
         pairs = []
-        for pair in self.pairs:
-            within = {str(walls): pair.within(walls) for walls in NEAR}
-            spread = pair.spread(self.labyrinths[pair.second])
-            pairs.append(vars(pair) | {"within": within, "spread": spread})
-        return vars(self) | {"pairs": pairs}
+        for each in self.pairs:
+            values = dict(vars(each))
+            values = vars(values.pop("pair")) | values
+            within = {str(walls): each.within(walls) for walls in NEAR}
+            spread = each.spread(self.certificate.labyrinths[each.pair.second])
+            pairs.append(values | {"within": within, "spread": spread})
+        return vars(self.certificate) | {"pairs": pairs, "cut": self.cut}
 
 
-def certify(
+def find_leakage(
     splits: Mapping[str, Iterable[Held]],
-    certificate: disjointness.Certificate | None = None,
+    certificate: Certificate | None = None,
     most_routes: int = ROUTES,
-) -> Certificate:
-    """Return the certificate of a dataset.
+) -> Leakage:
+    """Return what the splits of a dataset have in common.
 
     Args:
-        splits: The labyrinths of each split, or the structures alone, which have no routes; for
-            what the names mean see `certificate.certify`.
-        certificate: That of their disjointness, if it is known.
+        splits: The labyrinths of each split, or structures alone, which have no routes; for the
+            meaning of the names see `certify`.
+        certificate: The certificate of the splits, if it is known.
         most_routes: The largest number of optimal routes of a labyrinth that are compared.
     """
     held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
     if certificate is None:
-        keys = {split: Keys.of(labyrinths) for split, labyrinths in held.items()}
-        certificate = disjointness.certify(keys)
-        ids = {split: of_split.labyrinth for split, of_split in keys.items()}
-    else:
-        ids = {split: ids_of(labyrinths) for split, labyrinths in held.items()}
+        certificate = certify({split: Keys.of(labyrinths) for split, labyrinths in held.items()})
     known = {
-        split: _Known(labyrinths, ids[split], most_routes)
+        split: _known(labyrinths, most_routes)
         for split, labyrinths in held.items()
         if split not in certificate.strangers
     }
-    pairs = [_compared(pair, known[pair.first], known[pair.second]) for pair in certificate.pairs]
-    cut = sum(each.cut for each in known.values())
-    return Certificate(**vars(certificate) | {"pairs": pairs, "cut": cut})
+    pairs = [_closeness(pair, known[pair.first], known[pair.second]) for pair in certificate.pairs]
+    return Leakage(certificate, pairs, sum(each.cut for each in known.values()))
 
 
-class _Known:
+class _Known(NamedTuple):
     """The labyrinths of a split with the keys by which counterparts are found."""
 
-    def __init__(self, labyrinths: list[Held], ids: Hashes, most_routes: int) -> None:
-        self.numbers = ids
-        self.ids = [f"{number:016x}" for number in self.numbers]
-        self.symmetric = canonical_hashes(labyrinths, with_ends=False)
-        found = [_optimal(each, most_routes + 1) for each in labyrinths]
-        self.cut = sum(len(each) > most_routes for each in found)
-        self.routes = [routes[:most_routes] for routes in found]
-        self.of_size: dict[tuple[int, int], tuple[list[int], NDArray[np.bool_]]] = {}
-        """Height and width -> indices of the labyrinths of that size, and their passages."""
-        for size, places in disjointness.places_by_size(labyrinths).items():
-            table = passage_table([structure_of(labyrinths[place]) for place in places])
-            self.of_size[size] = places, table
+    numbers: Hashes
+    """Their ids."""
+    symmetric: Hashes
+    routes: list[list[OptimalRoute]]
+    cut: int
+    of_size: dict[tuple[int, int], tuple[list[int], NDArray[np.bool_]]]
+    """Height and width -> indices of the labyrinths of that size, and their passages."""
 
 
-def _optimal(labyrinth: Held, most: int) -> list[Route]:
-    """Return the optimal routes of a labyrinth, none of a structure alone."""
+def _known(labyrinths: list[Held], most_routes: int) -> _Known:
+    found = [_optimal(each, most_routes + 1) for each in labyrinths]
+    of_size = {
+        size: (places, passage_table([structure_of(labyrinths[place]) for place in places]))
+        for size, places in places_by_size(labyrinths).items()
+    }
+    return _Known(
+        ids_of(labyrinths),
+        canonical_hashes(labyrinths, with_ends=False),
+        [routes[:most_routes] for routes in found],
+        sum(len(routes) > most_routes for routes in found),
+        of_size,
+    )
+
+
+def _optimal(labyrinth: Held, most: int) -> list[OptimalRoute]:
+    """Return the optimal routes of a labyrinth; a structure alone has none."""
     if not isinstance(labyrinth, Labyrinth):
         return []
     routes = shortest_routes(labyrinth, most)
     return [(*size_of(labyrinth), labyrinth.start, bytes(route)) for route in routes]
 
 
-def _compared(pair: disjointness.Pair, base: _Known, other: _Known) -> Pair:
+def _closeness(pair: Pair, base: _Known, other: _Known) -> Closeness:
     symmetric = counterparts(base.numbers, base.symmetric, other.numbers, other.symmetric)
-    return Pair(
-        **vars(pair),
+    return Closeness(
+        pair,
         symmetric=dict(pair.mirrored) | symmetric,
         same_route=dict(_same_route(base, other)),
         nearest=dict(_nearest(base, other)),
@@ -158,13 +172,13 @@ def _compared(pair: disjointness.Pair, base: _Known, other: _Known) -> Pair:
 
 
 def _same_route(base: _Known, other: _Known) -> Iterator[tuple[str, str]]:
-    owner: dict[Route, int] = {}
+    owner: dict[OptimalRoute, int] = {}
     for place, routes in enumerate(base.routes):
         for route in routes:
             owner.setdefault(route, place)
-    for number, routes in zip(other.ids, other.routes, strict=True):
+    for number, routes in zip(other.numbers, other.routes, strict=True):
         if places := [owner[route] for route in routes if route in owner]:
-            yield number, base.ids[min(places)]
+            yield digits(number), digits(base.numbers[min(places)])
 
 
 def _nearest(base: _Known, other: _Known) -> Iterator[tuple[str, tuple[str, int]]]:
@@ -175,4 +189,5 @@ def _nearest(base: _Known, other: _Known) -> Iterator[tuple[str, tuple[str, int]
             pairs = zip(places, near.which.tolist(), near.walls.tolist(), strict=True)
             for place, index, walls in pairs:
                 if walls != FAR:
-                    yield other.ids[place], (base.ids[held[index]], walls)
+                    twin = digits(base.numbers[held[index]])
+                    yield digits(other.numbers[place]), (twin, walls)

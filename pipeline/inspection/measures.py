@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.near_twins import passage_table
-from pipeline.inspection.counting import Content
+from pipeline.inspection.counts import Content
 from pipeline.inspection.shift import (
     PERMUTATIONS,
     Floats,
@@ -45,7 +45,7 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shift:
+class MeasuredShift:
     """How two splits differ in one measure."""
 
     measure: str
@@ -77,7 +77,7 @@ def compare(
     pairs: list[tuple[str, str]],
     seed: int,
     permutations: int = PERMUTATIONS,
-) -> list[Shift]:
+) -> list[MeasuredShift]:
     """Return how the splits of each pair differ, in all measures.
 
     Args:
@@ -106,7 +106,7 @@ def compare(
             sizes = len(a.labyrinths), len(b.labyrinths)
             found.append((name, first, second, sizes, float(distance), effect, float(p)))
     corrected = holm([each[-1] for each in found]).tolist()
-    return [Shift(*each, p) for each, p in zip(found, corrected, strict=True)]
+    return [MeasuredShift(*each, p) for each, p in zip(found, corrected, strict=True)]
 
 
 def _side_by_side(samples: list[Sample]) -> Statistic:

@@ -1,23 +1,29 @@
-"""The numbers of a dataset that its card and the report show: its counts and its analysis.
+"""What is known of a dataset: its counts, its certificate of disjointness, and its analysis.
 
-The analysis is in the file that the stage `analyse` has left, if it has.
+The stage `analyse` leaves the counts and the certificate in `counts.json` in the dataset's folder,
+and its findings in `analysis.json`; card and report read both. Where `counts.json` is missing, or
+counts other shards, the shards are counted again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.manifest import ANALYSIS, COUNTS, Manifest
+from labyrinth_core.data.source import check_file
+from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.world.grid import Action
-from pipeline.inspection.counting import counts_of
-from pipeline.inspection.counts import DatasetCounts, SplitCounts
+from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
+from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import progress
+from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.schema import (
     COUNT,
     SHARE,
@@ -29,6 +35,9 @@ from pipeline.machinery.schema import (
     check,
     read_json,
 )
+
+FORMAT = 1
+"""The format of `counts.json`."""
 
 ACTION_COLOURS: dict[Action, Colour] = {
     Action.UP: DEFAULT_STYLE.agent,
@@ -67,15 +76,17 @@ _ANALYSIS = {
         ),
     },
 }
-"""What the card and the report use of an analysis."""
+"""What the card and the report use of `analysis.json`."""
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """The numbers of one dataset, one config of a folder."""
+    """What is known of one dataset, which is one config of a folder."""
 
     manifest: Manifest
-    counts: DatasetCounts
+    splits: Mapping[str, SplitCounts]
+    """The counts of each split, in the order of the table of splits."""
+    certificate: Certificate
     analysis: Mapping[str, Any] | None = None
     """As from `read_analysis`."""
 
@@ -85,14 +96,27 @@ class DatasetStatistics:
         return self.manifest.config.name
 
     @property
-    def splits(self) -> Mapping[str, SplitCounts]:
-        """The counts of each split, in the order of the table of splits."""
-        return self.counts.splits
-
-    @property
     def rows(self) -> int:
         """The number of rows of all splits."""
         return sum(counts.rows for counts in self.splits.values())
+
+    def write_counts(self, folder: AnyPath) -> None:
+        """Write counts and certificate into the folder of the dataset, all or nothing."""
+        content = _described(self.manifest) | {
+            "splits": {split: counts.to_json() for split, counts in self.splits.items()},
+            "certificate": asdict(self.certificate),
+        }
+        write_text(folder / COUNTS, json.dumps(content) + "\n")
+
+
+def _described(manifest: Manifest) -> dict[str, Any]:
+    """Return what `counts.json` says of the dataset whose counts it holds."""
+    return {
+        "format": FORMAT,
+        "name": manifest.config.name,
+        "fingerprint": manifest.fingerprint,
+        "shards": {shard.path: shard.sha256 for shard in manifest.shards},
+    }
 
 
 def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[DatasetStatistics]:
@@ -104,7 +128,7 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
         workers: The number of processes that read shards.
 
     Raises:
-        DatasetError: There is no dataset, or one, or what was found out about it, is damaged.
+        DatasetError: There is no dataset; or a dataset, or its analysis, is damaged.
     """
     manifests = front_matter.finished(data_dir)
     if not manifests:
@@ -113,18 +137,89 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
     with progress() as bars:
         rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
         bar = bars.add_task(stage, total=rows)
+
+        def advance(rows: int) -> None:
+            bars.advance(bar, rows)
+
         for manifest in manifests:
             folder = data_dir / manifest.config.name
             analysis = read_analysis(folder, manifest)
-            counts = counts_of(folder, manifest, workers, lambda rows: bars.advance(bar, rows))
-            datasets.append(DatasetStatistics(manifest, counts, analysis))
+            known = read_counts(folder, manifest)
+            if known is None:
+                known = count_dataset(folder, manifest, workers, advance)
+            else:
+                _check_shards(folder, manifest, advance)
+            datasets.append(replace(known, analysis=analysis))
     return datasets
 
 
-def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
-    """Return what the stage `analyse` has found out about a dataset, None if it has not.
+def count_dataset(
+    folder: AnyPath,
+    manifest: Manifest,
+    workers: int = 1,
+    advance: Callable[[int], None] = lambda _: None,
+    keep: Callable[[str, Content], None] = lambda *_: None,
+) -> DatasetStatistics:
+    """Return the statistics of a dataset, counted in its shards, without the analysis.
 
-    An analysis of other rows, which were in the folder before, does not count.
+    Args:
+        folder: The folder of the dataset.
+        manifest: Its manifest.
+        workers: The number of processes.
+        advance: Called after each shard with the number of its rows.
+        keep: Called after each shard with the name of its split and its content.
+
+    Raises:
+        DatasetError: A shard is missing or damaged, or differs from the manifest.
+    """
+    size = manifest.config.height, manifest.config.width
+    shards = [shard for split in manifest.config.splits for shard in manifest.of(split)]
+    splits: dict[str, SplitCounts] = {}
+    keys: dict[str, list[Keys]] = {}
+    done = ordered_map(partial(count_shard, folder, size), shards, workers)
+    for shard, counted in zip(shards, done, strict=True):
+        before = splits.get(shard.split)
+        splits[shard.split] = counted.counts if before is None else before + counted.counts
+        keys.setdefault(shard.split, []).append(counted.keys)
+        keep(shard.split, counted.content)
+        advance(shard.rows)
+    certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
+    return DatasetStatistics(manifest, splits, certificate)
+
+
+def read_counts(folder: AnyPath, manifest: Manifest) -> DatasetStatistics | None:
+    """Return the statistics in `counts.json`; None if it is missing, damaged or of other shards."""
+    try:
+        content = read_json(folder / COUNTS)
+        if content | _described(manifest) != content:
+            return None
+        splits = {
+            split: SplitCounts.from_json(content["splits"][split])
+            for split in manifest.config.splits
+        }
+        certificate = content["certificate"]
+        pairs = tuple(Pair(**pair) for pair in certificate["pairs"])
+        return DatasetStatistics(manifest, splits, Certificate(**certificate | {"pairs": pairs}))
+    except (FileNotFoundError, *MALFORMED):
+        return None
+
+
+def _check_shards(folder: AnyPath, manifest: Manifest, advance: Callable[[int], None]) -> None:
+    """Raise DatasetError if a shard is missing, or differs from the manifest."""
+    for shard in manifest.shards:
+        path = folder / shard.path
+        try:
+            check_file(path, shard, path)
+        except OSError as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+        advance(shard.rows)
+
+
+def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
+    """Return what the stage `analyse` has found out about a dataset.
+
+    Returns:
+        None if `analysis.json` is missing, or is of other rows, which were in the folder before.
 
     Raises:
         DatasetError: The file is damaged.

@@ -128,7 +128,7 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         files[CHANGELOG] = updated(changelog, manifests, release.version).encode()
     files[README] = _with_front_matter(values, manifests, text).encode()
     for dataset in datasets:
-        dataset.counts.write(data_dir / dataset.name, dataset.manifest)
+        dataset.write_counts(data_dir / dataset.name)
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
@@ -140,7 +140,7 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
     """Return the statistics of all datasets, of which none has a structure in two splits."""
     datasets = statistics_of(data_dir, "card", workers)
     for dataset in datasets:
-        if problems := "; ".join(dataset.counts.certificate.problems()):
+        if problems := "; ".join(dataset.certificate.problems()):
             reason = f"{problems}: no card for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
         if dataset.manifest.labyrinths is not None:

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, COUNTS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
-from pipeline.inspection.counts import COUNTS
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery import front_matter
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list

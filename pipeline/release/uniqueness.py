@@ -15,7 +15,7 @@ def uniqueness(datasets: Sequence[DatasetStatistics]) -> str:
     rows = []
     for dataset in datasets:
         held = {name: f"{split.labyrinths:,}" for name, split in dataset.splits.items()}
-        for pair in dataset.counts.certificate.pairs:
+        for pair in dataset.certificate.pairs:
             splits = f"`{pair.first}`, `{pair.second}`"
             both = f"{held[pair.first]} and {held[pair.second]}"
             shared = f"{len(pair.equal):,}", f"{len(pair.mirrored):,}"

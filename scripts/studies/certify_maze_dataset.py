@@ -38,7 +38,7 @@ from labyrinth_core.language.wall_grid import from_grid
 from labyrinth_core.language.wall_picture import from_picture
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.inspection.elsewhere import read_elsewhere
-from pipeline.inspection.leakage import NEAR, certify
+from pipeline.inspection.leakage import NEAR, find_leakage
 
 CASES = ((3, 1_000, 200), (4, 1_000, 200), (5, 1_000, 200), (5, 10_000, 2_000))
 """Size, and mazes of train and of test."""
@@ -94,14 +94,14 @@ def png(pixels: Any, scale: int) -> bytes:
 def report(folder: Path, size: int) -> None:
     """Print what the certificate finds in a folder."""
     found = read_elsewhere(str(folder), None)
-    certificate = certify(found.splits)
-    (pair,) = certificate.pairs
-    different = certificate.labyrinths["test"]
-    counterparts = (pair.equal, pair.mirrored, pair.symmetric)
+    leakage = find_leakage(found.splits)
+    (close,) = leakage.pairs
+    different = leakage.certificate.labyrinths["test"]
+    counterparts = (close.pair.equal, close.pair.mirrored, close.symmetric)
     counts = [len(found.splits["train"]), len(found.splits["test"]), different]
-    counts += [*map(len, counterparts), *(pair.within(walls) for walls in NEAR)]
-    counts.append(len(pair.same_route))
-    show([f"{size}x{size}", *(f"{count:,}" for count in counts), pair.spread(different)])
+    counts += [*map(len, counterparts), *(close.within(walls) for walls in NEAR)]
+    counts.append(len(close.same_route))
+    show([f"{size}x{size}", *(f"{count:,}" for count in counts), close.spread(different)])
 
 
 def show(columns: list[str]) -> None:

@@ -36,7 +36,7 @@ from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import render, workplace, write
 from pipeline.generation.validate import validate
-from pipeline.inspection.counting import count_dataset
+from pipeline.inspection.statistics import count_dataset
 from pipeline.machinery import front_matter
 from pipeline.machinery.executor import ordered_map
 

@@ -26,7 +26,6 @@ from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.generation.buckets import bucket_of, split_of
-from pipeline.inspection import analyse
 from pipeline.release import card
 
 Build = Callable[..., Run]
@@ -335,18 +334,8 @@ def test_all_stands_for_the_shifts_that_are_left(make_run: MakeRun, tmp_path: Pa
 # What is said of it, and who reads it.
 
 
-def test_analysis_card_and_croissant_say_that_goals_vary(
-    tiny: Run, tmp_path: Path, build: Build, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_card_and_croissant_say_that_goals_vary(tiny: Run, tmp_path: Path, build: Build) -> None:
     shutil.copytree(tiny.data_dir, tmp_path, dirs_exist_ok=True)
-    analyse.run(replace(tiny, data_dir=tmp_path))
-    lines = capsys.readouterr().out.splitlines()
-    pairs = {split: [*map(ends, shown(tiny.folder, split))] for split in ("train", "test")}
-    known = sum(pair in pairs["train"] for pair in pairs["test"])
-    assert (
-        f"Start and goal vary: {len(set(pairs['train']))} pairs in train, "
-        f"{len(set(pairs['test']))} in test; {known} of 32 labyrinths of test have a pair of train."
-    ) in lines
     build(tmp_path, size="4", labyrinths=3, random_steps=5)
     card.write_card(tmp_path)
     readme, croissant = (

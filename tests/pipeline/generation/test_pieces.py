@@ -31,7 +31,7 @@ from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import validate as validation
-from pipeline.inspection.counting import count_dataset
+from pipeline.inspection.statistics import count_dataset
 from pipeline.release.provenance import command
 
 Build = Callable[..., Run]

@@ -13,14 +13,14 @@ import pytest
 from wall_grids import GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, COUNTS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.analysis import LeakageOptions
 from pipeline.inspection import analyse
-from pipeline.inspection.counts import COUNTS, DatasetCounts
-from pipeline.inspection.measures import Shift
+from pipeline.inspection.measures import MeasuredShift
+from pipeline.inspection.statistics import read_counts
 
 
 def infos(folder, split):
@@ -69,7 +69,7 @@ def test_what_is_more_than_chance_is_named_in_the_terminal(
     folder = shutil.copytree(analysed.parent, tmp_path / "copy")
 
     def shift(measure, second, corrected):
-        return Shift(measure, "train", second, (8, 8), 0.5, 1.0, 0.001, corrected)
+        return MeasuredShift(measure, "train", second, (8, 8), 0.5, 1.0, 0.001, corrected)
 
     found = [shift("actions", "random", 0.036), shift("loops", "random", 1.0)]
     found += [shift("states", "random", 0.05), shift("actions", "s0", 0.051)]
@@ -89,7 +89,7 @@ def test_workers_and_another_run_change_no_byte(analysed, make_run):
     before = [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)]
     run_on(make_run, analysed.parent, workers=2)
     assert [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)] == before
-    assert DatasetCounts.read(analysed, Manifest.read(analysed)) is not None
+    assert read_counts(analysed, Manifest.read(analysed)) is not None
 
 
 def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):

@@ -11,7 +11,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.inspection.leakage import certify
+from pipeline.inspection.leakage import find_leakage
 
 
 def cornered(structures):
@@ -48,15 +48,15 @@ def test_the_counts_are_those_of_brute_force(structures):
         "test": cornered(structures[third - 2 : 2 * third]),  # Two are in both.
         "more": cornered(structures[2 * third :]),
     }
-    certificate = certify(splits)
-    assert [(p.first, p.second) for p in certificate.pairs] == list(combinations(splits, 2))
-    for pair in certificate.pairs:
-        first, second = splits[pair.first], splits[pair.second]
-        assert_as_brute_force(pair, first, second)
-    assert len(certificate.pairs[0].equal) == 2
+    leakage = find_leakage(splits)
+    pairs = [each.pair for each in leakage.pairs]
+    assert [(pair.first, pair.second) for pair in pairs] == list(combinations(splits, 2))
+    for close in leakage.pairs:
+        assert_as_brute_force(close, splits[close.pair.first], splits[close.pair.second])
+    assert len(pairs[0].equal) == 2
 
 
-def assert_as_brute_force(pair, first, second):
+def assert_as_brute_force(close, first, second):
     ids = {labyrinth_id(labyrinth): labyrinth for labyrinth in [*first, *second]}
     passages = {number: set(of.structure.passages()) for number, of in ids.items()}
     routes = {number: set(map(tuple, shortest_routes(of))) for number, of in ids.items()}
@@ -73,17 +73,17 @@ def assert_as_brute_force(pair, first, second):
         pairs = ((other, next((t for t in train if alike(t, other)), None)) for other in others)
         return {other: found for other, found in pairs if found}
 
-    assert pair.equal == with_counterpart(lambda t, o: ids[t].structure == ids[o].structure)
-    for found, images in ((pair.mirrored, keeping), (pair.symmetric, turned)):
+    assert close.pair.equal == with_counterpart(lambda t, o: ids[t].structure == ids[o].structure)
+    for found, images in ((close.pair.mirrored, keeping), (close.symmetric, turned)):
         assert set(found) == set(with_counterpart(lambda t, o, i=images: ids[t].structure in i[o]))
         assert all(ids[t].structure in images[o] for o, t in found.items())
-    assert pair.same_route == with_counterpart(lambda t, o: routes[t] & routes[o])
+    assert close.same_route == with_counterpart(lambda t, o: routes[t] & routes[o])
     for walls in (1, 2, 3):
-        assert pair.within(walls) == len(
+        assert close.within(walls) == len(
             with_counterpart(lambda t, o, most=walls: len(passages[t] ^ passages[o]) <= most)
         )
-    assert set(pair.nearest) == set(others)
-    for other, (number, walls) in pair.nearest.items():
+    assert set(close.nearest) == set(others)
+    for other, (number, walls) in close.nearest.items():
         assert walls == min(len(passages[t] ^ passages[other]) for t in train)
         assert walls == len(passages[number] ^ passages[other])
 
@@ -91,13 +91,13 @@ def assert_as_brute_force(pair, first, second):
 def test_of_structures_alone_all_images_are_mirror_images_and_there_are_no_routes():
     structures = EXAMPLES["all of 3x3"]
     halves = {"train": structures[:200], "test": structures[200:]}
-    (alone,) = certify(halves).pairs
-    (pair,) = certify({split: cornered(half) for split, half in halves.items()}).pairs
+    (alone,) = find_leakage(halves).pairs
+    (close,) = find_leakage({split: cornered(half) for split, half in halves.items()}).pairs
     ids = {labyrinth_id(each): each.structure.structure_id for each in cornered(structures)}
-    assert alone.symmetric == {ids[other]: ids[one] for other, one in pair.symmetric.items()}
-    assert alone.mirrored == alone.symmetric
-    assert len(alone.symmetric) > len(pair.mirrored)
-    near = {ids[other]: (ids[one], walls) for other, (one, walls) in pair.nearest.items()}
+    assert alone.symmetric == {ids[other]: ids[one] for other, one in close.symmetric.items()}
+    assert alone.pair.mirrored == alone.symmetric
+    assert len(alone.symmetric) > len(close.pair.mirrored)
+    near = {ids[other]: (ids[one], walls) for other, (one, walls) in close.nearest.items()}
     assert alone.nearest == near
     assert alone.same_route == {}
 
@@ -108,10 +108,9 @@ TRAIN = Labyrinth(Structure.from_passages(3, 3, TREE), 0, 8)
 
 
 def leak_of(other: Labyrinth):
-    certificate = certify({"train": [TRAIN], "test": [other]})
-    (pair,) = certificate.pairs
-    assert set(pair.nearest) <= {labyrinth_id(other)}
-    return pair
+    (close,) = find_leakage({"train": [TRAIN], "test": [other]}).pairs
+    assert set(close.nearest) <= {labyrinth_id(other)}
+    return close
 
 
 def witness(other: Labyrinth):
@@ -124,23 +123,24 @@ def with_structure(structure: Structure, start: int = 0, goal: int = 8) -> Labyr
 
 def test_a_structure_with_another_start_is_the_same():
     other = with_structure(TRAIN.structure, 1, 8)
-    pair = leak_of(other)
-    assert pair.equal == pair.mirrored == pair.symmetric == witness(other)
-    assert pair.nearest == {labyrinth_id(other): (labyrinth_id(TRAIN), 0)}
-    assert pair.same_route == {}
+    close = leak_of(other)
+    assert close.pair.equal == close.pair.mirrored == close.symmetric == witness(other)
+    assert close.nearest == {labyrinth_id(other): (labyrinth_id(TRAIN), 0)}
+    assert close.same_route == {}
 
 
 def test_a_mirror_image_that_keeps_start_and_goal_is_found():
     other = with_structure(TRAIN.structure.transposed())
-    pair = leak_of(other)
-    assert (pair.equal, pair.mirrored, pair.symmetric) == ({}, witness(other), witness(other))
+    close = leak_of(other)
+    assert close.pair.equal == {}
+    assert close.pair.mirrored == close.symmetric == witness(other)
 
 
 def test_a_mirror_image_that_moves_start_and_goal_along_is_found():
     image = TRAIN.structure.mirrored()
     along, not_along = with_structure(image, 2, 6), with_structure(image, 0, 8)
-    assert leak_of(along).mirrored == witness(along)
-    assert leak_of(not_along).mirrored == {}
+    assert leak_of(along).pair.mirrored == witness(along)
+    assert leak_of(not_along).pair.mirrored == {}
     assert leak_of(not_along).symmetric == witness(not_along)
 
 
@@ -148,35 +148,36 @@ def test_a_wall_more_or_less_is_a_near_twin_and_a_second_one_makes_it_two():
     assert len(set(TRAIN.structure.symmetries())) == 8
     for count in (1, 2):
         other = with_structure(Structure.from_passages(3, 3, [*TREE, *[(1, 2), (4, 7)][:count]]))
-        pair = leak_of(other)
-        assert pair.nearest == {labyrinth_id(other): (labyrinth_id(TRAIN), count)}
-        assert [pair.within(walls) for walls in (1, 2, 3)] == [count == 1, True, True]
-        assert pair.symmetric == {}
+        close = leak_of(other)
+        assert close.nearest == {labyrinth_id(other): (labyrinth_id(TRAIN), count)}
+        assert [close.within(walls) for walls in (1, 2, 3)] == [count == 1, True, True]
+        assert close.symmetric == {}
 
 
 def test_an_optimal_route_in_common_is_found_in_structures_that_are_far_apart():
     tree = [(0, 1), (1, 4), (4, 5), (5, 8), (0, 3), (1, 2), (7, 8), (6, 7)]
     other = with_structure(Structure.from_passages(3, 3, tree))
-    pair = leak_of(other)
-    assert pair.same_route == witness(other)
-    assert pair.spread(1) == "6, 6"
-    assert pair.symmetric == {}
+    close = leak_of(other)
+    assert close.same_route == witness(other)
+    assert close.spread(1) == "6, 6"
+    assert close.symmetric == {}
 
 
 def test_labyrinths_of_other_sizes_have_nothing_in_common_but_what_is_turned():
     (wide,) = drawn((2, 3), 1, 0)
     tall = wide.transposed()
-    certificate = certify({"train": cornered([wide]), "test": cornered([tall, TRAIN.structure])})
-    (pair,) = certificate.pairs
-    assert pair.equal == pair.nearest == pair.same_route == {}
-    assert len(pair.symmetric) == 1
-    assert pair.spread(2) == "far, far"
+    splits = {"train": cornered([wide]), "test": cornered([tall, TRAIN.structure])}
+    (close,) = find_leakage(splits).pairs
+    assert close.pair.equal == close.nearest == close.same_route == {}
+    assert len(close.symmetric) == 1
+    assert close.spread(2) == "far, far"
 
 
 def test_labyrinths_that_are_repeated_or_strange_are_counted():
     a, b, c = (with_structure(s) for s in drawn((3, 3), 9, 0)[:3])
     moved = with_structure(a.structure, 0, 5)
-    certificate = certify({"s0": [moved, c], "test": [b], "train": [a, moved, a]})
+    leakage = find_leakage({"s0": [moved, c], "test": [b], "train": [a, moved, a]})
+    certificate = leakage.certificate
     assert certificate.labyrinths == {"train": 2, "test": 1, "s0": 2}
     assert certificate.repeated == {"train": 1, "test": 0, "s0": 0}
     assert certificate.strangers == {"s0": [labyrinth_id(c)]}
@@ -190,4 +191,4 @@ def test_routes_that_are_too_many_to_compare_are_counted():
         )
     )
     assert len(shortest_routes(whole)) == 6
-    assert certify({"train": [TRAIN], "test": [whole]}, most_routes=5).cut == 1
+    assert find_leakage({"train": [TRAIN], "test": [whole]}, most_routes=5).cut == 1

@@ -8,23 +8,11 @@ from pathlib import Path
 
 import pytest
 from hub.fixture import local_hub
-from making import make, make_both
+from making import make
 
 from pipeline.config.run import Run, RunConfig, resolve
 
 __all__ = ["local_hub"]
-
-
-@pytest.fixture(scope="session")
-def carded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of two datasets with their card; not to be changed."""
-    return make_both(tmp_path_factory.mktemp("carded") / "labyrinth")
-
-
-@pytest.fixture
-def folder(carded: Path, tmp_path: Path) -> Path:
-    """A copy of it, to be changed."""
-    return Path(shutil.copytree(carded, tmp_path / "copy"))
 
 
 @pytest.fixture(scope="session")

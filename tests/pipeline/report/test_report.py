@@ -19,9 +19,9 @@ from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import shortest_route
-from pipeline.inspection.counting import count_dataset, count_routes
+from pipeline.inspection.counts import count_routes
 from pipeline.inspection.routes import routes
-from pipeline.inspection.statistics import read_analysis
+from pipeline.inspection.statistics import count_dataset, read_analysis
 from pipeline.machinery.own_files import HASHES
 from pipeline.release.card import write_card
 from pipeline.release.published import published_files

@@ -9,18 +9,18 @@ from itertools import combinations
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from making import make
 from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.manifest import COUNTS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances
 from pipeline.generation import build
-from pipeline.inspection.counting import count_dataset, counts_of
-from pipeline.inspection.counts import COUNTS, DatasetCounts
+from pipeline.inspection.statistics import count_dataset, read_counts, statistics_of
 
 
 def measured(folder):
@@ -99,9 +99,9 @@ def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded)
         assert list(measured(carded / OTHER).splits[split].examples) == list(first.values())[:5]
 
 
-def test_shards_and_workers_change_nothing(carded, build_dataset, tmp_path, monkeypatch):
+def test_shards_and_workers_change_nothing(carded, tmp_path, monkeypatch):
     monkeypatch.setattr(build, "CELLS_PER_SHARD", 9 * 3)
-    folder = build_dataset(tmp_path, "3x3", labyrinths=7, random_steps=25)
+    folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25)
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
     seen = []
@@ -214,8 +214,8 @@ def test_counts_are_read_again_as_they_were_written(folder):
     for name in (DEFAULT, OTHER):
         manifest = Manifest.read(folder / name)
         counted = measured(folder / name)
-        counted.write(folder / name, manifest)
-        read = DatasetCounts.read(folder / name, manifest)
+        counted.write_counts(folder / name)
+        read = read_counts(folder / name, manifest)
         assert read.certificate == counted.certificate
         assert list(read.splits) == list(BASE_SPLITS)
         for split, counts in counted.splits.items():
@@ -223,18 +223,15 @@ def test_counts_are_read_again_as_they_were_written(folder):
 
 
 def test_counts_that_are_there_are_not_counted_again_but_the_files_are_compared(folder):
-    manifest = Manifest.read(folder / DEFAULT)
     known = json.loads((folder / DEFAULT / COUNTS).read_bytes())
     known["splits"]["train"]["returned"] = 12.5
     (folder / DEFAULT / COUNTS).write_text(json.dumps(known))
-    seen = []
-    found = counts_of(folder / DEFAULT, manifest, advance=seen.append)
-    assert found.splits["train"].returned == 12.5
-    assert sum(seen) == sum(counts.rows for counts in found.splits.values())
+    found = {each.name: each for each in statistics_of(folder, "card")}
+    assert found[DEFAULT].splits["train"].returned == 12.5
     path = shard(folder / DEFAULT, "s0")
     path.write_bytes(path.read_bytes() + b" ")
     with pytest.raises(DatasetError, match="is damaged"):
-        counts_of(folder / DEFAULT, manifest)
+        statistics_of(folder, "card")
 
 
 @pytest.mark.parametrize(
@@ -254,7 +251,7 @@ def test_counts_of_something_else_are_counted_anew(folder, change):
     right = path.read_bytes()
     for wrong in (json.dumps(change(json.loads(right))), "{", "[" * 100_000):
         path.write_text(wrong)
-        assert DatasetCounts.read(folder / DEFAULT, manifest) is None
-        found = counts_of(folder / DEFAULT, manifest)
-        found.write(folder / DEFAULT, manifest)
+        assert read_counts(folder / DEFAULT, manifest) is None
+        (found,) = (each for each in statistics_of(folder, "card") if each.name == DEFAULT)
+        found.write_counts(folder / DEFAULT)
         assert path.read_bytes() == right
