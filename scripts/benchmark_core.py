@@ -11,8 +11,6 @@ maze-dataset by `LatticeMazeGenerators.gen_wilson` or `gen_dfs`, then `find_shor
 `sample_structures` with the same algorithm, then `Labyrinth`, which checks that there is a path,
 and `shortest_route`. Their mazes are spanning trees. So are ours labelled "tree"; "opened" means
 that further walls are opened, as in the datasets, so that there are several shortest routes.
-"Together" are a thousand labyrinths at once: `sample_many`, then `tabulate_many`, which finds the
-distance and the optimal actions of every cell, and `shortest_routes`.
 Before the measurement, their solver has to find routes as long as ours in our labyrinths.
 
 In each round everyone is timed once, so that a busy machine slows all of them alike. Figures are
@@ -33,8 +31,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from measuring import machine, ratio, take_turns
 
-from labyrinth_core.world.batch_sampling import sample_many
-from labyrinth_core.world.batch_tables import tabulate_many
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
@@ -59,9 +55,6 @@ class Turn(NamedTuple):
         return self.sample + self.solve
 
 
-TOGETHER = 1_000
-"""The number of labyrinths that are sampled and solved at once."""
-
 Contestant = Callable[[], Turn]
 
 
@@ -73,15 +66,6 @@ def ours(size: int, count: int, rng: np.random.Generator, **options: Any) -> Tur
     for structure in structures:
         shortest_route(Labyrinth(structure, 0, size * size - 1), rng)
     return Turn((sampled - begin) / count, (time.perf_counter() - sampled) / count)
-
-
-def ours_together(size: int, rng: np.random.Generator, **options: Any) -> Turn:
-    """Sample and solve our labyrinths, all at once."""
-    begin = time.perf_counter()
-    structures = sample_many(size, size, TOGETHER, rng, **options)
-    sampled = time.perf_counter()
-    tabulate_many(structures, 0, size * size - 1).shortest_routes()
-    return Turn((sampled - begin) / TOGETHER, (time.perf_counter() - sampled) / TOGETHER)
 
 
 def theirs(size: int, count: int, generate: Callable[[tuple[int, int]], Any]) -> Turn:
@@ -123,9 +107,6 @@ def contestants(size: int) -> dict[tuple[str, str], Contestant]:
         measured[rival, "maze-dataset"] = partial(theirs, size, count, generate)
         measured[rival, f"{algorithm}, tree"] = partial(run, algorithm=algorithm, open_walls=0)
         measured[rival, f"{algorithm}, opened"] = partial(run, algorithm=algorithm)
-        together = partial(ours_together, size, rng, algorithm=algorithm)
-        measured[rival, f"{algorithm}, tree, together"] = partial(together, open_walls=0)
-        measured[rival, f"{algorithm}, opened, together"] = together
     return measured
 
 

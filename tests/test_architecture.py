@@ -94,7 +94,6 @@ HOMES = {
     "PIL": (
         "labyrinth_core.env",
         "labyrinth_core.command",
-        "labyrinth_core.language.wall_picture",
         "labyrinth_core.pictures.animation",
         "labyrinth_core.data.observations",
         "pipeline.generation.check_rows",

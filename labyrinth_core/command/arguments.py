@@ -100,8 +100,8 @@ def parser() -> argparse.ArgumentParser:
     new = command("new", "Draw a random labyrinth and print its text.")
     text = (
         "Print the text of a labyrinth that is given in another form. Files that end in .npy or "
-        ".npz hold wall grids, .png pictures of them, .zanj mazes of maze-dataset; a folder or a "
-        ".zip holds several files; any other file is a list of edges."
+        ".npz hold wall grids or mazes of maze-dataset; a folder or a .zip holds several files; "
+        "any other file is a list of edges."
     )
     convert = command("convert", text)
     text = (

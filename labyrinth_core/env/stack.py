@@ -23,9 +23,8 @@ from labyrinth_core.pictures.vector import (
     initial_vectors,
     tile_count,
 )
-from labyrinth_core.world.batch_tables import BatchTables
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.state_tables import LabyrinthTables
+from labyrinth_core.world.state_tables import BatchTables, LabyrinthTables
 from labyrinth_core.world.visibility import seen_together
 
 

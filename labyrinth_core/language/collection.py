@@ -1,41 +1,36 @@
-"""Labyrinths in the files that others have: one file, a folder of them, or an archive.
+"""Labyrinths in files of others: texts and arrays, alone, in a folder or in an archive.
 
-Nothing in a file is evaluated or unpickled. What cannot be read is told with its place, and the
-rest is read.
+Nothing in a file is evaluated or unpickled. Each labyrinth that cannot be read is reported with its
+place, and the others are read.
 """
 
 from __future__ import annotations
 
+import io
 import re
+import zipfile
+import zlib
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
+from tokenize import TokenError
+from typing import Any, NamedTuple
 
-from labyrinth_core.language.maze_dataset import from_connections, stored_mazes
+import numpy as np
+from numpy.typing import NDArray
+
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable
-from labyrinth_core.language.stored_arrays import (
-    MAX_BYTES,
-    limited,
-    open_archive,
-    read_array,
-    read_member,
-)
 from labyrinth_core.language.text import parse
-from labyrinth_core.language.wall_grid import SIZES, from_grid
-from labyrinth_core.language.wall_picture import from_picture
+from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
-SINGLE = (".labyrinth", ".png")
-"""The endings of files that hold one labyrinth."""
-ARCHIVES = {".npz": (".npy",), ".zip": (*SINGLE, ".npy", ".npz", ".zanj")}
-"""The endings of archives, and those of the files in them that are read: never one like it."""
-KINDS = (*ARCHIVES[".zip"], ".zip")
-"""The endings of files in which labyrinths are found."""
+MAX_BYTES = 1 << 28
+"""The largest size of a file, and of each file in an archive once it is unpacked."""
 
-Read = Callable[[], Labyrinth | Structure]
-Reader = tuple[str, Read]
-"""The index of a labyrinth in a file, and what reads it."""
+ARCHIVES = {".npz": (".npy",), ".zip": (".labyrinth", ".npy", ".npz")}
+"""The endings of archives, and of the files in them that are read: never another of its kind."""
+KINDS = (*ARCHIVES[".zip"], ".zip")
+"""The endings of the files that are read."""
 
 
 class Entry(NamedTuple):
@@ -46,22 +41,26 @@ class Entry(NamedTuple):
     place: str
     """The file, and within it the name of the array and the index."""
     found: Labyrinth | Structure | None
-    """A structure if nothing says where start and goal are; None if it cannot be read."""
+    """A structure if start and goal are not marked; None if it cannot be read."""
     problem: str = ""
-    """Why, in a line that begins with the place."""
+    """Why it cannot be read, in a line that begins with the place."""
 
 
 def is_collection(path: Path) -> bool:
-    """Return whether a path is that of a folder, or of a file whose ending says what it holds."""
+    """Return whether a path is a folder, or a file with one of the endings that are read."""
     return path.is_dir() or path.suffix.lower() in KINDS
 
 
-def read_collection(path: Path) -> Iterator[Entry]:
+def read_collection(path: Path, *, max_bytes: int = MAX_BYTES) -> Iterator[Entry]:
     """Yield the labyrinths of a file, or of all files in a folder and its sub-folders, in order.
 
-    A zip archive is like a folder, and an .npz file like one of .npy files. The split is the name
-    of the sub-folder that a file lies in; without one it is that of the file, or of the folder if
-    the file holds a single labyrinth.
+    A zip archive is read like a folder, and an .npz file like a folder of .npy files. The split is
+    the name of the sub-folder that a file lies in; without one it is the name of the file, or of
+    the folder if the file is a text.
+
+    Args:
+        path: The file or folder.
+        max_bytes: The size from which on a file is refused, also a file in an archive.
 
     Raises:
         OSError: A file cannot be read.
@@ -72,7 +71,8 @@ def read_collection(path: Path) -> Iterator[Entry]:
     for file in files:
         if file == path or file.is_file():
             inner = PurePosixPath(file.relative_to(folder).as_posix())
-            yield from _of_file(_File(str(file), None, name, inner, partial(_content, file)), KINDS)
+            read = partial(_read, partial(file.open, "rb"), max_bytes)
+            yield from _entries(_File(str(file), None, name, inner, read), KINDS, max_bytes)
 
 
 class _File(NamedTuple):
@@ -85,54 +85,47 @@ class _File(NamedTuple):
     folder: str
     """The name of the folder or archive."""
     path: PurePosixPath
-    """Its path in that."""
+    """Its path in that folder or archive."""
     read: Callable[[], bytes]
     """Returns its bytes."""
 
 
-def _content(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        return limited(stream.read(MAX_BYTES + 1))
-
-
-def _of_file(file: _File, kinds: Collection[str]) -> Iterator[Entry]:
-    """Yield the labyrinths of a file, nothing if its ending is none of the given ones."""
+def _entries(file: _File, kinds: Collection[str], max_bytes: int) -> Iterator[Entry]:
+    """Yield the labyrinths of a file, nothing if it has none of the given endings."""
     kind = file.path.suffix.lower()
     if kind not in kinds or file.path.name.startswith("."):
         return
     place = printable(file.place).replace("\n", "\\n")  # A name may be any text.
     split = file.split or file.path.parent.name or None
-    named = _safe(split or (file.folder if kind in SINGLE else file.path.stem))
+    named = _safe(split or (file.folder if kind == ".labyrinth" else file.path.stem))
     try:
         data = file.read()
-        if kind not in ARCHIVES:
-            for where, reader in _READERS[kind](data, place):
-                yield _entry(named, f"{place}{where}", reader)
-            return
-        archive = open_archive(data)
-        for name in sorted(archive.namelist()):
-            member = partial(read_member, archive, name)
-            inner = _File(f"{place}: {name}", split, named, PurePosixPath(name), member)
-            yield from _of_file(inner, ARCHIVES[kind])
+        if kind == ".labyrinth":
+            yield _entry(named, place, lambda: parse(decode(data, place), file=place))
+        elif kind == ".npy":
+            for index, read in _in_array(_array(data)):
+                yield _entry(named, place + index, read)
+        else:
+            archive = _archive(data)
+            for name in sorted(archive.namelist()):
+                member = partial(_unpack, archive, name, max_bytes)
+                inner = _File(f"{place}: {name}", split, named, PurePosixPath(name), member)
+                yield from _entries(inner, ARCHIVES[kind], max_bytes)
     except ValueError as error:
         yield Entry(named, place, None, f"{place}: {_line(error)}")
 
 
-def _text(data: bytes, place: str) -> Iterator[Reader]:
-    yield "", lambda: parse(decode(data, place), file=place)
+def _entry(split: str, place: str, read: Callable[[], Labyrinth | Structure]) -> Entry:
+    try:
+        return Entry(split, place, read())
+    except LabyrinthSyntaxError as error:  # It names the place itself.
+        return Entry(split, place, None, str(error).partition("\n")[0])
+    except ValueError as error:
+        return Entry(split, place, None, f"{place}: {_line(error)}")
 
 
-def _picture(data: bytes, _: str) -> Iterator[Reader]:
-    yield "", partial(from_picture, data)
-
-
-def _mazes(data: bytes, _: str) -> Iterator[Reader]:
-    for index, maze in enumerate(stored_mazes(data)):
-        yield f"[{index}]", partial(from_connections, *maze)
-
-
-def _arrays(data: bytes, _: str) -> Iterator[Reader]:
-    array = read_array(data)
+def _in_array(array: NDArray[Any]) -> Iterator[tuple[str, Callable[[], Labyrinth | Structure]]]:
+    """Yield the index of each labyrinth of an array, and a function that reads it."""
     if array.ndim == 2:
         yield "", partial(from_grid, array)
     elif array.ndim == 3 or (array.ndim == 4 and array.shape[1] == 2):
@@ -146,21 +139,46 @@ def _arrays(data: bytes, _: str) -> Iterator[Reader]:
         )
 
 
-_READERS = {
-    ".labyrinth": _text,
-    ".png": _picture,
-    ".zanj": _mazes,
-    ".npy": _arrays,
-}
+def _read(open_file: Callable[[], Any], max_bytes: int) -> bytes:
+    """Return the bytes of a file, of which no more are read or unpacked than are allowed."""
+    with open_file() as stream:
+        data: bytes = stream.read(max_bytes + 1)
+    if len(data) > max_bytes:
+        raise ValueError(f"it has more than {max_bytes:,} bytes")
+    return data
 
 
-def _entry(split: str, place: str, read: Read) -> Entry:
+def _unpack(archive: zipfile.ZipFile, name: str, max_bytes: int) -> bytes:
     try:
-        return Entry(split, place, read())
-    except LabyrinthSyntaxError as error:  # It names the place itself.
-        return Entry(split, place, None, str(error).partition("\n")[0])
-    except ValueError as error:
-        return Entry(split, place, None, f"{place}: {_line(error)}")
+        return _read(partial(archive.open, name), max_bytes)
+    except (
+        KeyError,
+        OSError,
+        EOFError,
+        RuntimeError,  # It is encrypted, or its method of compression is not supported.
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise ValueError(f"it cannot be unpacked: {error}") from error
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    """Return the booleans or numbers in the bytes of a .npy file."""
+    try:
+        array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, OSError, EOFError, MemoryError, SyntaxError, TokenError) as error:
+        # Its header may claim anything; numpy parses it as the text of a literal.
+        raise ValueError(f"no array that can be read: {error}") from error
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"expected an array of booleans or numbers, found {array.dtype}")
+    return array
+
+
+def _archive(data: bytes) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(io.BytesIO(data))
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise ValueError(f"no zip archive that can be read: {error}") from error
 
 
 def _line(error: ValueError) -> str:
@@ -168,5 +186,5 @@ def _line(error: ValueError) -> str:
 
 
 def _safe(name: str) -> str:
-    """Return a name that files and folders can have, for one that may be any text."""
+    """Return a name that files and folders can have, made from any text."""
     return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "labyrinths"

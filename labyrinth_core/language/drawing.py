@@ -54,7 +54,7 @@ def describe(labyrinth: Labyrinth, state: State) -> str:
 
 def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list[str]:
     """Return `text.dump` of each structure with a start, a goal and a task without tiles."""
-    grid = structures.without_walls()
+    grid = Structure.without_walls(structures.height, structures.width)
     text = dump(Labyrinth(grid, start, goal, task))
     texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
     for passages, step, wall in ((structures.up, grid.width, "-"), (structures.right, 1, "|")):

@@ -11,7 +11,6 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import initial, state_index
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 
@@ -30,8 +29,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     if len(some) < len(parsed) or len(kinds) > 1:
         return None
     height, width = some[0].structure.height, some[0].structure.width
-    edges = vertical_edges(height, width), horizontal_edges(height, width)
-    pattern = dump(Labyrinth(Structure(height, width, *edges), 0, height * width - 1))
+    pattern = dump(Labyrinth(Structure.without_walls(height, width), 0, height * width - 1))
     pattern = pattern.partition("\n\n")[2]
     joined = "".join(drawings)
     if {len(drawing) for drawing in drawings} != {len(pattern)} or not joined.isascii():

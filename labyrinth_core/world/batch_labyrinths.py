@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.batch_sampling import Structures
-from labyrinth_core.world.batch_tables import distances_from
 from labyrinth_core.world.labyrinth import UNREACHABLE, Look, Task
+from labyrinth_core.world.state_tables import distances_from
 
 
 @dataclass(frozen=True, eq=False)

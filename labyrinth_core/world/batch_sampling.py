@@ -1,4 +1,8 @@
-"""Random structures by the thousand, in arrays."""
+"""The structures of many generators, drawn together in arrays.
+
+`sample_each` draws what each generator draws alone, so that an environment among hundreds has the
+labyrinths of a single one. One at a time, sampling takes ten times as long.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.batch_trees import BATCH_ALGORITHMS, Passages, walk_together
-from labyrinth_core.world.grid import Action, horizontal_edges, vertical_edges
+from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Structure
-from labyrinth_core.world.sampling import BLOCK, checked_open_walls, default_open_walls, twelfths_of
+from labyrinth_core.world.sampling import BLOCK, cells_beside, default_open_walls, twelfths_of
+
+WORD = 64
+"""The largest number of cells of which numpy holds a set in one integer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +42,6 @@ class Structures:
         )
         return Structure(self.height, self.width, up, right)
 
-    def without_walls(self) -> Structure:
-        """Return the structure of this size that has all passages."""
-        edges = vertical_edges(self.height, self.width), horizontal_edges(self.height, self.width)
-        return Structure(self.height, self.width, *edges)
-
     def moves(self) -> NDArray[np.int32]:
         """Return `Structure.moves` of each: where the actions lead, shape (n, cells, 4)."""
         moves = np.empty((*self.up.shape, 4), np.int32)
@@ -52,37 +53,6 @@ class Structures:
             moves[:, :, onward] += step * passages
             moves[:, step:, back] -= step * passages[:, :-step]
         return moves
-
-
-def sample_many(
-    height: int,
-    width: int,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    algorithm: str = "wilson",
-    open_walls: float | None = None,
-) -> Structures:
-    """Return random connected structures; a structure may come again.
-
-    The arguments are those of `sampling.sample_structures`, and so are the probabilities. The
-    structures are not those that it yields from the same generator.
-
-    Raises:
-        ValueError: The algorithm is unknown, or `open_walls` is no probability.
-    """
-    open_walls = checked_open_walls(height, width, algorithm, open_walls)
-    trees = BATCH_ALGORITHMS[algorithm](height, width, count, rng)
-    coins = rng.random((count, 2, height * width))
-    return _opened(height, width, trees, coins < open_walls)
-
-
-def _opened(height: int, width: int, trees: Passages, heads: NDArray[np.bool_]) -> Structures:
-    """Return the structures that trees become when walls are opened, as (n, 2, cells) coins say."""
-    up, right = (passages | heads[:, axis] for axis, passages in enumerate(trees))
-    up[:, -width:] = False
-    right[:, width - 1 :: width] = False
-    return Structures(height, width, up, right)
 
 
 class Drawn(NamedTuple):
@@ -97,15 +67,15 @@ class Drawn(NamedTuple):
 
 
 def sample_each(height: int, width: int, generators: Sequence[np.random.Generator]) -> Drawn:
-    """Return the first structure that `sample_structures` yields from each of some generators.
+    """Return the first structure that `sample_structures` yields from each generator.
 
-    The few whose walks are long are left out, and so are generators other than numpy's default
-    ones; these stay as they were.
+    A generator is left out, and keeps its state, if its walk is long, which few are, or if it is
+    not numpy's default one.
 
     Args:
         height: Rows.
         width: Columns; of no more than `WORD` cells.
-        generators: As many as structures.
+        generators: One for each structure.
     """
     cells = height * width
     limit = cells * cells.bit_length() * 3 // 2  # Of any size, 96 walks in 100 take no more steps.
@@ -119,30 +89,114 @@ def sample_each(height: int, width: int, generators: Sequence[np.random.Generato
             words.append(generator.bit_generator.random_raw(BLOCK // 8 + 2 * cells))
     raw = np.array(words, np.uint64).reshape(-1, BLOCK // 8 + 2 * cells)
     steps, complete = _twelfths(raw[:, : limit // 8 + 4], limit)
-    trees, growing = walk_together(
-        height, width, len(fit), lambda step, numbers: steps[step].take(numbers), limit
-    )
+    joined, growing = _walk_together(height, width, steps)
     complete[growing] = False
     for row in np.flatnonzero(~complete).tolist():
         generators[fit[row]].bit_generator.state = before[row]
-    up, right = (passages[complete] for passages in trees)
     coins = (raw[complete, BLOCK // 8 :] >> 11).reshape(-1, 2, cells) / 2**53
-    structures = _opened(height, width, (up, right), coins < default_open_walls(height, width))
+    heads = coins < default_open_walls(height, width)
+    structures = _structures(height, width, joined[complete], heads)
     rows = np.flatnonzero(complete)
     return Drawn(np.array(fit, np.int64)[rows], structures, [before[row] for row in rows.tolist()])
 
 
 def _twelfths(words: NDArray[np.uint64], limit: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return the first integers from 0 to 11 that rows of words make, and which make enough.
+    """Return the first integers from 0 to 11 that rows of words make.
 
     Args:
         words: Random words, shape (n, words).
-        limit: The number of integers wanted of each row.
+        limit: The number of integers that each row has to make.
 
     Returns:
-        The integers, shape (limit, n), and whether each row made so many, shape (n,).
+        The integers, shape (limit, n), and whether each row made `limit` of them, shape (n,).
     """
     draws = [twelfths_of(row.tobytes())[:limit] for row in words.astype("<u8")]
     padded = b"".join(each.ljust(limit, b"\0") for each in draws)
     steps = np.frombuffer(padded, np.uint8).reshape(-1, limit).T
     return steps.copy(), np.array([len(each) == limit for each in draws], np.bool_)
+
+
+def _walk_together(
+    height: int, width: int, steps: NDArray[np.uint8]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return trees made of loop-erased random walks, step by step those of `sampling`.
+
+    Args:
+        height: Rows.
+        width: Columns.
+        steps: Integers from 0 to 11, one for each step of each tree, shape (steps, n).
+
+    Returns:
+        The cell that each cell of each tree is joined to, itself for the root, shape (n, cells),
+        and the numbers of the trees that are not complete after the last step.
+    """
+    cells, count = height * width, steps.shape[1]
+    beside = _chosen_neighbours(height, width)
+    bits = np.left_shift(np.uint64(1), np.arange(cells, dtype=np.uint64))
+    onward = np.tile(np.arange(cells), count)
+    routes = np.zeros(count * cells, np.uint64)
+    growing = np.arange(count)
+    first = growing * cells
+    tree = np.full(count, bits[cells // 2])
+    cell, route = np.zeros(count, np.int64), np.full(count, bits[0])
+    routes[first] = route
+    for draws in steps:
+        if not len(growing):
+            break
+        after = beside.take(12 * cell + draws.take(growing))
+        onward[first + cell] = after
+        # A route is the set of cells between the start of a walk and a cell. A walk that comes
+        # back to its route has gone in a loop, and forgets it: the route is as it was there.
+        place, bit = first + after, bits.take(after)
+        route = np.where(route & bit, routes.take(place), route | bit)
+        routes[place], cell = route, after
+        arrived = (tree & bit).nonzero()[0]
+        if len(arrived):
+            tree[arrived] |= route[arrived]
+            route[arrived], cell[arrived] = _first_outside(tree[arrived], cells)
+            routes[first[arrived] + cell[arrived]] = route[arrived]
+            if not route[arrived].all():
+                on = np.flatnonzero(route)
+                growing, first, tree = growing[on], first[on], tree[on]
+                cell, route = cell[on], route[on]
+    return onward.reshape(count, cells), growing
+
+
+def _first_outside(
+    trees: NDArray[np.uint64], cells: int
+) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
+    """Return the first cell that each tree lacks, as a set and as a number.
+
+    A tree that has all cells gets the empty set and the number 0.
+    """
+    outside = ~trees & np.uint64((1 << cells) - 1)
+    first = outside & -outside
+    return first, np.frexp(np.maximum(first, 1).astype(np.float64))[1].astype(np.int64) - 1
+
+
+def _chosen_neighbours(height: int, width: int) -> NDArray[np.int64]:
+    """Return the neighbour of each cell that each integer from 0 to 11 chooses, (12 * cells,)."""
+    around = cells_beside(height, width)
+    return np.array([cells[each % len(cells)] for cells in around for each in range(12)])
+
+
+def _structures(
+    height: int, width: int, joined: NDArray[np.int64], opened: NDArray[np.bool_]
+) -> Structures:
+    """Return the structures of trees in which further walls are opened.
+
+    Args:
+        height: Rows.
+        width: Columns.
+        joined: The cell that each cell of each tree is joined to, shape (n, cells).
+        opened: Whether to open the wall above each cell, and that at its right, (n, 2, cells).
+    """
+    steps = joined - np.arange(height * width)
+    up, right = steps == width, steps == 1
+    up[:, :-width] |= steps[:, width:] == -width
+    right[:, :-1] |= steps[:, 1:] == -1
+    up |= opened[:, 0]
+    right |= opened[:, 1]
+    up[:, -width:] = False
+    right[:, width - 1 :: width] = False
+    return Structures(height, width, up, right)

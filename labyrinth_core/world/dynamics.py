@@ -46,11 +46,6 @@ def reward(labyrinth: Labyrinth, state: State) -> float:
     return -STEP_PENALTY / labyrinth.structure.cells
 
 
-def normalised_goal_reward(labyrinth: Labyrinth, optimal_moves: int) -> float:
-    """Return the reward of the goal with which an optimal episode returns exactly 1."""
-    return GOAL_REWARD + (optimal_moves - 1) * STEP_PENALTY / labyrinth.structure.cells
-
-
 def step_limit(labyrinth: Labyrinth) -> int:
     """Return the number of steps after which an episode is truncated."""
     return STEP_LIMIT * labyrinth.structure.cells

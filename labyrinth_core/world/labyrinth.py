@@ -88,6 +88,11 @@ class Structure:
             raise ValueError("right: a passage leads out of the grid")
 
     @classmethod
+    def without_walls(cls, height: int, width: int) -> Structure:
+        """Return the structure that has all passages of a grid."""
+        return cls(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+
+    @classmethod
     def from_passages(
         cls, height: int, width: int, passages: Iterable[tuple[int, int]]
     ) -> Structure:

@@ -50,8 +50,8 @@ def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
     Args:
         structures: At least one, all of one size.
     """
-    height, width, cells = structures[0].height, structures[0].width, structures[0].cells
-    grid = Structure(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+    cells = structures[0].cells
+    grid = Structure.without_walls(structures[0].height, structures[0].width)
     text = "".join(
         digits(each.up, cells) + digits(each.right, cells) for each in [*structures, grid]
     )

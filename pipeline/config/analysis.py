@@ -25,8 +25,8 @@ class LeakageOptions:
 
     source: str | None = option(
         None,
-        "dataset from elsewhere to analyse: a file or a folder of .labyrinth, .npy, .npz, .png "
-        "or .zanj files by split, or any folder or id on the Hub with the column info",
+        "dataset from elsewhere to analyse: a file or a folder of .labyrinth, .npy or .npz files "
+        "by split, or any folder or id on the Hub with the column info",
     )
     config: str | None = option(None, "config of that dataset, if it has several")
 

@@ -6,7 +6,6 @@ import io
 import zipfile
 
 import numpy as np
-from PIL import Image
 
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
@@ -20,24 +19,8 @@ GRID = np.array(
     ],
     np.uint8,
 )
+BARE = np.where(GRID > 1, 0, GRID)
 LABYRINTH = Labyrinth(Structure.from_passages(2, 3, [(0, 3), (3, 4), (1, 4), (1, 2), (2, 5)]), 0, 5)
-
-COLOURS = np.array([[255, 255, 255], [0, 0, 0], [0, 255, 0], [255, 0, 0], [0, 0, 255]], np.uint8)
-"""The colour of each element where walls are 1, and of a route."""
-
-
-def inverted(grid):
-    return np.where(grid < 2, 1 - grid.astype(int), grid)
-
-
-def png_of(pixels, scale=1):
-    """Return the PNG file of an array, or of an image of Pillow, each element some pixels."""
-    if isinstance(pixels, np.ndarray):
-        pixels = Image.fromarray(pixels)
-    file = io.BytesIO()
-    size = (scale * pixels.width, scale * pixels.height)
-    pixels.resize(size, Image.Resampling.NEAREST).save(file, "PNG")
-    return file.getvalue()
 
 
 def changed(row, column, element, grid=GRID):

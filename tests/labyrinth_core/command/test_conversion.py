@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wall_grids import COLOURS, GRID, LABYRINTH, changed, png_of
+from wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.command.main import main
 from labyrinth_core.language.collection import read_collection
 from labyrinth_core.language.text import dump, load
 
-BARE = np.where(GRID > 1, 0, GRID)
 CLOSED = changed(3, 4, 1, BARE)
 """A structure without a route between its corners."""
 
@@ -25,12 +24,6 @@ def run(capsys):
         return status, captured.out, captured.err
 
     return run
-
-
-def test_a_picture_becomes_the_text_of_its_labyrinth(run, tmp_path):
-    path = tmp_path / "a.png"
-    path.write_bytes(png_of(COLOURS[GRID], 4))
-    assert run(path) == (0, dump(LABYRINTH), "")
 
 
 def test_without_marks_start_and_goal_are_in_the_corners(run, tmp_path):
@@ -72,9 +65,9 @@ def test_what_cannot_be_converted_is_told_and_the_rest_is(run, tmp_path):
         (["two.npy", "--output", "no/where"], "--output no/where: it has no folder to lie in"),
         (["a.txt", "--output", "out"], "--output goes with folders, and files that end in .laby"),
         (["-", "--output", "out"], "--output goes with folders"),
-        (["empty"], "empty: no labyrinth in it can be read; files end in .labyrinth, .png, .npy"),
+        (["empty"], "empty: no labyrinth in it can be read; files end in .labyrinth, .npy"),
         (["empty", "--output", "out"], "empty: no labyrinth in it can be read"),
-        (["nowhere.png"], "nowhere.png: No such file or directory"),
+        (["nowhere.npy"], "nowhere.npy: No such file or directory"),
     ],
 )
 def test_a_mistake_gets_one_line_and_leaves_nothing(run, tmp_path, monkeypatch, arguments, message):

@@ -1,54 +1,28 @@
-"""Labyrinths in files of others: what is read, into which split, and what is told of the rest."""
+"""Labyrinths in files of others: what is read, into which split, and what is said of the rest."""
 
-import json
 import pickle
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pytest
-from wall_grids import COLOURS, GRID, LABYRINTH, changed, npy, png_of, zipped
+from wall_grids import BARE, GRID, LABYRINTH, changed, npy, zipped
 
-from labyrinth_core.language import stored_arrays
 from labyrinth_core.language.collection import read_collection
-from labyrinth_core.language.maze_dataset import from_connections
 from labyrinth_core.language.text import dump
-from labyrinth_core.language.wall_grid import from_grid
+from labyrinth_core.world.labyrinth import Structure
 
-MAZES = Path(__file__).parents[2] / "data" / "maze_dataset"
-"""Six mazes as maze-dataset 1.4.2 saved them, without their settings, and as it draws them."""
-
-BARE = np.where(GRID > 1, 0, GRID)
-OTHER = changed(3, 4, 1, BARE)
-PNG = png_of(COLOURS[GRID])
+TEXT = dump(LABYRINTH).encode()
 
 
-def drawn(text):
-    """Return the labyrinth of a drawing of maze-dataset's."""
-    elements = {"#": 1, "S": 2, "E": 3}
-    return from_grid(np.array([[elements.get(char, 0) for char in row] for row in text.split()]))
-
-
-def six_mazes():
-    text = (MAZES / "mazes.txt").read_text(encoding="utf-8").replace(" ", "X")
-    return [drawn(each) for each in text.split("\n\n")]
-
-
-def read(path, data=None):
+def read(path, data=None, **options):
     """Return splits, places within the file, and labyrinths or problems."""
     if data is not None:
         path.write_bytes(data)
-    entries = list(read_collection(path))
+    entries = list(read_collection(path, **options))
     assert all((entry.found is None) == bool(entry.problem) for entry in entries)
     assert all(entry.problem.startswith(entry.place) for entry in entries if entry.problem)
     start = len(str(path))
     return [(e.split, e.place[start:], e.found or e.problem[start:]) for e in entries]
-
-
-@pytest.mark.parametrize("name", ["full", "minimal", "minimal_soln_cat"])
-def test_the_files_of_maze_dataset_hold_the_mazes_that_it_draws(name):
-    found = read(MAZES / f"{name}.zanj")
-    assert found == [(name, f"[{index}]", maze) for index, maze in enumerate(six_mazes())]
 
 
 def test_splits_are_named_by_sub_folders_then_by_files_then_by_the_folder(tmp_path):
@@ -56,14 +30,14 @@ def test_splits_are_named_by_sub_folders_then_by_files_then_by_the_folder(tmp_pa
     (folder / "train").mkdir(parents=True)
     np.save(folder / "train" / "a.npy", BARE)
     np.savez(folder / "train" / "b.npz", x=GRID)
-    (folder / "train" / "c.labyrinth").write_text(dump(LABYRINTH), encoding="utf-8")
+    (folder / "train" / "c.labyrinth").write_bytes(TEXT)
     np.save(folder / "test.npy", np.stack([GRID, BARE]))
-    (folder / "one.PNG").write_bytes(PNG)
-    (folder / ".hidden.png").write_bytes(PNG)
+    (folder / "one.LABYRINTH").write_bytes(TEXT)
+    (folder / ".hidden.labyrinth").write_bytes(TEXT)
     (folder / "notes.txt").write_text("not read")
     structure = LABYRINTH.structure
     assert read(folder) == [
-        ("mine", "/one.PNG", LABYRINTH),
+        ("mine", "/one.LABYRINTH", LABYRINTH),
         ("test", "/test.npy[0]", LABYRINTH),
         ("test", "/test.npy[1]", structure),
         ("train", "/train/a.npy", structure),
@@ -79,37 +53,21 @@ def test_an_archive_is_like_a_folder_and_names_of_arrays_are_splits(tmp_path):
         ("train", ": train.npy[0]", LABYRINTH),
         ("train", ": train.npy[1]", LABYRINTH),
     ]
-    members = {"train/1.png": PNG, "a b/x.npz": arrays, "0.png": PNG, "again.zip": zipped({})}
-    assert read(tmp_path / "all.zip", zipped(members)) == [
-        ("all", ": 0.png", LABYRINTH),
+    members = {"train/1.labyrinth": TEXT, "a b/x.npz": arrays, "0.labyrinth": TEXT}
+    assert read(tmp_path / "all.zip", zipped(members | {"again.zip": zipped({})})) == [
+        ("all", ": 0.labyrinth", LABYRINTH),
         ("a-b", ": a b/x.npz: ../test.npy", LABYRINTH),
         ("a-b", ": a b/x.npz: train.npy[0]", LABYRINTH),
         ("a-b", ": a b/x.npz: train.npy[1]", LABYRINTH),
-        ("train", ": train/1.png", LABYRINTH),
+        ("train", ": train/1.labyrinth", LABYRINTH),
     ]
-
-
-def connections_of(structure):
-    """Return the connections of a structure as maze-dataset has them."""
-    height, width = structure.height, structure.width
-    connections = np.zeros((2, height, width), np.bool_)
-    for cell, neighbour in structure.passages():
-        beside = neighbour == cell + 1
-        place = cell if beside else neighbour
-        connections[(int(beside), height - 1 - place // width, place % width)] = True
-    return connections
 
 
 def test_an_array_may_hold_connections_of_maze_dataset(tmp_path):
-    connections = connections_of(LABYRINTH.structure)
-    outside = connections.copy()
-    outside[0, -1, 0] = True
-    found = read(tmp_path / "a.npy", npy(np.stack([connections, outside])))
-    assert [each for _, _, each in found] == [
-        LABYRINTH.structure,
-        "[1]: a passage leads out of the grid",
-    ]
-    assert from_connections(connections, np.array([[1, 0], [0, 0], [0, 2]])) == LABYRINTH
+    passages = np.zeros((2, 2, 2, 2), np.bool_)
+    passages[1, 0, 1] = True  # Below the bottom row.
+    found = [each for _, _, each in read(tmp_path / "a.npy", npy(passages))]
+    assert found == [Structure(2, 2, 0, 0), "[1]: a passage leads out of the grid"]
 
 
 def test_what_cannot_be_read_is_told_with_its_place_and_the_rest_is_read(tmp_path):
@@ -138,13 +96,8 @@ class Trap:
         return pytest.fail, ("something was unpickled",)
 
 
-def zanj(**content):
-    return zipped({"__zanj__.json": json.dumps({"__muutils_format__": "MazeDataset", **content})})
-
-
 CLAIM = npy(GRID).replace(b"(5, 7), }" + b" " * 12, b"(5" + b"0" * 12 + b", 7), }")
 """An array that says that it is much larger than any memory."""
-NO_MAZE = "no mazes that can be read: "
 
 
 @pytest.mark.parametrize(
@@ -159,36 +112,6 @@ NO_MAZE = "no mazes that can be read: "
         ("a.npy", npy(GRID).replace(b"}  ", b"}]["), "no array that can be read: "),
         ("a.npz", npy(GRID), "no zip archive that can be read: "),
         ("a.npz", zipped({"a.npy": npy(GRID)}).replace(b"\1\1", b"\1\2"), "a.npy: it cannot be"),
-        ("a.zanj", zipped({}), "no mazes that can be read: ValueError: it cannot be unpacked"),
-        ("a.zanj", zipped({"__zanj__.json": "[" * 10**5}), f"{NO_MAZE}RecursionError"),
-        ("a.zanj", zanj(), f"{NO_MAZE}KeyError: 'mazes'"),
-        ("a.zanj", zanj(mazes=[{"connection_list": 1}]), f"{NO_MAZE}ValueError: expected an array"),
-        ("a.zanj", zanj(mazes={"$ref": "../secret"}), f"{NO_MAZE}ValueError: it cannot be"),
-        (
-            "a.zanj",
-            zanj(mazes=[{"connection_list": [[[1, 0], [0, 1]]], "solution": [[0, 0]]}]),
-            "[0]: its connections have the shape (1, 2, 2): expected (2, rows, columns), both",
-        ),
-        (
-            "a.zanj",
-            zanj(mazes=[{"connection_list": [[[0, 0]] * 2] * 2, "solution": [[0, 0], [0, 2]]}]),
-            "[0]: its solution begins or ends outside the grid",
-        ),
-        (
-            "a.zanj",
-            zanj(mazes=[{"connection_list": [[[2, 2]] * 2] * 2, "solution": [1]}]),
-            "[0]: its connections are not all 0 or 1",
-        ),
-        (
-            "a.zanj",
-            zanj(mazes=[{"connection_list": [[[0, 0]] * 2] * 2, "solution": [1]}]),
-            "[0]: its solution is no list of cells",
-        ),
-        (
-            "a.zanj",
-            zanj(__muutils_format__="MazeDatasetCollection"),
-            "expected a MazeDataset, found MazeDatasetCollection",
-        ),
     ],
     ids=count(),  # Archives hold the time.
 )
@@ -200,12 +123,11 @@ def test_what_is_no_such_file_is_told_in_one_line_and_never_unpickled(
     assert "\n" not in problem
 
 
-def test_no_more_is_read_or_unpacked_than_may_be(tmp_path, monkeypatch):
+def test_no_more_is_read_or_unpacked_than_may_be(tmp_path):
     grids = np.stack([GRID] * 100)
     np.savez_compressed(tmp_path / "a.npz", a=grids)
     np.save(tmp_path / "b.npy", grids)
-    monkeypatch.setattr(stored_arrays, "MAX_BYTES", 1_000)
-    assert [each for _, _, each in read(tmp_path)] == [
+    assert [each for _, _, each in read(tmp_path, max_bytes=1_000)] == [
         "/a.npz: a.npy: it has more than 1,000 bytes",
         "/b.npy: it has more than 1,000 bytes",
     ]

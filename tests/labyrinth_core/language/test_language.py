@@ -19,7 +19,7 @@ from labyrinth_core.language.text import (
     parse,
     without_agent,
 )
-from labyrinth_core.world.batch_sampling import sample_many
+from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
@@ -320,7 +320,7 @@ def test_a_text_that_begins_as_no_canonical_one_does_keeps_its_agent():
 
 @pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
 def test_many_texts_are_those_of_each_labyrinth(task):
-    structures = sample_many(6, 3, 20, np.random.default_rng(0))
+    structures = sample_each(6, 3, np.random.default_rng(0).spawn(20)).structures
     texts = dump_many(structures, 4, 11, task)
-    labyrinths = [Labyrinth(structures[place], 4, 11, task) for place in range(20)]
+    labyrinths = [Labyrinth(structures[place], 4, 11, task) for place in range(len(structures))]
     assert texts == [dump(labyrinth) for labyrinth in labyrinths]

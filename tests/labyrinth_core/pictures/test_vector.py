@@ -15,7 +15,7 @@ from labyrinth_core.pictures.vector import (
     tile_count,
     vector_observation,
 )
-from labyrinth_core.world.batch_sampling import sample_many
+from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 
@@ -119,7 +119,8 @@ def test_each_vector_is_the_callers_own():
 
 
 def test_many_initial_vectors_are_those_of_each_labyrinth():
-    structures = sample_many(3, 6, 20, np.random.default_rng(0))
-    for place, vector in enumerate(initial_vectors(structures, np.tile((2, 9), (20, 1)))):
+    structures = sample_each(3, 6, np.random.default_rng(0).spawn(20)).structures
+    vectors = initial_vectors(structures, np.tile((2, 9), (len(structures), 1)))
+    for place, vector in enumerate(vectors):
         labyrinth = Labyrinth(structures[place], 2, 9)
         np.testing.assert_array_equal(vector, vector_observation(labyrinth, initial(labyrinth)))

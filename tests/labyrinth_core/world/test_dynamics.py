@@ -10,7 +10,6 @@ from labyrinth_core.world.dynamics import (
     State,
     initial,
     is_terminal,
-    normalised_goal_reward,
     reward,
     state_at,
     state_count,
@@ -119,13 +118,6 @@ def test_an_episode_of_forty_steps_a_cell_without_the_goal_returns_minus_four(la
     assert step_limit(labyrinth) == 40 * len(world_of(labyrinth).places())
     each = reward(labyrinth, initial(labyrinth))
     assert sum([each] * step_limit(labyrinth)) == pytest.approx(-4.0)
-
-
-@given(labyrinths(), st.integers(1, 500))
-def test_the_normalised_reward_makes_an_optimal_episode_return_one(labyrinth, moves):
-    per_step = -0.1 / labyrinth.structure.cells
-    total = (moves - 1) * per_step + normalised_goal_reward(labyrinth, moves)
-    assert total == pytest.approx(1.0)
 
 
 # Examples.

@@ -229,7 +229,7 @@ def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_p
     [
         ("a.npy", b"no array", "a.npy: no array that can be read"),
         ("a.zip", b"PK\5\6" + bytes(18), "a.zip holds no labyrinth"),
-        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .png, .npy, .npz,"),
+        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .npy, .npz,"),
     ],
 )
 def test_a_file_without_labyrinths_is_refused_in_one_line(
