@@ -1,11 +1,11 @@
-"""Policies that remember pictures, where not all is seen.
+"""Policies that remember pictures under partial observability.
 
-What was visible in any earlier picture of an episode stays shown, and the agent is where it is now.
-What has not been seen yet is shown as floor without walls: the free-space assumption, as in
-`evaluation.replanner`. The memory is made of pictures alone. It is given the number of rows and
-columns, how thick walls are, that walls and what is hidden are black, that floors are white, and
-that each cell has a way out; nothing of what start, goal and agent look like, of actions, or of
-where the agent has been.
+A remembering policy is shown one picture of all that was visible in the episode so far, with the
+agent where it is now. What has not been seen yet is shown as floor without walls: the free-space
+assumption, as in `evaluation.replanner`. The memory is made from pictures alone. It is given the
+number of rows and columns, the thickness of walls, that walls and hidden cells are black and floors
+white, and that each cell has a way out. It is not given what start, goal and agent look like, what
+actions do, or where the agent has been.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class PictureMemory:
     """What was seen in B episodes, and the pictures of it.
 
     A picture consists of bands of rows times bands of columns (`pictures.bands`): cells, and the
-    walls between them. Each cell's colour and each open passage is read from the pixel that it
-    covers most. What is black in a picture is a wall or hidden, and changes nothing in memory;
-    everything else is kept as it was seen last, so that the cell that the agent has left, which it
-    sees from the next one, is remembered without the agent. From the bands follow all pixels but
-    those of the agent's cell, which are the picture's own.
+    walls between them. The colour of each cell and each open passage is read from the pixel that it
+    covers most. Black in a picture is a wall or hidden, and changes nothing in memory. Everything
+    else is kept as it was seen last: the agent sees the cell that it has left from the next one, so
+    that this cell is remembered without the agent. All pixels follow from the bands, except those
+    of the agent's cell, which are copied from the picture.
     """
 
     def __init__(
@@ -46,8 +46,6 @@ class PictureMemory:
         height: int,
         width: int,
         image_size: int = DEFAULT_IMAGE_SIZE,
-        *,
-        optimistic: bool = True,
     ) -> None:
         """Begin with no episode.
 
@@ -55,12 +53,10 @@ class PictureMemory:
             height: The number of rows of the labyrinths.
             width: The number of columns.
             image_size: Pixels on each side of the pictures.
-            optimistic: Whether what has not been seen is shown as floor, or else black.
 
         Raises:
             ValueError: The labyrinths have walls that are thinner than a pixel.
         """
-        self.optimistic = optimistic
         self._bands = bands = bands_of(height, width, None, image_size)
         down, across = bands.rows.bands[bands.row], bands.columns.bands
         if _is_coarse(down) or _is_coarse(across):
@@ -76,11 +72,11 @@ class PictureMemory:
         self.reset(0)
 
     def reset(self, count: int) -> None:
-        """Begin so many episodes, of which nothing has been seen."""
+        """Begin `count` episodes, in which nothing has been seen."""
         self.seen = np.zeros((count, len(self._rows), len(self._columns), 3), np.uint8)
         """The colours of the bands that were seen, (B, 2 height + 3, 2 width + 3, 3), from the top;
-        black where nothing was, and walls."""
-        for edge in (0, -1):  # The margins, where there are any, are always shown.
+        black where nothing was seen, and for walls."""
+        for edge in (0, -1):  # A margin around the labyrinth is always shown.
             self.seen[:, edge] = self.seen[:, :, edge] = DEFAULT_STYLE.floor
 
     def add(self, pictures: Pictures) -> Pictures:
@@ -98,7 +94,7 @@ class PictureMemory:
         np.copyto(self.seen[:, CELLS, CELLS], cells, where=shown)
         for place in ((slice(None), WALLS, CELLS), (slice(None), CELLS, WALLS)):
             self.seen[place][read[place].max(axis=3) > HALF] = DEFAULT_STYLE.floor
-        drawn = self._draw(_with_floor(self.seen) if self.optimistic else self.seen)
+        drawn = self._draw(_with_floor(self.seen))
         rows, columns = self._agents(pictures, cells)
         mine = self._in_cells[0][rows][:, :, None] & self._in_cells[1][columns][:, None]
         drawn[mine] = pictures[mine]
@@ -131,7 +127,7 @@ class Remembering:
         self.policy, self.memory = policy, memory
 
     def reset(self, count: int) -> None:
-        """Begin so many episodes, of which nothing has been seen."""
+        """Begin `count` episodes, in which nothing has been seen."""
         self.memory.reset(count)
         self._answers: dict[bytes, NDArray[Any]] = {}
 
@@ -139,7 +135,7 @@ class Remembering:
         """Return the policy's answers after the next pictures of B episodes, B of them."""
         shown = self.memory.add(pictures)
         keys = [blake2b(each.tobytes(), digest_size=16).digest() for each in shown]
-        # Episodes that are over are shown the same again.
+        # The pictures of episodes that are over come again.
         new = {key: place for place, key in enumerate(keys) if key not in self._answers}
         if new:
             answers = np.asarray(self.policy(shown[list(new.values())]))
@@ -147,15 +143,15 @@ class Remembering:
         return np.stack([self._answers[key] for key in keys])
 
     def remembered(self) -> Pictures:
-        """Return all that is remembered, a row for each episode."""
+        """Return the memory, a row for each episode."""
         return self.memory.seen
 
 
 def _with_floor(seen: Pictures) -> Pictures:
     """Return what was seen, with floor in place of cells and passages that may be open.
 
-    Start and goal show whether they are seen or not. But as every cell has a way out, one that was
-    seen has a passage that is open, and what else is black around it is a wall.
+    Start and goal are shown even if unseen. But every cell has a way out, so
+    a cell that was seen has an open passage, and anything else that is black around it is a wall.
     """
     shown: Pictures = seen.copy()
     cells, down, across = (

@@ -37,7 +37,7 @@ from pipeline.machinery.evaluation_file import EVALUATION, FORMAT, POLICY
 from pipeline.machinery.moving_pictures import write_attempts
 from pipeline.training.memory import memory_of, with_memory
 from pipeline.training.methods.method import find
-from pipeline.training.policy import load_policy
+from pipeline.training.policy import read_policy
 from pipeline.training.record import current_versions, read_record
 from pipeline.training.train import choose_device, loader_of, spec_of
 
@@ -65,7 +65,7 @@ def run(run: Run) -> None:
     about = record["run"]
     method, settings = find(about["method"], about["settings"], about["protocol"])
     make, spec = partial(method.make, settings=settings), spec_of(run)
-    policy = load_policy(folder / POLICY, spec, device, make)
+    policy = read_policy(folder / POLICY, spec, device, make)
     judged = elsewhere(run) if options.evaluate_on else run
     manifest = manifest_of(judged)
     config, fingerprint = manifest.config, manifest.fingerprint

@@ -1,4 +1,4 @@
-"""Files of weights in the safetensors format, which is no code."""
+"""The file of a run's policy: weights in the safetensors format, which holds no code."""
 
 from __future__ import annotations
 
@@ -15,30 +15,11 @@ from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
-from labyrinth_core.policies.networks.acting import BATCH, NetworkPolicy
-from labyrinth_core.policies.networks.network import MOMENTUM, Network
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
 
 INSTEAD = ": choose another run_dir, or give overwrite=true to begin anew"
-
-
-def settle(network: nn.Module, observations: Tensor) -> None:
-    """Set batch normalisation's running statistics from observations; end in evaluation mode.
-
-    For methods that train in evaluation mode, where the statistics of a fresh network would stay
-    at their initial values. The observations are on the network's device.
-    """
-    normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
-    for layer in normalising:
-        layer.reset_running_stats()
-        layer.momentum = None  # The mean over all batches, weighted equally.
-    network.train()
-    with torch.no_grad():
-        for batch in observations.split(BATCH):
-            network(batch)
-    for layer in normalising:
-        layer.momentum = MOMENTUM
-    network.eval()
 
 
 def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str]) -> None:
@@ -54,7 +35,7 @@ def load_tensors(
     """Return the tensors of a file, and what one of its texts, named `text`, says in JSON.
 
     Raises:
-        DatasetError: The file is not there, or cannot be read.
+        DatasetError: The file does not exist, or cannot be read.
     """
     try:
         with safe_open(path, framework="pt", device=str(device)) as file:
@@ -72,7 +53,7 @@ def save_policy(path: Path, tensors: dict[str, Tensor], spec: NetworkSpec) -> No
     save_tensors(path, tensors, {"network": json.dumps(asdict(spec), sort_keys=True)})
 
 
-def load_policy(
+def read_policy(
     path: Path,
     spec: NetworkSpec,
     device: torch.device | str = "cpu",
@@ -87,7 +68,7 @@ def load_policy(
         make: Returns the network, with any weights: `Learner.make` of the method.
 
     Raises:
-        DatasetError: There is no such file, or it holds the policy of another network.
+        DatasetError: The file does not exist, or holds the policy of another network.
     """
     tensors, actual = load_tensors(path, "network", device)
     require_same(f"{path} is a policy", actual, asdict(spec))
@@ -101,10 +82,10 @@ def load_policy(
 
 
 def require_same(
-    thing: str, actual: Mapping[str, Any], wanted: Mapping[str, Any], advice: str = ""
+    thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
 ) -> None:
-    """Raise a DatasetError that says how the description of a thing differs from what is wanted."""
-    found, asked = dict(actual), dict(wanted)
+    """Raise a DatasetError that names each difference from the description that is required."""
+    found, asked = dict(actual), dict(required)
     for options in (found, asked):
         settings = options.pop("settings", {})
         options |= {f"method.{name}": value for name, value in settings.items()}

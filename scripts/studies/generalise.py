@@ -38,7 +38,7 @@ from labyrinth_core.world.rollout import Episode
 from pipeline.config.run import RunConfig, resolve
 from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.methods.method import find
-from pipeline.training.policy import load_policy
+from pipeline.training.policy import read_policy
 from pipeline.training.record import read_record
 from pipeline.training.train import spec_of
 
@@ -141,7 +141,7 @@ def policy_of(
     resolved = resolve(RunConfig(stages=["train"], size=size, **options))
     method, settings = find(str(run["method"]), run["settings"], str(run["protocol"]))  # type: ignore[arg-type]
     spec = spec_of(resolved)
-    policy = load_policy(folder / POLICY, spec, make=partial(method.make, settings=settings))
+    policy = read_policy(folder / POLICY, spec, make=partial(method.make, settings=settings))
     if once and isinstance(policy.network, Averaged):
         policy.network.symmetries = (0,)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -49,22 +49,32 @@ def problem_of(small_dataset: Run) -> Callable[..., Problem]:
     return make
 
 
+def equal_weights(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -> bool:
+    """Return whether two networks have the same weights."""
+    return all(torch.equal(each, right[name]) for name, each in left.items())
+
+
 @pytest.fixture
 def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]], None]:
     """A function that fails unless weights follow from the seed, and from a checkpoint."""
 
+    path = tmp_path / "checkpoint"
+
+    def after_two_epochs(learner: Learner) -> dict[str, torch.Tensor]:
+        learner.epoch()
+        if not path.exists():
+            checkpoint.save(path, learner, Progress(), {})
+        learner.epoch()
+        return learner.policy.state_dict()
+
     def require(learner_of: Callable[[int], Learner]) -> None:
-        whole, again, other = map(learner_of, (0, 0, 1))
-        for learner in (whole, again, other):
-            learner.epoch()
-        checkpoint.save(tmp_path / "checkpoint", again, Progress(), {})
+        whole, again, other = (after_two_epochs(learner_of(seed)) for seed in (0, 0, 1))
         resumed = learner_of(5)
-        checkpoint.load(tmp_path / "checkpoint", resumed, {})
-        whole.epoch()
+        checkpoint.load(path, resumed, {})
         resumed.epoch()
-        weights = [learner.policy.state_dict() for learner in (whole, resumed, other)]
-        assert all(torch.equal(each, weights[1][name]) for name, each in weights[0].items())
-        assert not all(torch.equal(each, weights[2][name]) for name, each in weights[0].items())
+        assert equal_weights(whole, again)
+        assert equal_weights(whole, resumed.policy.state_dict())
+        assert not equal_weights(whole, other)
 
     return require
 

@@ -57,7 +57,7 @@ TOGETHER = 16
 
 
 class Roles(NamedTuple):
-    """What is thought of the K slots of N pictures; -inf stands for a slot that is not there."""
+    """What the K slots of N pictures are taken for; -inf for a slot that is not in the picture."""
 
     moves: Tensor
     """The logit that a slot is what moves, shape (N, K)."""
@@ -183,23 +183,23 @@ def _quickest(steps: Tensor, end: int) -> Tensor:
 class MapperPolicy:
     """The policy of a mapper, which remembers its plan and the colour of what it has to move.
 
-    It plans in the first picture of an episode, and looks in all others where it is.
+    It plans in the first picture of an episode; in all others it only finds its own cell.
     """
 
     def __init__(self, network: Mapper, height: int, width: int, *, remember: bool = True) -> None:
-        """Take a network.
+        """Begin with no episode.
 
         Args:
-            network: What is learnt, on any size.
+            network: The network, trained on labyrinths of any size.
             height: The number of rows of the labyrinths in the pictures.
             width: The number of columns.
-            remember: Whether anything is remembered; if not, each picture is a first one.
+            remember: Whether it remembers; if not, it plans anew in each picture.
         """
         self.network, self.size, self.remember = network, (height, width), remember
         self.reset(0)
 
     def reset(self, count: int) -> None:
-        """Begin so many episodes."""
+        """Begin `count` episodes."""
         self._colours = np.zeros(0, np.uint32)
         self._plans = np.zeros((0, count), np.int64)
 

@@ -1,4 +1,6 @@
-"""Pictures as anonymous slots: where each colour is, and nothing of which colour it is.
+"""Pictures as anonymous slots: where each colour is, but not which colour it is.
+
+This is what the network of `method=mapper` is shown, cell by cell.
 
 A slot is the set of pixels of one colour. Slots are numbered by where they first appear, from the
 top left, so that a picture in any other palette of as many colours has the same slots, to the bit.
@@ -82,7 +84,7 @@ def scene_of(slots: Slots, height: int, width: int) -> Scene:
 
 
 def coarsened(scene: Scene, side: int) -> Scene:
-    """Return which slots each square of so many blocks on a side shows."""
+    """Return which slots each square of `side` blocks on a side shows."""
     rows, columns = (np.arange(0, length, side) for length in scene.shape)
     found: Scene = np.bitwise_or.reduceat(np.bitwise_or.reduceat(scene, rows, 0), columns, 1)
     return found
@@ -91,7 +93,7 @@ def coarsened(scene: Scene, side: int) -> Scene:
 def cell_of_colour(slots: Slots, colour: int, height: int, width: int) -> int:
     """Return the cell in the middle of a colour, counted from the top left, row by row.
 
-    A colour that is not there counts as in the middle of the picture.
+    A colour that is not in the picture counts as in its middle.
 
     Args:
         slots: The slots of a picture.

@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
+from labyrinth_core.policies.networks.acting import BATCH
+from labyrinth_core.policies.networks.network import MOMENTUM
 
 
 class Steps(NamedTuple):
@@ -91,6 +93,25 @@ def softmax(scores: Tensor) -> NDArray[np.float64]:
     """Return probabilities, shape (S, 4), in double precision so that they add up to 1."""
     table: NDArray[np.float64] = torch.softmax(scores.double(), 1).cpu().numpy()
     return table
+
+
+def settle(network: nn.Module, observations: Tensor) -> None:
+    """Set batch normalisation's running statistics from observations; end in evaluation mode.
+
+    For methods that train in evaluation mode, where the statistics of a fresh network would stay
+    at their initial values. The observations are on the network's device.
+    """
+    normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
+    for layer in normalising:
+        layer.reset_running_stats()
+        layer.momentum = None  # The mean over all batches, weighted equally.
+    network.train()
+    with torch.no_grad():
+        for batch in observations.split(BATCH):
+            network(batch)
+    for layer in normalising:
+        layer.momentum = MOMENTUM
+    network.eval()
 
 
 def draw(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:

@@ -36,9 +36,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.network import ACTIONS, WIDTH, Discriminator, Network
-from pipeline.training.methods.acting import Rollout, roll_out, softmax
+from pipeline.training.methods.acting import Rollout, roll_out, settle, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
-from pipeline.training.policy import settle
 
 VALUE_WEIGHT = 0.5
 """The weight of the critic's loss."""

@@ -2,14 +2,14 @@
 
 Relabelling takes any two states of an episode as start and goal: a part of a shortest route is a
 shortest route, so it demonstrates the way between its ends (hindsight: Kaelbling 1993; Andrychowicz
-et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. With a door
-it is not: there nothing is reversed, and a part is taken only if it is a complete episode of the
-labyrinth with the new start and goal, from before the key to behind the door; an episode without
-such a part, like most pieces of a route, is taken as it is. The picture with the new start and goal
-is drawn from `info`, which adds nothing that the demonstration's own pictures do not show.
+et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. In
+labyrinths with a door nothing is reversed, and a part is taken only if it is a complete episode of
+the labyrinth with the new start and goal, from before the key to behind the door. An episode
+without such a part, like most pieces of a route, is taken as it is. The picture with the new start
+and goal is drawn from `info`, which adds nothing to what the demonstration's own pictures show.
 
-With memory, under partial observability, a picture is what a policy that remembers is shown
-(`labyrinth_core.policies.remembering`) after it has walked the part up to there.
+With memory, under partial observability, a picture shows what a policy that remembers is shown
+(`labyrinth_core.policies.remembering`) after it has walked the part up to that state.
 """
 
 from __future__ import annotations
@@ -35,15 +35,16 @@ class ExampleSampler:
     """Draws examples from the demonstrated episodes."""
 
     def __init__(self, arrays: LabyrinthArrays, memory: PictureMemory | None = None) -> None:
-        """Replay the episodes; with a memory, it makes the pictures."""
+        """Replay the episodes of `arrays`; a memory makes the pictures, if one is given."""
         self._spec, self._memory = arrays.spec, memory
         places = list(arrays.places)
-        self._episodes = []
+        self.episodes: list[Episode] = []
         for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
             labyrinth, (_, state) = arrays.labyrinths[arrays.labyrinth[start]], places[start]
             begun = replace(labyrinth, agent=state_at(labyrinth, state))
-            self._episodes.append(replay(begun, route.tolist()))
-        self._parts = [_parts(episode) for episode in self._episodes]
+            self.episodes.append(replay(begun, route.tolist()))
+        self.parts = [_parts(episode) for episode in self.episodes]
+        """Of each episode, the pairs of indices of states that can be start and goal."""
 
     def draw(
         self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool
@@ -63,32 +64,34 @@ class ExampleSampler:
                 with memory those where it has been. Labels are the actions taken with the key if
                 the agent has it, else those without it.
         """
-        drawn = [self._example(rng, relabel, whole) for _ in range(count)]
+        drawn = [self.example(rng, relabel, whole) for _ in range(count)]
         views, seen_from, labels = zip(*drawn, strict=True)
-        return self._look(views, seen_from), np.stack(labels)
+        return self.look(views, seen_from), np.stack(labels)
 
     def look_at_all(self) -> NDArray[np.uint8]:
         """Return the picture of each state in which an episode acts, episode by episode."""
         views, seen_from = [], []
-        for episode in self._episodes:
+        for episode in self.episodes:
             for index, state in enumerate(episode.states[:-1]):
                 views.append((episode.labyrinth, state))
                 seen_from.append(_agents(episode, range(index + 1)))
-        return self._look(views, seen_from)
+        return self.look(views, seen_from)
 
-    def _look(
+    def look(
         self, views: Sequence[tuple[Labyrinth, State]], seen_from: Sequence[frozenset[int]]
     ) -> NDArray[np.uint8]:
+        """Return pictures of states; with memory, as seen from some cells, of each a set."""
         if self._memory is None:
             return self._spec.look(views)
         self._memory.reset(len(views))
         return self._memory.add(self._spec.look(views, seen_from))
 
-    def _example(
+    def example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
     ) -> tuple[tuple[Labyrinth, State], frozenset[int], NDArray[np.int64]]:
-        number = rng.integers(len(self._episodes))
-        episode, parts = self._episodes[number], self._parts[number]
+        """Return a drawn example: a state, the agent's cells until then, and the label."""
+        number = rng.integers(len(self.episodes))
+        episode, parts = self.episodes[number], self.parts[number]
         first, last, labyrinth = 0, len(episode), episode.labyrinth
         if relabel and parts:
             first, last = parts[rng.integers(len(parts))]
@@ -116,7 +119,7 @@ class ExampleSampler:
 def require_shortest(arrays: LabyrinthArrays) -> None:
     """Raise a ConfigError if the dataset's routes are not all shortest ones.
 
-    A part of a longer route may be no shortest way between its ends.
+    A part of a longer route need not be a shortest way between its ends.
     """
     longer = int(arrays.demonstrated[~arrays.optimal].sum())
     check(

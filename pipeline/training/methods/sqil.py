@@ -33,9 +33,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.network import ACTIONS
-from pipeline.training.methods.acting import roll_out, softmax
+from pipeline.training.methods.acting import roll_out, settle, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
-from pipeline.training.policy import settle
 
 
 @dataclass(frozen=True)

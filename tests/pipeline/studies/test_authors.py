@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from learning import equal_weights
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import moves_of, simple_routes
@@ -20,8 +21,7 @@ from pipeline.config.run import Run
 from pipeline.config.training import CONF, PROTOCOLS
 from pipeline.studies.methods.authors import bco, iupe, sqil, trial
 from pipeline.studies.methods.authors.learner import AuthorsLearner
-from pipeline.training import checkpoint, evaluate, train
-from pipeline.training.checkpoint import Progress
+from pipeline.training import evaluate, train
 from pipeline.training.loop import fit
 from pipeline.training.methods.method import Learner, Problem, find
 from pipeline.training.record import CHECKPOINT, RECORD
@@ -39,14 +39,6 @@ def learner_of(name: str, problem: Problem, **values: Any) -> Any:
     small |= {"buffer": 200} if name == "sqil" else {}
     method, settings = find(name, small | values, "authors")
     return method(problem, settings)
-
-
-def weights(learner: Learner) -> list[torch.Tensor]:
-    return [each.detach().clone() for each in learner.policy.parameters()]
-
-
-def equal(left: list[torch.Tensor], right: list[torch.Tensor]) -> bool:
-    return all(torch.equal(*pair) for pair in zip(left, right, strict=True))
 
 
 # All six.
@@ -77,25 +69,16 @@ def test_the_loss_falls(name: str, problem_of: Problems) -> None:
 def test_a_batch_of_one_row_and_the_cnn_will_do(name: str, problem_of: Problems) -> None:
     learner = learner_of(name, problem_of(encoder="cnn"), batch_size=1)
     learner.experience = problem_of().exploration().states[:3, None] * [1, 0, 1]
-    before = weights(learner)
+    before = {name: each.clone() for name, each in learner.policy.named_parameters()}
     assert np.isfinite(learner.epoch()["loss"])
-    assert not equal(before, weights(learner))
+    assert not equal_weights(before, learner.policy.state_dict())
 
 
 @ALL
-def test_going_on_from_a_checkpoint_changes_nothing(
-    name: str, problem_of: Problems, tmp_path: Path
+def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
+    name: str, problem_of: Problems, require_reproducible: Callable[..., None]
 ) -> None:
-    whole = learner_of(name, problem_of())
-    whole.epoch()
-    checkpoint.save(tmp_path / "checkpoint", whole, Progress(), {})
-    resumed = learner_of(name, problem_of(5))
-    checkpoint.load(tmp_path / "checkpoint", resumed, {})
-    state = torch.get_rng_state()
-    whole.epoch()
-    torch.set_rng_state(state)
-    resumed.epoch()
-    assert equal(weights(whole), weights(resumed))
+    require_reproducible(lambda seed: learner_of(name, problem_of(seed)))
 
 
 @ALL
@@ -365,7 +348,7 @@ def test_the_target_network_is_copied_after_steps_1_2_and_4_alone(problem_of: Pr
     copied = []
     for step in range(12):
         learner.update()
-        if equal(weights(learner), [each.clone() for each in learner.target.parameters()]):
+        if equal_weights(dict(learner.policy.named_parameters()), learner.target.state_dict()):
             copied.append(step)
     assert copied == [1, 2, 4]
 

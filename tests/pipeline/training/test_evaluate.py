@@ -24,7 +24,7 @@ from pipeline.training import evaluate as stage
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.methods.method import find
-from pipeline.training.policy import load_policy
+from pipeline.training.policy import read_policy
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +56,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     assert set(content["splits"]["train"]["known_route"]) == {"1"}
     assert content["baselines"]["train"]["route_memory"]["spl"] == 1
     check_evaluation(content)
-    policy = load_policy(folder / "policy.safetensors", train.spec_of(trained))
+    policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == success_rate(policy, arrays)
@@ -120,7 +120,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     stage.run(trained)
     folder = trained.training_folder
     before = (folder / "evaluation.json").read_bytes()
-    policy = load_policy(folder / "policy.safetensors", train.spec_of(trained))
+    policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4"), (datasets, "3x4-icy_floor")):
         options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}

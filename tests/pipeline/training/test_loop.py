@@ -66,6 +66,22 @@ def test_a_learning_rate_that_breaks_the_weights_leaves_no_finished_run(
     assert {path.name for path in run.training_folder.iterdir()} <= {CHECKPOINT}
 
 
+def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better_one(
+    problem_of: Callable[..., Problem], tmp_path: Path
+) -> None:
+    learner = bc.Method(problem_of(), settings_of("bc", epochs=100))
+    learner.__class__ = type("Idle", (bc.Method,), {"epoch": lambda _: {"loss": 0.5}})
+    rates = iter([0.1, *[0.3] * 10])
+
+    def judge(_: Any) -> dict[str, float]:
+        return {"validation_sr": next(rates)}
+
+    done = fit(learner, judge, PROTOCOLS["paper"], tmp_path / CHECKPOINT, {}, lambda _: None)
+    assert done.epoch == 70
+    assert done.best is not None
+    assert done.best["epoch"] == 70
+
+
 # Precision.
 
 

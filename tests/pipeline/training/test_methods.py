@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from learning import equal_weights
 from torch import nn
 
 from labyrinth_core.evaluation.following import success_rate
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import abilities_of
-from pipeline.training import checkpoint
-from pipeline.training.checkpoint import Progress
+from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.method import Learner, Problem, find
 
 pytestmark = pytest.mark.slow
@@ -52,16 +52,6 @@ def hasty(name: str, problem: Problem) -> Learner:
     return method(problem, chosen)
 
 
-def weights_after(learner: Learner, epochs: int) -> dict[str, torch.Tensor]:
-    for _ in range(epochs):
-        learner.epoch()
-    return {name: each.clone() for name, each in learner.policy.state_dict().items()}
-
-
-def equal(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -> bool:
-    return all(torch.equal(each, right[name]) for name, each in left.items())
-
-
 def test_each_method_is_tried_here_and_has_a_file_of_its_settings() -> None:
     files = {path.stem for path in CONF.glob("*.yaml")}
     assert files == {*TOYS, "mapper", "planner", "vin", "walls"}  # These have tests of their own.
@@ -87,23 +77,10 @@ def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Probl
 
 
 @ALL
-def test_the_same_seed_gives_the_same_weights(name: str, problem_of: Problems) -> None:
-    first, again, other = (weights_after(hasty(name, problem_of(seed)), 2) for seed in (0, 0, 1))
-    assert equal(first, again)
-    assert not equal(first, other)
-
-
-@ALL
-def test_going_on_from_a_checkpoint_changes_nothing(
-    name: str, problem_of: Problems, tmp_path: Path
+def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
+    name: str, problem_of: Problems, require_reproducible: Callable[..., None]
 ) -> None:
-    whole = hasty(name, problem_of())
-    weights_after(whole, 3)
-    checkpoint.save(tmp_path / "checkpoint", whole, Progress(), {})
-    expected = weights_after(whole, 2)
-    resumed = hasty(name, problem_of(5))
-    checkpoint.load(tmp_path / "checkpoint", resumed, {})
-    assert equal(expected, weights_after(resumed, 2))
+    require_reproducible(lambda seed: hasty(name, problem_of(seed)))
 
 
 @ALL
@@ -147,10 +124,13 @@ def test_nothing_is_learnt_in_a_state_that_ends_an_episode(
 
 @pytest.mark.parametrize("name", ["bco", "iupe"])
 def test_learning_from_observation_never_sees_the_actions(name: str, problem_of: Problems) -> None:
-    problem = problem_of()
-    nonsense = problem.demonstrations._replace(
-        actions=np.full_like(problem.demonstrations.actions, -9)
-    )
-    expected = weights_after(hasty(name, problem), 3)
-    hidden = problem_of(demonstrations=nonsense)
-    assert equal(expected, weights_after(hasty(name, hidden), 3))
+    shown = problem_of().demonstrations
+    nonsense = shown._replace(actions=np.full_like(shown.actions, -9))
+
+    def learnt_from(demonstrations: Steps) -> dict[str, torch.Tensor]:
+        learner = hasty(name, problem_of(demonstrations=demonstrations))
+        for _ in range(3):
+            learner.epoch()
+        return learner.policy.state_dict()
+
+    assert equal_weights(learnt_from(shown), learnt_from(nonsense))

@@ -30,7 +30,7 @@ from pipeline.config.run import Run
 from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
-from pipeline.training.policy import load_policy
+from pipeline.training.policy import read_policy
 from pipeline.training.record import read_record
 
 pytestmark = pytest.mark.slow
@@ -180,7 +180,7 @@ def released() -> NetworkPolicy:
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 1, 5, 5, "navigation")
-    return load_policy(
+    return read_policy(
         RELEASED / POLICY, spec, make=partial(planner.Method.make, settings=settings)
     )
 

@@ -13,7 +13,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.policies.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.training.policy import load_policy, save_policy
+from pipeline.training.policy import read_policy, save_policy
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +52,7 @@ def test_a_policy_survives_the_way_to_the_file_and_back(
 ) -> None:
     network = Network(SPEC)
     save_policy(tmp_path / "policy", network.state_dict(), SPEC)
-    loaded = load_policy(tmp_path / "policy", SPEC)
+    loaded = read_policy(tmp_path / "policy", SPEC)
     assert np.array_equal(loaded(pictures[:4]), NetworkPolicy(network)(pictures[:4]))
     assert [path.name for path in tmp_path.iterdir()] == ["policy"]
 
@@ -70,7 +70,7 @@ def test_the_policy_of_another_network_is_refused_in_one_line(
 ) -> None:
     save_policy(tmp_path / "policy", Network(SPEC).state_dict(), SPEC)
     with pytest.raises(DatasetError, match="is a policy with") as caught:
-        load_policy(tmp_path / "policy", spec)
+        read_policy(tmp_path / "policy", spec)
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -81,6 +81,6 @@ def test_what_is_no_policy_is_refused_in_one_line(tmp_path: Path) -> None:
     save_policy(tmp_path / "weights", {"a": torch.zeros(1)}, SPEC)
     for name in ("text", "tensors", "weights", "missing"):
         with pytest.raises(DatasetError) as caught:
-            load_policy(tmp_path / name, SPEC)
+            read_policy(tmp_path / name, SPEC)
         assert name in str(caught.value)
         assert "\n" not in str(caught.value)

@@ -38,7 +38,7 @@ def sampler_of(datasets: Path, task: str) -> ExampleSampler:
 def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> None:
     sampler = sampler_of(datasets, task)
     reversed_parts = 0
-    for episode, parts in zip(sampler._episodes, sampler._parts, strict=True):
+    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
         assert (0, len(episode)) in parts
         for first, last in parts:
             step = 1 if first < last else -1
@@ -57,7 +57,7 @@ def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> No
 
 def test_a_part_of_a_shortest_route_is_one(problem_of: Callable[..., Problem]) -> None:
     sampler = problem_of().examples
-    for episode, parts in zip(sampler._episodes, sampler._parts, strict=True):
+    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
         for first, last in parts:
             ends = (episode.states[first].agent, episode.states[last].agent)
             labyrinth = Labyrinth(episode.labyrinth.structure, *ends)
@@ -122,14 +122,14 @@ def test_examples_are_of_one_piece_each_and_learnt_from_as_they_are_where_none_i
     run = build(tmp_path, size="4", task=task, labyrinths=4, demonstrations=shown)
     arrays = load_arrays(tmp_path, run.dataset.name, "train")
     sampler = ExampleSampler(arrays)
-    assert any(each.states[0] != initial(each.labyrinth.from_start()) for each in sampler._episodes)
+    assert any(each.states[0] != initial(each.labyrinth.from_start()) for each in sampler.episodes)
     steps = load_steps(tmp_path, run.dataset.name, "train", arrays)
-    assert len(steps.states) == sum(map(len, sampler._episodes))
-    lasts = np.cumsum([len(episode) for episode in sampler._episodes]) - 1
-    ended = [episode.terminated for episode in sampler._episodes]
+    assert len(steps.states) == sum(map(len, sampler.episodes))
+    lasts = np.cumsum([len(episode) for episode in sampler.episodes]) - 1
+    ended = [episode.terminated for episode in sampler.episodes]
     assert arrays.done[steps.states, steps.actions][lasts].tolist() == ended
     assert False in ended
-    for episode, parts in zip(sampler._episodes, sampler._parts, strict=True):
+    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
         assert len(episode) <= 2
         for first, last in parts:
             assert episode.states[first].agent != episode.states[last].agent
@@ -156,12 +156,12 @@ def test_with_memory_an_example_shows_and_labels_what_a_policy_would_have_seen(
     sampler, rng = ExampleSampler(arrays, PictureMemory(3, 4)), np.random.default_rng(0)
     longest = 0
     for _ in range(40):
-        (labyrinth, state), seen_from, labels = sampler._example(rng, True, True)
+        (labyrinth, state), seen_from, labels = sampler.example(rng, True, True)
         actions, states = labels[::-1].ravel(), [initial(labyrinth)]
         while states[-1] != state:
             states.append(transition(labyrinth, states[-1], actions[states[-1].agent]))
         assert set(np.flatnonzero(actions != NO_LABEL)) == {each.agent for each in states}
-        (picture,) = sampler._look([(labyrinth, state)], [seen_from])
+        (picture,) = sampler.look([(labyrinth, state)], [seen_from])
         np.testing.assert_array_equal(picture, remembered(arrays.spec, labyrinth, states))
         longest = max(longest, len(states))
     assert longest > 4
@@ -173,7 +173,7 @@ def test_with_memory_the_pictures_of_demonstrations_are_those_of_their_steps(
     arrays = load_arrays(datasets, "3x4-partial_observability", "train")
     sampler = ExampleSampler(arrays, PictureMemory(3, 4))
     pictures = iter(sampler.look_at_all())
-    for episode in sampler._episodes:
+    for episode in sampler.episodes:
         for step in range(len(episode)):
             shown = remembered(arrays.spec, episode.labyrinth, list(episode.states[: step + 1]))
             np.testing.assert_array_equal(next(pictures), shown)
