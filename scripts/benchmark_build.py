@@ -51,7 +51,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.tasks import change_start_and_goal
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
-from pipeline.generation.randomness import item_rng
+from pipeline.generation.identity import item_rng
 from pipeline.generation.render import Picture, Pictures, render
 from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
@@ -173,7 +173,6 @@ def take_turn(config: DatasetConfig, places: str, way: Way) -> Turn:
             write(
                 file,
                 split,
-                len(structures[split]),
                 make_episodes(config, split, places, structures[split], clock),
             )
             for split, file in files.items()

@@ -98,10 +98,10 @@ def tables(episodes: list[list[Row]], row_group: int) -> Iterator[Any]:
     for rows in episodes:
         group += rows
         if len(group) >= row_group:
-            yield writing.table_of(group)
+            yield writing.rows_table(group)
             group = []
     if group:
-        yield writing.table_of(group)
+        yield writing.rows_table(group)
 
 
 def main() -> None:

@@ -135,9 +135,9 @@ def perform(run: Run) -> None:
         log = os.open(log_of(run), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
         os.dup2(log, 2)
-        build.CELLS_PER_SHARD = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
+        cells = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
         with cluster(run.options.executor, run.options.workers):
-            build.run(run)
+            build.run(run, cells_per_shard=cells)
         status = 0
     except BaseException:
         traceback.print_exc()

@@ -65,9 +65,11 @@ def make_run() -> Callable[..., Run]:
 def build() -> Callable[..., Run]:
     """A function that builds a dataset, by default 3x3 with 8 labyrinths a split."""
 
-    def build_dataset(data_dir: Path, **options: Any) -> Run:
+    def build_dataset(
+        data_dir: Path, *, cells_per_shard: int = generation.CELLS_PER_SHARD, **options: Any
+    ) -> Run:
         run = run_of(data_dir, **options)
-        generation.run(run)
+        generation.run(run, cells_per_shard=cells_per_shard)
         return run
 
     return build_dataset

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, get_type_hints
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, asdict, dataclass, field, fields
+from typing import Any, get_args, get_type_hints
 
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.pictures.png import PICTURE_SIZE
@@ -21,9 +21,34 @@ GOALS = ("fixed", "varied")
 """Where start and goal of train, validation and test may lie: in the corners, or drawn for each."""
 
 
+def _option(
+    holds: Callable[[Any], bool], allowed: str, *, name: str = "", default: Any = MISSING
+) -> Any:
+    """Return the field that declares an option.
+
+    Args:
+        holds: Returns whether a value is allowed.
+        allowed: What to give, for the message that refuses another value.
+        name: The name on the command line, where that is not the field's.
+        default: What datasets of earlier versions have, which lack the option.
+    """
+    metadata = {"holds": holds, "allowed": allowed, "name": name}
+    return field(default=default, metadata=metadata)
+
+
+def _count() -> Any:
+    return _option(lambda number: number >= 1, "give 1 or more")
+
+
+def _one_of(*words: str, default: Any = MISSING) -> Any:
+    return _option(words.__contains__, f"choose one of [{', '.join(words)}]", default=default)
+
+
 @dataclass(frozen=True)
 class DatasetConfig:
     """The options that determine the rows of a dataset, and no others.
+
+    Options with a default are newer than the first datasets, whose manifests lack them.
 
     Raises:
         ValueError: A value is impossible; the message names the option, the value and what is
@@ -33,24 +58,37 @@ class DatasetConfig:
     height: int
     width: int
     task: Task
-    labyrinths: int
-    solutions: str
-    solutions_limit: int
-    random_steps: int
-    sampler: str
-    open_walls: float
-    buckets: tuple[int, int, int]
+    labyrinths: int = _count()
+    solutions: str = _one_of(*SOLUTIONS)
+    solutions_limit: int = _count()
+    random_steps: int = _count()
+    sampler: str = _one_of(*ALGORITHMS)
+    open_walls: float = _option(lambda p: 0 <= p <= 1, "give a probability from 0 to 1")
+    buckets: tuple[int, int, int] = _option(
+        lambda shares: min(shares) >= 1 and sum(shares) == 100,
+        "give three percentages of 1 or more that add up to 100",
+    )
     """The percentages of all structures that may be in train, validation and test."""
-    seed: int
-    min_walls: int = 1
+    seed: int = _option(lambda seed: 0 <= seed < 2**64, "give 0 or more, below 2**64")
+    min_walls: int = field(default=1, metadata={"name": "splits.min_walls"})
     """The least number of walls in which structures of two splits differ."""
     shifts: tuple[str, ...] = ()
     """The splits besides the six that every dataset has, in the order of `SHIFTS`."""
-    noise: float = 0.0
+    noise: float = _option(
+        lambda p: 0 <= p < 1,
+        "give a probability from 0 to below 1",
+        name="demonstrations.noise",
+        default=0.0,
+    )
     """The probability with which a demonstrator takes a uniformly random action."""
-    pieces: int = 0
+    pieces: int = _option(
+        lambda steps: steps >= 0,
+        "give a number of steps, or 0 for whole routes",
+        name="demonstrations.pieces",
+        default=0,
+    )
     """The number of steps of the pieces that routes are handed out in; 0 for whole routes."""
-    goals: str = "fixed"
+    goals: str = _one_of(*GOALS, default="fixed")
     """Where start and goal of train, validation and test lie, one of `GOALS`."""
 
     def __post_init__(self) -> None:
@@ -61,46 +99,24 @@ class DatasetConfig:
                 f"size={size}: {MAX_PICTURED_SIDE} rows and columns at most fit the datasets' "
                 f"pictures of {PICTURE_SIZE} x {PICTURE_SIZE} pixels"
             )
-        for name in ("labyrinths", "solutions_limit", "random_steps"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name}={getattr(self, name)}: give 1 or more")
-        choices = {"solutions": SOLUTIONS, "sampler": tuple(ALGORITHMS), "goals": GOALS}
-        for name, allowed in choices.items():
-            if (given := getattr(self, name)) not in allowed:
-                raise ValueError(f"{name}={given}: choose one of [{', '.join(allowed)}]")
-        if not 0 <= self.open_walls <= 1:
-            raise ValueError(f"open_walls={self.open_walls}: give a probability from 0 to 1")
-        if not 0 <= self.noise < 1:
-            raise ValueError(
-                f"demonstrations.noise={self.noise}: give a probability from 0 to below 1"
-            )
+        for each in fields(self):
+            if "holds" in each.metadata and not each.metadata["holds"](getattr(self, each.name)):
+                raise ValueError(f"{self._given(each.name)}: {each.metadata['allowed']}")
         if self.noise and self.solutions != "shortest":
             raise ValueError(
-                f"demonstrations.noise={self.noise}: give solutions=shortest, not {self.solutions}"
-            )
-        if self.pieces < 0:
-            raise ValueError(
-                f"demonstrations.pieces={self.pieces}: give a number of steps, or 0 for whole "
-                "routes"
+                f"{self._given('noise')}: give solutions=shortest, not {self.solutions}"
             )
         check_open_walls(self.task, self.open_walls)
-        if min(self.buckets) < 1 or sum(self.buckets) != 100:
-            raise ValueError(
-                f"buckets={list(self.buckets)}: give three percentages of 1 or more that add up "
-                "to 100"
-            )
-        if not 0 <= self.seed < 2**64:
-            raise ValueError(f"seed={self.seed}: give 0 or more, below 2**64")
         passages = 2 * self.height * self.width - self.height - self.width
         if not 1 <= self.min_walls <= passages:
             raise ValueError(
-                f"splits.min_walls={self.min_walls}: give 1 to {passages}, as many as walls there "
-                f"can be at {size}"
+                f"{self._given('min_walls')}: give 1 to {passages}, as many as walls there can be "
+                f"at {size}"
             )
         if self.shifts != tuple(name for name in SHIFTS if name in self.shifts):
             raise ValueError(
-                f"shifts=[{', '.join(self.shifts)}]: choose from [{', '.join(SHIFTS)}], each once "
-                "and in this order"
+                f"{self._given('shifts')}: choose from [{', '.join(SHIFTS)}], each once and in "
+                "this order"
             )
         for name in self.shifts:
             if reason := self.why_no(name):
@@ -108,24 +124,29 @@ class DatasetConfig:
 
     def why_no(self, shift: str) -> str | None:
         """Return why a shift makes no sense with the other options, None if it does."""
-        if shift == self.sampler:
-            return f"train is sampled by {shift} already"
-        if shift == "trees" and self.task is Task.ICY_FLOOR:
-            return "ice only matters where there are loops"
-        if shift == "trees" and not self.open_walls:
-            return "with open_walls=0 train has no loops already"
-        if shift == "open" and self.open_walls == 1:
-            return "with open_walls=1 train has all loops already"
-        kind = SPLITS[shift]
-        if kind.parent == "test" and (kind.new_start or kind.new_goal) and self.goals == "varied":
-            return "with goals=varied each labyrinth of test has a start and a goal of its own"
-        if shift == "one_wall" and self.min_walls > 1:
-            return f"splits.min_walls={self.min_walls} keeps structures farther apart"
-        if shift == "one_wall" and self.noise:
-            return "with demonstrations.noise the demonstrated route is no shortest one"
-        if shift == "thin_walls" and usual_wall_pixels(self.height, self.width) == 1:
-            return "walls are one pixel thick already"
+        for option, refuses, reason in SPLITS[shift].refusals:
+            if refuses(value := getattr(self, option)):
+                return reason.format(value)
         return None
+
+    def _given(self, name: str) -> str:
+        """Return an option as it is given on the command line, such as `splits.min_walls=2`."""
+        value = getattr(self, name)
+        shown = f"[{', '.join(map(str, value))}]" if isinstance(value, tuple) else value
+        return f"{_COMMAND_LINE[name]}={shown}"
+
+    def newer_options(self) -> dict[str, Any]:
+        """Return the options that datasets of earlier versions lack, but for those at defaults.
+
+        Their names are those on the command line, such as `splits.min_walls`.
+        """
+        values = {name: getattr(self, name) for name in _NEWER}
+        return {_COMMAND_LINE[n]: value for n, value in values.items() if value != _NEWER[n]}
+
+    @property
+    def wall_pixels(self) -> int:
+        """The thickness of walls in its pictures."""
+        return usual_wall_pixels(self.height, self.width)
 
     @property
     def splits(self) -> tuple[str, ...]:
@@ -135,6 +156,11 @@ class DatasetConfig:
     def is_in_pieces(self, split: str) -> bool:
         """Return whether the episodes of a split are pieces of routes."""
         return self.pieces > 0 and split != "random"
+
+    def is_cut(self, split: str, routes: int) -> bool:
+        """Return whether `solutions_limit` may have left out routes of a labyrinth with so many."""
+        several = self.solutions != "shortest" and split != "random"
+        return several and routes == self.solutions_limit
 
     @property
     def name(self) -> str:
@@ -147,9 +173,12 @@ class DatasetConfig:
 
         Newer options are left out at their defaults, as in datasets that are older than these.
         """
-        lists = {"buckets": list(self.buckets), "shifts": list(self.shifts)}
-        plain = asdict(self) | {"task": str(self.task)} | lists
-        return {name: plain[name] for name in plain if plain[name] != _NEWER.get(name)}
+        plain = asdict(self) | {"task": str(self.task)}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in plain.items()
+            if value != _NEWER.get(name)
+        }
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> DatasetConfig:
@@ -158,39 +187,32 @@ class DatasetConfig:
         Raises:
             ValueError: A field is missing, unknown, of the wrong type, or impossible.
         """
-        plain = _NEWER | dict(values)
-        shifts = plain.pop("shifts")
-        named = isinstance(shifts, list) and all(isinstance(name, str) for name in shifts)
-        if _types(plain) != _TYPES or not named:
-            fields = [*_TYPES, "shifts"]
-            raise ValueError(f"a dataset's config has the fields {fields}, not {values}")
-        task, tasks = plain.pop("task"), [str(task) for task in Task]
-        if task not in tasks:
-            raise ValueError(f"task={task}: choose one of [{', '.join(tasks)}]")
-        buckets = tuple(plain.pop("buckets"))
-        return cls(task=Task(task), buckets=buckets, shifts=tuple(shifts), **plain)
+        plain: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in (_NEWER | dict(values)).items()
+        }
+        if {*plain} != {*_KINDS} or not all(_is_a(plain[name], _KINDS[name]) for name in plain):
+            raise ValueError(f"a dataset's config has the fields {[*_KINDS]}, not {values}")
+        tasks = [str(task) for task in Task]
+        if plain["task"] not in tasks:
+            raise ValueError(f"task={plain['task']}: choose one of [{', '.join(tasks)}]")
+        return cls(**plain | {"task": Task(plain["task"])})
 
 
-_NEWER: dict[str, Any] = {
-    "min_walls": 1,
-    "shifts": [],
-    "noise": 0.0,
-    "pieces": 0,
-    "goals": "fixed",
-}
+_NEWER = {each.name: each.default for each in fields(DatasetConfig) if each.default is not MISSING}
 """The options that datasets of earlier versions lack, with what they stand for there."""
 
-_IN_JSON = {Task: str, tuple[int, int, int]: [int, int, int]}
-_TYPES = {
-    name: _IN_JSON.get(kind, kind)
-    for name, kind in get_type_hints(DatasetConfig).items()
-    if name != "shifts"
-}
-"""Field of the JSON object -> its type, for a list of fixed length the types of its items."""
+_COMMAND_LINE = {e.name: e.metadata.get("name") or e.name for e in fields(DatasetConfig)}
+"""Field -> its name on the command line."""
+
+_KINDS = get_type_hints(DatasetConfig) | {"task": str}
+"""Field of the JSON object -> its type, with tuples for lists."""
 
 
-def _types(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: [type(item) for item in value] if isinstance(value, list) else type(value)
-        for name, value in values.items()
-    }
+def _is_a(value: object, kind: Any) -> bool:
+    """Return whether a value from JSON, with tuples for lists, is of a type of `_KINDS`."""
+    items = get_args(kind)
+    if not isinstance(value, tuple) or not items:
+        return type(value) is kind
+    expected = items[:1] * len(value) if items[-1] is ... else items
+    return tuple(map(type, value)) == expected

@@ -1,35 +1,81 @@
-"""The splits of a dataset: the six that each has, and the shifts that it may have besides.
+"""The splits of a dataset: the six that every dataset has, and the shifts that it may add.
 
 A shift changes one thing and holds the rest. Most are made labyrinth by labyrinth from another
-split, their parent; those without a parent have structures of their own, which nothing is trained
-on.
+split, their parent. Those without a parent have structures of their own, on which nothing is
+trained; `pipeline.generation.shifts` says how these are selected.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from labyrinth_core.world.labyrinth import Look
-from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world.labyrinth import Look, Task
 
 
-class Split(NamedTuple):
-    """What a split holds."""
+class Refusal(NamedTuple):
+    """An option of a dataset with which a shift makes no sense."""
 
+    option: str
+    """A field or property of `DatasetConfig`."""
+    refuses: Callable[[Any], bool]
+    """Returns whether the shift makes no sense with a value of the option."""
+    reason: str
+
+
+@dataclass(frozen=True)
+class Split:
+    """What a split holds. `new_start` to `look` say in what its labyrinths differ from a parent."""
+
+    number: int
+    """Its part of the key of all randomness: another number would change published bytes."""
     meaning: str
     bucket: str
-    """Where the hash of its structures puts them: train, validation or test."""
+    """The split that the hash of its structures names: train, validation or test."""
     parent: str | None = None
-    """The split whose labyrinths its own are made from, one of each at most, in their order."""
+    """The split whose labyrinths its own are made from, at most one of each, in their order."""
     new_start: bool = False
-    """Whether the start is another than its parent's."""
     new_goal: bool = False
-    """Whether the goal is another than its parent's."""
     new_structure: bool = False
-    """Whether the structure is another than its parent's."""
     look: Look = Look.PLAIN
-    """How its pictures are drawn."""
+    refusals: tuple[Refusal, ...] = ()
+    """The options with which a dataset cannot have this shift."""
 
+    @property
+    def is_redrawn(self) -> bool:
+        """Whether it has the labyrinths and routes of its parent, and only looks different."""
+        return self.look is not Look.PLAIN
+
+
+def _sampled_by(number: int, sampler: str) -> Split:
+    refusal = Refusal("sampler", sampler.__eq__, f"train is sampled by {sampler} already")
+    return Split(number, f"other structures, sampled by {sampler}", "test", refusals=(refusal,))
+
+
+_VARIED_GOALS = Refusal(
+    "goals",
+    lambda goals: goals == "varied",
+    "with goals=varied each labyrinth of test has a start and a goal of its own",
+)
+_FAR_APART = Refusal(
+    "min_walls", lambda walls: walls > 1, "splits.min_walls={} keeps structures farther apart"
+)
+_NOISE = Refusal(
+    "noise",
+    lambda noise: noise > 0,
+    "with demonstrations.noise the demonstrated route is no shortest one",
+)
+_ICE = Refusal(
+    "task", lambda task: task is Task.ICY_FLOOR, "ice only matters where there are loops"
+)
+_NO_LOOPS = Refusal(
+    "open_walls", lambda share: share == 0, "with open_walls=0 train has no loops already"
+)
+_ALL_LOOPS = Refusal(
+    "open_walls", lambda share: share == 1, "with open_walls=1 train has all loops already"
+)
+_THIN = Refusal("wall_pixels", lambda pixels: pixels == 1, "walls are one pixel thick already")
 
 SAMPLED_SPLITS = ("train", "validation", "test")
 """The splits that every dataset samples structures for."""
@@ -38,67 +84,92 @@ BASE_SPLITS = (*SAMPLED_SPLITS, "random", "s0", "s0_and_g")
 """The splits that every dataset has."""
 
 SPLITS = {
-    "train": Split("demonstrations to learn from", "train"),
-    "validation": Split("other structures, to choose a model with", "validation"),
-    "test": Split("other structures again, to judge it on", "test"),
-    "random": Split("a uniformly random policy on the structures of train", "train", "train"),
-    "s0": Split("the structures of train with another start", "train", "train", new_start=True),
+    "train": Split(0, "demonstrations to learn from", "train"),
+    "validation": Split(1, "other structures, to choose a model with", "validation"),
+    "test": Split(2, "other structures again, to judge it on", "test"),
+    "random": Split(3, "a uniformly random policy on the structures of train", "train", "train"),
+    "s0": Split(4, "the structures of train with another start", "train", "train", new_start=True),
     "s0_and_g": Split(
+        5,
         "the structures of train with another start and another goal",
         "train",
         "train",
         new_start=True,
         new_goal=True,
     ),
-    # The names' places in this table are part of the randomness, so new ones come last.
-    "g": Split("the structures of train with another goal", "train", "train", new_goal=True),
-    "test_s0": Split("the structures of test with another start", "test", "test", new_start=True),
-    "test_g": Split("the structures of test with another goal", "test", "test", new_goal=True),
+    "g": Split(6, "the structures of train with another goal", "train", "train", new_goal=True),
+    "test_s0": Split(
+        7,
+        "the structures of test with another start",
+        "test",
+        "test",
+        new_start=True,
+        refusals=(_VARIED_GOALS,),
+    ),
+    "test_g": Split(
+        8,
+        "the structures of test with another goal",
+        "test",
+        "test",
+        new_goal=True,
+        refusals=(_VARIED_GOALS,),
+    ),
     "test_s0_and_g": Split(
+        9,
         "the structures of test with another start and another goal",
         "test",
         "test",
         new_start=True,
         new_goal=True,
+        refusals=(_VARIED_GOALS,),
     ),
     "one_wall": Split(
+        10,
         "labyrinths of train with one wall opened or shut, so that the demonstrated route is "
         "blocked or no longer shortest",
         "test",
         "train",
         new_structure=True,
+        refusals=(_FAR_APART, _NOISE),
     ),
-    "longer": Split("routes longer than the longest of train, on other structures", "test"),
-    "trees": Split("other structures, without loops", "test"),
-    "open": Split("other structures, each with more loops than any of train", "test"),
-    **{sampler: Split(f"other structures, sampled by {sampler}", "test") for sampler in ALGORITHMS},
+    "longer": Split(11, "routes longer than the longest of train, on other structures", "test"),
+    "trees": Split(12, "other structures, without loops", "test", refusals=(_ICE, _NO_LOOPS)),
+    "open": Split(
+        13,
+        "other structures, each with more loops than any of train",
+        "test",
+        refusals=(_ALL_LOOPS,),
+    ),
+    "wilson": _sampled_by(14, "wilson"),
+    "depth_first": _sampled_by(15, "depth_first"),
+    "kruskal": _sampled_by(16, "kruskal"),
+    "prim": _sampled_by(17, "prim"),
     "recoloured": Split(
-        "the labyrinths and routes of test in other colours", "test", "test", look=Look.RECOLOURED
+        18,
+        "the labyrinths and routes of test in other colours",
+        "test",
+        "test",
+        look=Look.RECOLOURED,
     ),
     "thin_walls": Split(
-        "the labyrinths and routes of test with thin walls", "test", "test", look=Look.THIN_WALLS
+        19,
+        "the labyrinths and routes of test with thin walls",
+        "test",
+        "test",
+        look=Look.THIN_WALLS,
+        refusals=(_THIN,),
     ),
     "test_new_routes": Split(
-        "other structures, none with an optimal route that train demonstrates", "test"
+        20, "other structures, none with an optimal route that train demonstrates", "test"
     ),
 }
 """Split -> what it holds."""
 
 SHIFTS = tuple(name for name in SPLITS if name not in BASE_SPLITS)
-"""The splits that a dataset may have besides, in their order."""
-
-
-def parent_split(split: str) -> str | None:
-    """Return the split of the labyrinths that those of a split are made from, None if of none."""
-    return SPLITS[split].parent
+"""The splits that a dataset may add, in the order in which a dataset has them."""
 
 
 def is_of_train(split: str) -> bool:
     """Return whether a split holds the labyrinths of train, or one made from each, in order."""
     kind = SPLITS[split]
     return split == "train" or (kind.parent == "train" and not kind.new_structure)
-
-
-def is_selected(split: str) -> bool:
-    """Return whether a shift has structures of its own, which are selected for it."""
-    return split in SHIFTS and SPLITS[split].parent is None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
@@ -13,7 +13,7 @@ from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
 
 ALL_SHIFTS = "all"
-"""What stands for every shift that the other options allow."""
+"""The word for every shift that the other options allow."""
 
 
 @dataclass(frozen=True)
@@ -93,34 +93,26 @@ class DatasetOptions:
 def dataset_config(options: DatasetOptions) -> DatasetConfig:
     """Return what determines the rows of the dataset.
 
+    An option of `splits` and `demonstrations` is a field of the same name there, as are all others
+    but the size.
+
     Raises:
         ConfigError: A value is impossible.
     """
     check_options(options, DatasetOptions)
     try:
-        height, width = parse_size(options.size)
-        labyrinths, open_walls = options.labyrinths, options.open_walls
-        if labyrinths is None:
-            labyrinths = 32 if (height, width) == (3, 3) else 100
-        if open_walls is None:
-            open_walls = default_open_walls(height, width)
-        config = DatasetConfig(
-            height=height,
-            width=width,
-            task=Task(options.task),
-            labyrinths=labyrinths,
-            solutions=options.solutions,
-            solutions_limit=options.solutions_limit,
-            random_steps=options.random_steps,
-            sampler=options.sampler,
-            open_walls=float(open_walls),
-            buckets=(options.buckets.train, options.buckets.validation, options.buckets.test),
-            seed=options.seed,
-            min_walls=options.splits.min_walls,
-            noise=float(options.demonstrations.noise),
-            pieces=options.demonstrations.pieces,
-            goals=options.goals,
-        )
+        values = {each.name: getattr(options, each.name) for each in fields(DatasetOptions)}
+        height, width = parse_size(values.pop("size"))
+        values |= vars(values.pop("splits")) | vars(values.pop("demonstrations"))
+        values["buckets"] = tuple(vars(options.buckets).values())
+        values["task"] = Task(options.task)
+        if options.labyrinths is None:
+            values["labyrinths"] = 32 if (height, width) == (3, 3) else 100
+        if options.open_walls is None:
+            values["open_walls"] = default_open_walls(height, width)
+        for name in ("open_walls", "noise"):  # Hydra leaves a 1 a whole number.
+            values[name] = float(values[name])
+        config = DatasetConfig(height=height, width=width, **values | {"shifts": ()})
         return replace(config, shifts=_shifts(config, options.shifts))
     except ValueError as error:
         raise ConfigError(str(error)) from error
@@ -130,7 +122,7 @@ def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
     """Return the shifts that are asked for, in their order; `all` stands for those possible.
 
     Raises:
-        ValueError: A name is none of a shift.
+        ValueError: A name is not that of a shift.
     """
     if named == (ALL_SHIFTS,):
         return tuple(name for name in SHIFTS if config.why_no(name) is None)

@@ -136,16 +136,16 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
 
 
 SECTIONS = {
-    "What the dataset is": meanings(DatasetOptions),
-    "Where and how it is made": meanings(PlaceOptions),
-    "What is trained on it, by stages=[train,evaluate]": meanings(TrainingOptions),
-    "How policy=... is evaluated, by stages=[evaluate]": meanings(EvaluationOptions, "evaluation."),
-    "What is analysed, by stages=[analyse] and stages=[environments]": {
+    "Dataset": meanings(DatasetOptions),
+    "Where and how it is built": meanings(PlaceOptions),
+    "Training, by stages=[train,evaluate]": meanings(TrainingOptions),
+    "Evaluation of policy=..., by stages=[evaluate]": meanings(EvaluationOptions, "evaluation."),
+    "Analysis, by stages=[analyse] and stages=[environments]": {
         **meanings(LeakageOptions, "leakage."),
         **meanings(AnalysisOptions, "analysis."),
     },
-    "Where it is published, by stages=[publish]": meanings(PublishOptions, "publish."),
-    "In which format it is exported, by stages=[export]": meanings(ExportOptions, "export."),
+    "Publishing, by stages=[publish]": meanings(PublishOptions, "publish."),
+    "Export, by stages=[export]": meanings(ExportOptions, "export."),
 }
 """What each option means, in the order of `--help`, under its headings."""
 

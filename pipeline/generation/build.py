@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -47,10 +48,10 @@ from pipeline.machinery.locks import held
 from pipeline.machinery.worker import count
 
 CELLS_PER_SHARD = 400_000
-"""The number of cells of all labyrinths in a shard: 16,000 at 5x5, some tens of megabytes."""
+"""The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
 
 CELLS_PER_BATCH = 2_000
-"""The number of cells of the labyrinths that each stage takes at once: 80 labyrinths at 5x5."""
+"""The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5."""
 
 Item = TypeVar("Item")
 
@@ -73,8 +74,12 @@ class ShardJob:
     """The SHA-256 that the file must have, if it is known already."""
 
 
-def run(run: Run) -> None:
+def run(run: Run, *, cells_per_shard: int = CELLS_PER_SHARD) -> None:
     """Build the dataset of a run, or what is damaged or missing of the one that is there already.
+
+    Args:
+        run: The run.
+        cells_per_shard: The cells of all labyrinths in a shard; at least one labyrinth is in it.
 
     Raises:
         ConfigError: There are fewer labyrinths than asked for.
@@ -83,12 +88,13 @@ def run(run: Run) -> None:
         OSError: The folder cannot be written.
     """
     workplace = Workplace.of(run.folder)
+    size = max(1, cells_per_shard // (run.dataset.height * run.dataset.width))
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
         manifest = None if run.options.overwrite else _finished(run)
         if manifest is not None:
             try:
-                _mend(run, workplace, manifest)
+                _mend(run, workplace, manifest, size)
             finally:
                 # Another run, with other options, may have been stopped here.
                 if workplace.is_for(run.dataset) or not workplace.has_begun:
@@ -96,8 +102,8 @@ def run(run: Run) -> None:
         else:
             check_capacity(run.dataset)
             workplace.refuse_others_files()
-            front_matter.read(run.data_dir / "README.md")  # Not somebody else's.
-            manifest = _build(run, workplace)
+            front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
+            manifest = _build(run, workplace, size)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
@@ -129,7 +135,7 @@ def _finished(run: Run) -> Manifest | None:
     return manifest
 
 
-def _mend(run: Run, workplace: Workplace, manifest: Manifest) -> None:
+def _mend(run: Run, workplace: Workplace, manifest: Manifest, size: int) -> None:
     """Make the damaged and the missing shards of a finished dataset anew, and say which."""
     damaged, has_table = workplace.damaged(manifest), workplace.has_table(manifest)
     if not damaged and has_table:
@@ -141,7 +147,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest) -> None:
     workplace.building.mkdir(parents=True, exist_ok=True)
     jobs = (
         replace(job, path=workplace.folder / name, wanted=wanted[name])
-        for job in _jobs(run.dataset, workplace)
+        for job in _jobs(run.dataset, workplace, size)
         if (name := job.path.name) in wanted
     )
     shards = ordered_map(make_shard, jobs, run.options.workers)
@@ -163,12 +169,12 @@ def _not_as_it_was(path: AnyPath) -> str:
     )
 
 
-def _build(run: Run, workplace: Workplace) -> Manifest:
+def _build(run: Run, workplace: Workplace, size: int) -> Manifest:
     try:
         workplace.prepare(run.dataset)
-        jobs = _jobs(run.dataset, workplace)
-        workers = min(run.options.workers, shards_of_split(run.dataset) * len(run.dataset.splits))
-        shards = ordered_map(make_shard, jobs, workers)
+        jobs = _jobs(run.dataset, workplace, size)
+        most = _shards_of_split(run.dataset, size) * len(run.dataset.splits)
+        shards = ordered_map(make_shard, jobs, min(run.options.workers, most))
         done = tracked(
             ((shard.labyrinths, shard) for shard in shards),
             "build",
@@ -224,19 +230,13 @@ def _tabulate(
         return written
 
 
-def shard_size(config: DatasetConfig) -> int:
-    """Return the number of labyrinths of a shard; the last one of a split may have fewer."""
-    return max(1, CELLS_PER_SHARD // (config.height * config.width))
+def _shards_of_split(config: DatasetConfig, size: int) -> int:
+    return -(-config.labyrinths // size)
 
 
-def shards_of_split(config: DatasetConfig) -> int:
-    """Return the number of shards of each split."""
-    return -(-config.labyrinths // shard_size(config))
-
-
-def _jobs(config: DatasetConfig, workplace: Workplace) -> Iterator[ShardJob]:
-    """Yield the jobs that a list of structures is for, as soon as it has been sampled."""
-    size, shards, own = shard_size(config), shards_of_split(config), own_splits(config)
+def _jobs(config: DatasetConfig, workplace: Workplace, size: int) -> Iterator[ShardJob]:
+    """Yield the jobs that a list of `size` structures is for, as soon as it has been sampled."""
+    shards, own = _shards_of_split(config, size), own_splits(config)
     made_of = {
         split: [split, *(child for child in config.splits if SPLITS[child].parent == split)]
         for split in own
@@ -267,8 +267,9 @@ def make_shard(job: ShardJob) -> Shard:
             count(finished.labyrinths)
             return finished
     config, split, cut = job.config, job.split, 0
-    numbers: list[int] = []
     facts = FactsOfShard(split)
+    waiting: deque[tuple[int, Labyrinth | None]] = deque()
+    """The number and the parent of each labyrinth that is being solved."""
 
     def labyrinths() -> Iterator[Labyrinth]:
         for number, structure in enumerate(job.structures, start=job.first):
@@ -278,36 +279,36 @@ def make_shard(job: ShardJob) -> Shard:
                 if split not in SHIFTS:
                     raise
                 continue  # Its parent has no such variant.
-            numbers.append(number)
-            facts.add_parent(parent, of=labyrinth)
+            waiting.append((number, parent))
             yield labyrinth
 
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
         batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        solutions = batched(solve(config, split, batched(labyrinths(), batch)), batch)
-        for place, solution in enumerate(solutions):
+        for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
+            number, parent = waiting.popleft()
             cut += solution.cut
             count(1)
             info = ""
-            for rows in render(split, numbers[place], solution.episodes):
+            for rows in render(split, number, solution.episodes):
                 info = rows[0].info
                 yield rows
-            of, routes = solution.episodes[0].labyrinth, solution.routes
-            facts.add(of, info, solution.shortest, routes, len(solution.episodes))
+            of, pieces = solution.episodes[0].labyrinth, len(solution.episodes)
+            facts.add(of, info, solution.shortest, solution.routes, pieces, parent)
 
     with new_file(job.path, job.sidecar.parent) as path:
-        shard = write(path, split, len(job.structures), episodes())
+        shard = write(path, split, episodes())
         if job.wanted not in (None, shard.sha256):
             raise DatasetError(_not_as_it_was(job.path))
-    if not numbers:
+    found = facts.array()
+    if not len(found):
         parents = f"{len(job.structures)} labyrinths of {SPLITS[split].parent}"
         raise ConfigError(
             f"shifts: there is no {split} of any of {parents}; ask for more labyrinths, or leave "
             f"{split} out"
         )
-    shard = replace(shard, cut=cut, labyrinths=len(numbers))
-    write_bytes(job.facts, facts.array().tobytes())
+    shard = replace(shard, cut=cut, labyrinths=len(found))
+    write_bytes(job.facts, found.tobytes())
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
 

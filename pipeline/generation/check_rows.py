@@ -1,280 +1,251 @@
-"""The check of the rows of one shard: labyrinths, episodes replayed, pictures, routes."""
+"""The check of the rows of one labyrinth: its episodes are replayed, and their pictures drawn."""
 
 from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator, Mapping
-from itertools import chain
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION, Row
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
-from labyrinth_core.data.splits import SPLITS, is_selected
-from labyrinth_core.language.text import (
-    LabyrinthSyntaxError,
-    agent_text,
-    dump,
-    parse,
-    without_agent,
-)
+from labyrinth_core.data.fingerprint import decoded_picture_digest
+from labyrinth_core.language.text import LabyrinthSyntaxError, agent_text, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import moves_and_routes, moves_of
-from pipeline.generation.extremes import memory_problem, shift_problem
-from pipeline.generation.relations import Relations
-from pipeline.generation.render import Picture, Pictures, picture_names
-from pipeline.generation.rules import labyrinth_problems, pieces_problem, route_problem
-from pipeline.generation.tabulate import FactsOfShard
+from pipeline.generation.render import Pictures, picture_names
+from pipeline.generation.rules import Route
 from pipeline.machinery.worker import count
 
-if TYPE_CHECKING:
-    from pipeline.generation.check import CheckJob, ShardReport
+
+class Problem(NamedTuple):
+    """A problem with a field of a row."""
+
+    row: int
+    column: str
+    message: str
 
 
-class ShardCheck:
-    """The check of the rows of a shard, which notes problems in a report."""
+class EpisodeRows(NamedTuple):
+    """The rows from one `episode_starts` to the next."""
 
-    def __init__(self, job: CheckJob, report: ShardReport) -> None:
-        self.job = job
-        self.report, self.problem = report, report.problem
-        self.fingerprint = Fingerprint()
-        self.facts = FactsOfShard(job.shard.split)
-        self.row = 0
-        self.labyrinths = self.episodes = self.longest = self.cut = 0
-        self.in_pieces = job.config.is_in_pieces(job.shard.split)
-        self.routes: list[list[list[int]]] = []
-        """The actions of each piece of each route of the labyrinth; a whole route is one piece."""
-        self.cut_in: State | None = None
-        """The state in which the previous episode of the labyrinth was cut; None if it was not."""
-        self.labyrinth: Labyrinth | None = None
-        self.pictures: Mapping[State, Picture] = {}
-        self.text: str | None = None
-        """The text of the labyrinth, wherever its episodes begin."""
-        self.first_row = 0
-        self.number = job.first - 1
-        """The number of the labyrinth in its split, or of its parent in the parent's."""
-        self.numbers: list[int] = []
-        """Those of all labyrinths, ascending."""
-        self.relations: Relations | None = None
-        if job.parent is not None:
-            self.relations = Relations(job.folder, job.config, job.shard, job.parent, job.first)
+    begin: int
+    """The number of the first row."""
+    rows: list[Row]
+    is_last: bool
+    """Whether the file ends with them."""
 
-    def check(self, rows: Iterator[Row]) -> dict[str, Any]:
-        """Check rows, and return what the manifest should say of them."""
-        episode: list[Row] = []
-        for row in rows:
-            if row.episode_starts and episode:
-                self.check_episode(episode)
-                episode = []
-            episode.append(row)
-        if episode:
-            self.check_episode(episode, last=True)
-        self.finish_labyrinth()
-        if self.relations is not None:
-            self.report.problems += self.relations.problems()
-        return {
-            "rows": self.row,
-            "longest": self.longest,
-            "cut": self.cut,
-            "episodes": self.episodes,
-            "labyrinths": self.labyrinths,
-            "fingerprint": self.fingerprint.hexdigest(),
-        }
+    @property
+    def actions(self) -> list[int]:
+        """The actions of all rows."""
+        return [row.actions for row in self.rows]
 
-    def check_episode(self, rows: list[Row], *, last: bool = False) -> None:
-        """Check the rows from one `episode_starts` to the next."""
-        begin = self.row
-        self.row += len(rows)
+    @property
+    def is_whole(self) -> bool:
+        """Whether the last row has no action, and all others have one."""
+        return self.rows[-1].actions == NO_ACTION and NO_ACTION not in self.actions[:-1]
+
+
+class CheckedLabyrinth(NamedTuple):
+    """What the rows of one labyrinth are."""
+
+    problems: list[Problem]
+    lengths: list[int]
+    """The number of rows of each episode."""
+    labyrinth: Labyrinth | None
+    """None if the text is not a labyrinth of the dataset."""
+    routes: list[Route]
+    """The routes of the episodes that could be replayed."""
+    rows: list[Row]
+    """The rows of these episodes, without pictures, but with the digests of those."""
+
+
+def episodes_of(rows: Iterable[Row]) -> Iterator[EpisodeRows]:
+    """Yield rows from one `episode_starts` to the next."""
+    begin, episode = 0, list[Row]()
+    for number, row in enumerate(rows):
+        if row.episode_starts and episode:
+            yield EpisodeRows(begin, episode, is_last=False)
+            begin, episode = number, []
+        episode.append(row)
+    if episode:
+        yield EpisodeRows(begin, episode, is_last=True)
+
+
+def check_labyrinth(
+    config: DatasetConfig,
+    split: str,
+    number: int,
+    text: str,
+    episodes: Iterable[EpisodeRows],
+    *,
+    same_bytes: bool,
+) -> CheckedLabyrinth:
+    """Return what the rows of a labyrinth are.
+
+    Args:
+        config: The configuration of the dataset.
+        split: The split of the labyrinth.
+        number: The number of the labyrinth, which is part of the names of its pictures.
+        text: Its text, wherever the agent begins.
+        episodes: Its episodes, at least one.
+        same_bytes: Whether pictures must be equal byte for byte.
+    """
+    problems: list[Problem] = []
+    lengths: list[int] = []
+    routes: list[Route] = []
+    checked: list[Row] = []
+    in_pieces = config.is_in_pieces(split)
+    labyrinth, wrong = _parsed(config, text)
+    pictures = None if labyrinth is None else Pictures(labyrinth)
+    end: State | None = None
+    for episode in episodes:
+        begin, rows, _ = episode
+        if wrong and not lengths:
+            problems.append(Problem(begin, "info", wrong))
+        lengths.append(len(rows))
         count(len(rows))
-        self.episodes += 1
-        self.longest = max(self.longest, len(rows) - 1)
-        if not rows[0].episode_starts:
-            self.problem(begin, "episode_starts", "False in the first row of the file")
-        if without_agent(rows[0].info) != self.text:
-            self.begin_labyrinth(rows[0], begin)
-        for number, row in enumerate(rows, start=begin):
-            if row.info != rows[0].info:
-                self.problem(number, "info", "not the labyrinth that the episode began with")
-        if self.labyrinth is None:
-            return
-        ends = [row.actions == NO_ACTION for row in rows]
-        after = begin + ends.index(True) + 1 if True in ends else self.row
-        if after < self.row:
-            self.problem(after, "episode_starts", "False, but the row before ends an episode")
-        elif ends[-1]:
-            self.replay(self.labyrinth, rows, begin)
-        elif last:
-            self.problem(self.row - 1, "actions", "the file ends before the episode does")
-        else:
-            self.problem(self.row, "episode_starts", "True, but the episode before has not ended")
-
-    def replay(self, labyrinth: Labyrinth, rows: list[Row], begin: int) -> None:
-        """Replay the actions, and compare names, pictures and rewards in each state."""
-        state = self.first_state(labyrinth, rows[0].info, begin)
-        split, place = self.job.shard.split, sum(map(len, self.routes))
-        names = picture_names(split, self.number, place, range(len(rows)))
-        for number, (row, name) in enumerate(zip(rows, names, strict=True), start=begin):
-            if row.obs_path != name:
-                self.problem(number, "obs", f"its path is {row.obs_path!r:.99}, not {name}")
-            self.check_picture(labyrinth, state, row, number)
-            if row.actions == NO_ACTION:
-                if row.rewards != 0:
-                    self.problem(number, "rewards", f"{row.rewards} after the last action")
-                break
-            if not 0 <= row.actions < len(Action):
-                self.problem(number, "actions", f"{row.actions} is no action")
-                return
-            if is_terminal(labyrinth, state):
-                self.problem(number, "actions", "the episode had ended before")
-                return
-            after = transition(labyrinth, state, row.actions)
-            meant = self.meant(labyrinth, state, after, rows[number - begin + 1 :][:2])
-            if meant is not None:
-                message = f"{row.actions}, but the next picture shows what {meant} leads to"
-                self.problem(number, "actions", message)
-                after = transition(labyrinth, state, meant)
-            expected = np.float32(reward(labyrinth, after))
-            if np.float32(row.rewards) != expected:
-                self.problem(number, "rewards", f"{row.rewards}, but the step pays {expected}")
-            state = after
-        may_fail = split == "random" or self.job.config.noise > 0 or self.in_pieces
-        if not may_fail and state.agent != labyrinth.goal:
-            self.problem(self.row - 1, "actions", "the episode ends before the goal")
-        if self.cut_in is None or not self.in_pieces:
-            self.routes.append([])
-        self.cut_in = None if is_terminal(labyrinth, state) else state
-        self.routes[-1].append([row.actions for row in rows[:-1]])
-
-    def first_state(self, labyrinth: Labyrinth, info: str, row: int) -> State:
-        """Return the state in which the text of an episode says that it begins, and check it."""
-        expected = initial(labyrinth)
-        if self.cut_in is not None and self.in_pieces:
-            expected = self.cut_in
-        elif self.cut_in is not None:
+        problems += _shape_problems(episode)
+        if labyrinth is None or pictures is None or not episode.is_whole:
+            continue
+        was_cut = end is not None and not is_terminal(labyrinth, end)
+        if was_cut and not in_pieces:
             message = "an episode is cut before the last one of its labyrinth"
-            self.problem(row - 1, "actions", message)
-        try:
-            found = labyrinth if info == self.text else parse(info)
-        except LabyrinthSyntaxError as error:
-            self.problem(row, "info", f"not a labyrinth: {str(error).splitlines()[0]}")
-            return expected
-        state = initial(found)
-        if found is not labyrinth and dump(found) != info:
-            self.problem(row, "info", "not in the canonical form")
-        elif state != expected:
-            begins, should = (agent_text(labyrinth, each) for each in (state, expected))
-            self.problem(row, "info", f"the agent begins in {begins}, not in {should}")
-        return state
-
-    def check_picture(self, labyrinth: Labyrinth, state: State, row: Row, number: int) -> None:
-        """Check a picture, and add the row to the fingerprint."""
-        png, digest = self.pictures[state]
-        if row.obs != png:
-            try:
-                picture = _decode(row.obs)
-            except ValueError as error:
-                self.problem(number, "obs", str(error))
-                return
-            if not np.array_equal(picture, render(labyrinth, state)):
-                self.problem(number, "obs", "not the picture of the state")
-                digest = decoded_picture_digest(picture)
-            elif self.job.same_bytes:
-                self.problem(number, "obs", "the right pixels, but not the encoder's bytes")
-        self.fingerprint.update([row._replace(picture_digest=digest)])
-
-    def meant(
-        self, labyrinth: Labyrinth, state: State, after: State, rows: list[Row]
-    ) -> int | None:
-        """Return the action from `state` to the next picture, if it is not the one to `after`.
-
-        `rows` are the next row, and the one after it if there is one.
-        """
-        row, *later = rows
-        if row.obs == self.pictures[after].png:
-            return None
-        if later and 0 <= row.actions < len(Action):
-            following = transition(labyrinth, after, row.actions)
-            if later[0].obs == self.pictures[following].png:
-                return None  # The action was right: it is this one picture that is not.
-        for action in Action:
-            other = transition(labyrinth, state, action)
-            if other != after and row.obs == self.pictures[other].png:
-                return int(action)
-        return None
-
-    def begin_labyrinth(self, first_row: Row, row: int) -> None:
-        """Finish the previous labyrinth, and check all of the next one but its episodes."""
-        self.finish_labyrinth()
-        info, split = without_agent(first_row.info), self.job.shard.split
-        self.text, self.first_row = info, row
-        self.labyrinth = None
-        self.labyrinths += 1
-        self.number += 1
-        if self.relations is not None:
-            self.number = self.relations.numbered(first_row.obs_path, least=self.number)
-        try:
-            labyrinth = parse(info).from_start()
-        except LabyrinthSyntaxError as error:
-            self.problem(row, "info", f"not a labyrinth: {str(error).splitlines()[0]}")
-            return
-        config = self.job.config
-        size = f"{config.height}x{config.width}"
-        if (labyrinth.size_name, labyrinth.task) != (size, config.task):
-            self.problem(row, "info", f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}")
-            return
-        self.labyrinth, self.pictures = labyrinth, Pictures(labyrinth)
-        for message in labyrinth_problems(config, split, labyrinth):
-            self.problem(row, "info", message)
-        if is_selected(split):
-            moves, loops = moves_of(labyrinth), labyrinth.structure.loops
-            no = shift_problem(split, moves, loops, self.job.extremes)
-            if no is None and split == "test_new_routes":
-                no = memory_problem(labyrinth, moves, self.job.extremes)
-            if no is not None:
-                self.problem(row, "info", no)
-        if self.relations is not None:
-            for column, message in self.relations.of(self.number, labyrinth):
-                self.problem(row, column, message)
-        if dump(labyrinth) != info:
-            self.problem(row, "info", "not in the canonical form")
-        first = self.report.structures.setdefault(labyrinth.structure.structure_id, row)
-        if first != row and not SPLITS[split].new_structure:
-            self.problem(row, "info", f"the structure is also in row {first}")
-
-    def finish_labyrinth(self) -> None:
-        """Check that the labyrinth has the episodes that the configuration asks for."""
-        pieces, self.routes = self.routes, []
-        cut_in, self.cut_in = self.cut_in, None
-        if self.labyrinth is None or not pieces:
-            return
-        routes = [list(chain.from_iterable(route)) for route in pieces]
-        episodes = list(chain.from_iterable(pieces))
-        config, split = self.job.config, self.job.shard.split
-        if config.solutions != "shortest" and split != "random":
-            self.cut += len(routes) == config.solutions_limit
-        if self.text is not None:
-            shortest = moves_and_routes(self.labyrinth)
-            self.facts.add(self.labyrinth, self.text, shortest, routes, len(episodes))
-            self.numbers.append(self.number)
-        if self.relations is not None and not self.relations.allows(self.number, episodes):
-            self.problem(self.first_row, "actions", "the routes are not its parent's")
-        message = route_problem(config, split, self.labyrinth, routes)
-        if self.in_pieces:
-            message = message or pieces_problem(config.pieces, pieces)
-            if cut_in is not None and not config.noise:
-                message = message or "the pieces of a route end before the goal"
-        if message:
-            self.problem(self.first_row, "actions", message)
+            problems.append(Problem(begin - 1, "actions", message))
+        expected = end if was_cut and in_pieces and end is not None else initial(labyrinth)
+        state, astray = _first_state(labyrinth, text, rows[0].info, expected)
+        problems += [Problem(begin, "info", astray)] if astray else []
+        names = picture_names(split, number, sum(map(len, routes)), range(len(rows)))
+        replayed = _replay(labyrinth, pictures, state, episode, names, same_bytes=same_bytes)
+        problems += replayed.problems
+        checked += replayed.rows
+        if replayed.end is None:
+            continue
+        routes += [] if was_cut and in_pieces else [[]]
+        routes[-1].append(episode.actions[:-1])
+        end = replayed.end
+    may_fail = split == "random" or config.noise > 0
+    if labyrinth is not None and end is not None and end.agent != labyrinth.goal and not may_fail:
+        last = begin + len(rows) - 1
+        problems.append(Problem(last, "actions", "the episode ends before the goal"))
+    return CheckedLabyrinth(problems, lengths, labyrinth, routes, checked)
 
 
-def _decode(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def _parsed(config: DatasetConfig, text: str) -> tuple[Labyrinth | None, str | None]:
+    """Return the labyrinth of a text, None if it is none of the dataset, and what is wrong."""
+    try:
+        labyrinth = parse(text).from_start()
+    except LabyrinthSyntaxError as error:
+        return None, f"not a labyrinth: {str(error).splitlines()[0]}"
+    if (labyrinth.size_name, labyrinth.task) != (f"{config.height}x{config.width}", config.task):
+        return None, f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}"
+    return labyrinth, None if dump(labyrinth) == text else "not in the canonical form"
+
+
+def _shape_problems(episode: EpisodeRows) -> Iterator[Problem]:
+    """Yield where `episode_starts`, `info` and the last action do not make one whole episode."""
+    begin, rows, is_last = episode
+    if not rows[0].episode_starts:
+        yield Problem(begin, "episode_starts", "False in the first row of the file")
+    for number, row in enumerate(rows, start=begin):
+        if row.info != rows[0].info:
+            yield Problem(number, "info", "not the labyrinth that the episode began with")
+    if NO_ACTION in episode.actions[:-1]:
+        after = begin + episode.actions.index(NO_ACTION) + 1
+        yield Problem(after, "episode_starts", "False, but the row before ends an episode")
+    elif rows[-1].actions != NO_ACTION and is_last:
+        yield Problem(begin + len(rows) - 1, "actions", "the file ends before the episode does")
+    elif rows[-1].actions != NO_ACTION:
+        message = "True, but the episode before has not ended"
+        yield Problem(begin + len(rows), "episode_starts", message)
+
+
+def _first_state(
+    labyrinth: Labyrinth, text: str, info: str, expected: State
+) -> tuple[State, str | None]:
+    """Return the state in which an episode begins as its `info` says, and what is wrong with it."""
+    try:
+        found = labyrinth if info == text else parse(info)
+    except LabyrinthSyntaxError as error:
+        return expected, f"not a labyrinth: {str(error).splitlines()[0]}"
+    state = initial(found)
+    if found is not labyrinth and dump(found) != info:
+        return state, "not in the canonical form"
+    if state != expected:
+        begins, should = (agent_text(labyrinth, each) for each in (state, expected))
+        return state, f"the agent begins in {begins}, not in {should}"
+    return state, None
+
+
+class _Replayed(NamedTuple):
+    problems: list[Problem]
+    rows: list[Row]
+    """The rows, without pictures, but with the digests of those."""
+    end: State | None
+    """The last state, None if an action is impossible."""
+
+
+def _replay(
+    labyrinth: Labyrinth,
+    pictures: Pictures,
+    state: State,
+    episode: EpisodeRows,
+    names: list[str],
+    *,
+    same_bytes: bool,
+) -> _Replayed:
+    """Replay the actions of an episode; compare names, pictures and rewards in each state."""
+    problems: list[Problem] = []
+    checked: list[Row] = []
+    for number, (row, name) in enumerate(zip(episode.rows, names, strict=True), episode.begin):
+        if row.obs_path != name:
+            message = f"its path is {row.obs_path!r:.99}, not {name}"
+            problems.append(Problem(number, "obs", message))
+        digest = pictures[state].digest
+        if row.obs != pictures[state].png:
+            wrong, digest = _other_picture(row.obs, labyrinth, state, digest)
+            if wrong is None and same_bytes:
+                wrong = "the right pixels, but not the encoder's bytes"
+            problems += [Problem(number, "obs", wrong)] if wrong else []
+        checked.append(row._replace(obs=b"", picture_digest=digest))
+        if row.actions == NO_ACTION:
+            if row.rewards != 0:
+                problems.append(Problem(number, "rewards", f"{row.rewards} after the last action"))
+            break
+        if not 0 <= row.actions < len(Action) or is_terminal(labyrinth, state):
+            known = 0 <= row.actions < len(Action)
+            message = "the episode had ended before" if known else f"{row.actions} is no action"
+            problems.append(Problem(number, "actions", message))
+            return _Replayed(problems, checked, None)
+        state = transition(labyrinth, state, row.actions)
+        expected = np.float32(reward(labyrinth, state))
+        if np.float32(row.rewards) != expected:
+            message = f"{row.rewards}, but the step pays {expected}"
+            problems.append(Problem(number, "rewards", message))
+    return _Replayed(problems, checked, state)
+
+
+def _other_picture(
+    png: bytes, labyrinth: Labyrinth, state: State, digest: bytes
+) -> tuple[str | None, bytes]:
+    """Return why a picture in other bytes does not show a state, and the digest of its pixels."""
+    try:
+        pixels = _decoded(png)
+    except ValueError as error:
+        return str(error), digest
+    if np.array_equal(pixels, render(labyrinth, state)):
+        return None, digest
+    return "not the picture of the state that the actions lead to", decoded_picture_digest(pixels)
+
+
+def _decoded(png: bytes) -> NDArray[np.uint8]:
     """Return the pixels of a picture; raise ValueError if its format is not ours."""
     from PIL import Image
 

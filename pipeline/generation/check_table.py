@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,40 +12,12 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.labyrinth_table import TABLE, table_schema
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import parent_split
 from labyrinth_core.data.storage import AnyPath, file_sha256
-from pipeline.generation.tabulate import Facts, table_of
+from pipeline.generation.tabulate import Facts, facts_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-
-@dataclass(frozen=True)
-class TablePart:
-    """The place of a shard's labyrinths in the table."""
-
-    first: int
-    """The row of the table with the first of them."""
-    parents: int | None
-    """The row with the first labyrinth of the split that they are made from."""
-    first_row: int
-    """The number of the split's rows before those of the shard."""
-
-
-def table_parts(manifest: Manifest) -> list[TablePart]:
-    """Return the place of each shard of a manifest."""
-    parts = []
-    begins: dict[str, int] = {}
-    first, first_row = 0, dict.fromkeys((shard.split for shard in manifest.shards), 0)
-    for shard in manifest.shards:
-        begins.setdefault(shard.split, first)
-        of = parent_split(shard.split)
-        parents = None if of is None else begins.get(of, 0)
-        parts.append(TablePart(first, parents, first_row[shard.split]))
-        first += shard.labyrinths
-        first_row[shard.split] += shard.rows
-    return parts
 
 
 def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str], bool]:
@@ -81,36 +52,36 @@ def table_problems(
     folder: AnyPath,
     config: DatasetConfig,
     split: str,
-    part: TablePart,
     facts: Facts,
-    numbers: Sequence[int],
+    first: int,
+    first_row: int,
 ) -> Iterator[str]:
     """Yield the columns of a part of the table that are not what the rows of a shard give.
 
-    Each is named once, with the first row in which it is wrong. `numbers` are those of the
-    labyrinths in their split, or of those that they are made from in theirs.
+    Each is named once, with the first row in which it is wrong.
+
+    Args:
+        folder: The folder of the dataset.
+        config: The configuration of the dataset.
+        split: The split of the shard.
+        facts: What the rows of the shard say.
+        first: The row of the table with the first labyrinth of the shard.
+        first_row: The number of the split's rows before those of the shard.
     """
     import pyarrow as pa
 
-    known = facts.copy()
     try:
-        if part.parents is not None:
-            first, count = numbers[0], numbers[-1] - numbers[0] + 1
-            ids = _rows(folder, part.parents + first, count)["labyrinth_id"].to_pylist()
-            known["parent_id"] = [int(ids[number - first], 16) for number in numbers]
-        found = _rows(folder, part.first, len(facts))
-    except (OSError, ValueError, TypeError, LookupError, pa.ArrowException) as error:
+        found = _rows(folder, first, len(facts))
+    except (OSError, ValueError, pa.ArrowException) as error:
         yield f"{TABLE} cannot be read: {one_line(error)}"
         return
-    expected = table_of(config, split, known, part.first_row)
+    expected = facts_table(config, split, facts, first_row)
     for name in expected.column_names:
-        if found[name].equals(expected[name]):
-            continue
         pairs = zip(found[name].to_pylist(), expected[name].to_pylist(), strict=True)
-        differing = ((row, a, b) for row, (a, b) in enumerate(pairs, part.first) if a != b)
-        for row, value, right in differing:
-            yield f"{TABLE} row {row} {name}: {value!r:.99}, but the shard gives {right!r}"
-            break
+        for row, (value, right) in enumerate(pairs, first):
+            if value != right:
+                yield f"{TABLE} row {row} {name}: {value!r:.99}, but the shard gives {right!r}"
+                break
 
 
 def _rows(folder: AnyPath, first: int, count: int) -> pa.Table:

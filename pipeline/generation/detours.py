@@ -14,7 +14,7 @@ import numpy as np
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import UNREACHABLE, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.generation.one_wall import toggled
+from pipeline.generation.variants import toggled
 
 _Pair = tuple[int, int]
 

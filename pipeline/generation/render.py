@@ -22,13 +22,16 @@ DRAWN_AT_ONCE = 128
 """The number of rows of an episode that are drawn together; 20 MB of pictures at 250x250."""
 
 
-def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Row]]:
+def render(
+    split: str, number: int, episodes: list[Episode], *, at_once: int = DRAWN_AT_ONCE
+) -> Iterator[list[Row]]:
     """Yield the rows of each episode of one labyrinth, those of a long one in parts.
 
     Args:
         split: The split of the labyrinth.
         number: The index of the labyrinth in the split.
         episodes: At least one, all of the same labyrinth; the agent may begin anywhere.
+        at_once: The number of rows in each part.
     """
     labyrinth = episodes[0].labyrinth
     pictures, info = Pictures(labyrinth), dump(labyrinth)
@@ -39,8 +42,8 @@ def render(split: str, number: int, episodes: list[Episode]) -> Iterator[list[Ro
         actions = [*episode.actions.tolist(), NO_ACTION]
         rewards = [*episode.rewards.tolist(), 0.0]
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
-        for first in range(0, len(states), DRAWN_AT_ONCE):
-            part = slice(first, first + DRAWN_AT_ONCE)
+        for first in range(0, len(states), at_once):
+            part = slice(first, first + at_once)
             pngs: Sequence[bytes]
             digests: Sequence[bytes]
             if drawn_once:

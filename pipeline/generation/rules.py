@@ -2,103 +2,137 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from labyrinth_core.world.solver import distances, erring_route
+from labyrinth_core.world.solver import erring_route, moves_of
 from labyrinth_core.world.tasks import tiles_matter
-from pipeline.generation.buckets import bucket_of
+from pipeline.generation.identity import bucket_of
+from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 from pipeline.generation.solve import acting_rng, all_routes
-from pipeline.generation.variants import first_start_and_goal
+from pipeline.generation.variants import start_and_goal, twin_problem
+
+Route = list[list[int]]
+"""The actions of each piece of a route; a whole route is one piece."""
 
 
-def labyrinth_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
-    """Yield the rules of a split that a labyrinth breaks."""
-    structure = labyrinth.structure
+def labyrinth_problems(
+    config: DatasetConfig,
+    split: str,
+    labyrinth: Labyrinth,
+    parent: Labyrinth | None,
+    train: Train,
+) -> Iterator[str]:
+    """Yield the rules of a split that a labyrinth breaks.
+
+    Args:
+        config: The configuration of the dataset.
+        split: The split of the labyrinth.
+        labyrinth: The labyrinth.
+        parent: The labyrinth that it is made from, None if that is from none or not known.
+        train: What train has.
+    """
+    kind, structure = SPLITS[split], labyrinth.structure
     if not structure.is_connected:
         yield "not every cell can be reached"
     if not tiles_matter(labyrinth):
         yield "the tiles of the task make no difference"
-    kind = SPLITS[split]
     bucket = bucket_of(config, structure)
     if bucket != kind.bucket:
         yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:
         yield f"it is to be drawn {labyrinth.look}, not {kind.look}"
-    yield from _end_problems(config, split, labyrinth)
+    if kind.parent is None:
+        yield from _end_problems(config, split, labyrinth)
+    elif parent is not None:
+        yield from _relation_problems(config, kind, labyrinth, parent)
+    if split in SELECTED_SHIFTS:
+        measures = Measures(moves_of(labyrinth), structure.loops, structure.junctions)
+        problem = SELECTED_SHIFTS[split].problem(measures, lambda: labyrinth, train)
+        if problem is not None:
+            yield problem
 
 
 def _end_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
-    """Yield what is wrong with the start and the goal of a labyrinth."""
-    kind, varied = SPLITS[split], config.goals == "varied"
-    if varied and kind.new_structure:
-        return  # They are its parent's, which `relations` compares.
-    start, goal = labyrinth.start, labyrinth.goal
+    """Yield what is wrong with the ends of a labyrinth that is made from no other."""
     try:
-        first_start, first_goal = first_start_and_goal(config, split, labyrinth.structure)
+        expected = start_and_goal(config, split, labyrinth.structure)
     except LabyrinthError as error:
         yield str(error)
         return
-    if not (kind.new_start or kind.new_goal):
-        if (start, goal) != (first_start, first_goal):
-            yield f"start and goal are not {'those of this seed' if varied else 'in the corners'}"
+    if (labyrinth.start, labyrinth.goal) != expected:
+        varied = config.goals == "varied"
+        yield f"start and goal are not {'those of this seed' if varied else 'in the corners'}"
+
+
+def _relation_problems(
+    config: DatasetConfig, kind: Split, labyrinth: Labyrinth, parent: Labyrinth
+) -> Iterator[str]:
+    """Yield each difference between a labyrinth and its parent that the split does not allow."""
+    if kind.new_structure:
+        if problem := twin_problem(config, parent, labyrinth):
+            yield problem
         return
-    if (start != first_start, goal != first_goal) != (kind.new_start, kind.new_goal):
+    if labyrinth.structure != parent.structure:
+        yield f"its structure is not that of its parent in {kind.parent}"
+        return
+    moved = labyrinth.start != parent.start, labyrinth.goal != parent.goal
+    if moved != (kind.new_start, kind.new_goal):
         yield "start and goal are not changed as the split says"
-    # An end that moves alone may have no cell to move to that is farther away.
-    stays, former = (goal, first_start) if kind.new_start else (start, first_goal)
-    apart = (
-        manhattan(cell, stays, config.width)
-        for cell in range(labyrinth.structure.cells)
-        if cell not in (stays, former)
-    )
-    least = (config.height + config.width) // 2
-    if not (kind.new_start and kind.new_goal):
-        least = min(least, max(apart))
-    if manhattan(start, goal, config.width) < least:
+    elif not any(moved):
+        if replace(labyrinth, look=parent.look) != parent:
+            yield f"more than its look differs from its parent in {kind.parent}"
+    elif manhattan(labyrinth.start, labyrinth.goal, config.width) < (
+        least := _least_apart(config, kind, parent)
+    ):
         yield f"start and goal are less than {least} moves apart"
 
 
-def route_problem(
-    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: list[list[int]]
+def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
+    """Return the least distance between start and goal where they are changed, without walls."""
+    least = (config.height + config.width) // 2
+    if kind.new_start and kind.new_goal:
+        return least
+    # An end that moves alone may have no cell to move to that is farther away.
+    stays = parent.goal if kind.new_start else parent.start
+    cells = {*range(parent.structure.cells)} - {parent.start, parent.goal}
+    return min(least, max(manhattan(cell, stays, config.width) for cell in cells))
+
+
+def routes_problem(
+    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: Sequence[Route]
 ) -> str | None:
-    """Return what is wrong with the routes of a labyrinth's episodes, None if nothing is.
+    """Return what is wrong with the routes that a labyrinth has, None if nothing is.
 
     Args:
-        config: The configuration, which says which routes are wanted.
+        config: The configuration, which says which routes are asked for.
         split: The split of the labyrinth; in `random`, steps are counted instead.
         labyrinth: The labyrinth.
-        routes: The actions of each episode, in order.
+        routes: The routes of its episodes, in order.
     """
+    found = [list(chain.from_iterable(route)) for route in routes]
     if split == "random":
-        steps = sum(map(len, routes))
+        steps = sum(map(len, found))
         return None if steps == config.random_steps else f"{steps} random steps"
     if config.noise:
-        if routes == [erring_route(labyrinth, config.noise, acting_rng(config, split, labyrinth))]:
-            return None
-        return f"not the route of a demonstrator with noise {config.noise} and this seed"
-    if config.solutions == "shortest":
-        best = distances(labyrinth)[labyrinth.start]
-        if len(routes) == 1 and len(routes[0]) == best:
-            return None
-        lengths = ", ".join(str(len(route)) for route in routes)
-        return f"routes of {lengths} moves, instead of one of {best}"
-    expected = all_routes(config, labyrinth)
-    if routes == expected:
-        return None
-    return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"
+        if found != [erring_route(labyrinth, config.noise, acting_rng(config, split, labyrinth))]:
+            return f"not the route of a demonstrator with noise {config.noise} and this seed"
+    elif config.solutions == "shortest":
+        lengths, best = [len(route) for route in found], moves_of(labyrinth)
+        if lengths != [best]:
+            return f"routes of {', '.join(map(str, lengths))} moves, instead of one of {best}"
+    elif found != (expected := all_routes(config, labyrinth)):
+        return f"{len(found)} routes, not the {len(expected)} that the configuration asks for"
+    return _pieces_problem(config.pieces, routes) if config.pieces else None
 
 
-def pieces_problem(steps: int, routes: Iterable[Iterable[Sequence[int]]]) -> str | None:
-    """Return what is wrong with the lengths of the pieces of routes, None if nothing is.
-
-    Args:
-        steps: The number of steps that each piece has, but for the last one of a route.
-        routes: The actions of each piece of each route, in order.
-    """
+def _pieces_problem(steps: int, routes: Sequence[Route]) -> str | None:
+    """Return what is wrong with the lengths of pieces, all of `steps` but the last of a route."""
     for route in routes:
         *whole, last = map(len, route)
         if last > steps or any(length != steps for length in whole):

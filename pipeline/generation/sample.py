@@ -20,82 +20,80 @@ from itertools import chain, combinations
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SAMPLED_SPLITS, is_selected
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import Neighbourhood
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
-from pipeline.generation.buckets import bucket_of
-from pipeline.generation.key_set import KeySet
-from pipeline.generation.selection import Selection
+from pipeline.generation.identity import IdSet, bucket_of
+from pipeline.generation.selection import with_selected
+from pipeline.generation.shifts import SELECTED_SHIFTS
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
 
 PATIENCE = 300_000
-"""The number of structures drawn in vain after which the sampler gives up."""
+"""The number of structures drawn without success after which the sampler gives up."""
 
 COUNTABLE_EDGES = 13
 """The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
 
 
-def sample(config: DatasetConfig) -> dict[str, list[Structure]]:
+def sample(config: DatasetConfig, *, patience: int = PATIENCE) -> dict[str, list[Structure]]:
     """Return the structures of each split that has its own, `config.labyrinths` of each.
+
+    Args:
+        config: The configuration of the dataset.
+        patience: The number of structures drawn without success after which it gives up.
 
     Raises:
         ConfigError: The sampler does not find so many.
     """
     found: dict[str, list[Structure]] = {split: [] for split in own_splits(config)}
-    for split, structure in stream(config):
+    for split, structure in stream(config, patience):
         found[split].append(structure)
     return found
 
 
 def own_splits(config: DatasetConfig) -> list[str]:
     """Return the splits that have structures of their own, in the order in which they are found."""
-    return [*SAMPLED_SPLITS, *filter(is_selected, config.shifts)]
+    return [*SAMPLED_SPLITS, *(shift for shift in config.shifts if shift in SELECTED_SHIFTS)]
 
 
-def stream(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
+def stream(config: DatasetConfig, patience: int = PATIENCE) -> Iterator[tuple[str, Structure]]:
     """Yield the structures of each split that has its own as they are found, each with its split.
 
-    Of these it remembers only their 63-bit ids, and what `min_walls` and shifts need.
+    It remembers only their 63-bit ids, and what `min_walls` and shifts need. The arguments are
+    those of `sample`.
 
     Raises:
         ConfigError: The sampler does not find `config.labyrinths` of each.
     """
-    selected = [split for split in config.shifts if is_selected(split)]
-    if not selected:
-        yield from _sampled(config)
-        return
-    selection = Selection(config)
-    for split, structure in _sampled(config):
-        selection.notice(split, structure)
-        yield split, structure
-    for split in selected:
-        for structure in selection.of(split):
-            yield split, structure
+    sampled = _sampled(config, patience)
+    selects = own_splits(config) != [*SAMPLED_SPLITS]
+    yield from with_selected(config, sampled) if selects else sampled
 
 
-def _sampled(config: DatasetConfig) -> Iterator[tuple[str, Structure]]:
+def _sampled(config: DatasetConfig, patience: int) -> Iterator[tuple[str, Structure]]:
     """Yield the structures of train, validation and test; see `stream`."""
     found = dict.fromkeys(SAMPLED_SPLITS, 0)
     if config.min_walls == 1:  # Two splits have no structure in common.
-        yield from _fill(config, found, SAMPLED_SPLITS)
+        yield from _fill(config, found, SAMPLED_SPLITS, patience)
         return
     near = {
         split: Neighbourhood(config.height, config.width, config.min_walls - 1, config.labyrinths)
         for split in SAMPLED_SPLITS
     }
-    for split, structure in _fill(config, found, SAMPLED_SPLITS[:1]):
+    for split, structure in _fill(config, found, SAMPLED_SPLITS[:1], patience):
         near[split].add(structure)
         yield split, structure
-    yield from _fill(config, found, SAMPLED_SPLITS[1:], near)
+    yield from _fill(config, found, SAMPLED_SPLITS[1:], patience, near)
 
 
 def _fill(
     config: DatasetConfig,
     found: dict[str, int],
     splits: Sequence[str],
+    patience: int,
     near: Mapping[str, Neighbourhood] | None = None,
 ) -> Iterator[tuple[str, Structure]]:
     """Yield the structures of some splits.
@@ -104,10 +102,11 @@ def _fill(
         config: The configuration of the dataset.
         found: Split -> the number of structures found, which is updated.
         splits: The splits to fill.
+        patience: The number of structures drawn without success after which it gives up.
         near: Split -> the structures too near to it for other splits, which is updated.
     """
-    seen = KeySet()
-    in_vain = 0
+    seen = IdSet()
+    without = 0
     candidates = sample_structures(
         config.height,
         config.width,
@@ -116,9 +115,9 @@ def _fill(
         open_walls=config.open_walls,
     )
     for structure in candidates:
-        in_vain += 1
-        if in_vain > PATIENCE:
-            raise _not_enough(config, found)
+        without += 1
+        if without > patience:
+            raise _not_enough(config, found, patience)
         split = bucket_of(config, structure)
         if split is None or split not in splits or found[split] == config.labyrinths:
             continue
@@ -126,7 +125,7 @@ def _fill(
             continue
         too_near = near and any(near[other].is_near(structure) for other in near if other != split)
         if not too_near and holds_task(config, split, structure):
-            in_vain = 0
+            without = 0
             if near:
                 near[split].add(structure)
             found[split] += 1
@@ -136,7 +135,7 @@ def _fill(
                 return
 
 
-def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
+def _not_enough(config: DatasetConfig, found: Mapping[str, int], patience: int) -> ConfigError:
     counts = ", ".join(f"{count} in {split}" for split, count in found.items())
     apart, try_ = "", "ask for fewer, or try"
     if config.min_walls > 1:
@@ -144,7 +143,7 @@ def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
         try_ = "ask for fewer of either, or try"
     return ConfigError(
         f"labyrinths={config.labyrinths}: of {config.name} the sampler found {counts}{apart}, and "
-        f"no other in {PATIENCE:,} draws; {try_} another open_walls or sampler"
+        f"no other in {patience:,} draws; {try_} another open_walls or sampler"
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.labyrinth import Labyrinth, Look
+from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode, pieces, random_episode, replay
 from labyrinth_core.world.solver import (
     erring_route,
@@ -20,7 +20,7 @@ from labyrinth_core.world.solver import (
     shortest_routes,
     simple_routes,
 )
-from pipeline.generation.randomness import ACTING, item_rng
+from pipeline.generation.identity import ACTING, item_rng
 
 
 class Solution(NamedTuple):
@@ -57,7 +57,7 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
         else:
             routes = all_routes(config, labyrinth)
             episodes = [replay(labyrinth, route) for route in routes]
-            cut = len(routes) == config.solutions_limit
+            cut = config.is_cut(split, len(routes))
         taken = [episode.actions for episode in episodes]
         if config.is_in_pieces(split):
             episodes = [part for episode in episodes for part in pieces(episode, config.pieces)]
@@ -69,8 +69,7 @@ def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.ra
 
     Where a shift changes only pictures, it is that of its parent.
     """
-    redrawn = SPLITS[split].look is not Look.PLAIN
-    drawn_for = SPLITS[split].parent if redrawn else None
+    drawn_for = SPLITS[split].parent if SPLITS[split].is_redrawn else None
     return item_rng(config, drawn_for or split, labyrinth.structure, ACTING)
 
 

@@ -40,9 +40,6 @@ FACTS = np.dtype(
 NOTHING = -1
 """The value of `parent_id` or `turns` where the table has null."""
 
-_ITSELF = -2
-"""What stands for the id of a labyrinth that is its own parent, until it is known."""
-
 GROUP_ROWS = 100_000
 """The least number of rows in a row group of the table, but for the last; some ten megabytes."""
 
@@ -55,15 +52,7 @@ class FactsOfShard:
     def __init__(self, split: str) -> None:
         self._demonstrated = split != "random"
         self._rows: list[tuple[int, ...]] = []
-        self._parents: list[int] = []
         self._structures: list[Structure] = []
-
-    def add_parent(self, parent: Labyrinth | None, *, of: Labyrinth) -> None:
-        """Add the labyrinth that the next one is derived from, None if it is from none."""
-        if parent is None:
-            self._parents.append(NOTHING)
-        else:
-            self._parents.append(_ITSELF if parent is of else int(labyrinth_id(parent), 16))
 
     def add(
         self,
@@ -72,6 +61,7 @@ class FactsOfShard:
         shortest: tuple[int, int],
         routes: Sequence[Sequence[int] | NDArray[np.int8]],
         episodes: int,
+        parent: Labyrinth | None,
     ) -> None:
         """Add a labyrinth.
 
@@ -81,16 +71,21 @@ class FactsOfShard:
             shortest: How many moves a shortest route has, and how many such routes there are.
             routes: The actions of each route through it.
             episodes: The number of episodes, which is larger if they are pieces of routes.
+            parent: The labyrinth that it was made from, None if from none.
         """
         moves, optimal_routes = shortest
+        own_id = int(labyrinth_id(info), 16)
+        parent_id = NOTHING if parent is None else own_id
+        if parent is not None and parent != labyrinth:
+            parent_id = int(labyrinth_id(parent), 16)
         steps = sum(map(len, routes))
         is_shortest = self._demonstrated and steps == moves * len(routes)
         self._structures.append(labyrinth.structure)
         self._rows.append(
             (
-                int(labyrinth_id(info), 16),
+                own_id,
                 int(labyrinth.structure.structure_id, 16),
-                NOTHING,
+                parent_id,
                 min(optimal_routes, MOST_ROUTES),
                 labyrinth.start,
                 labyrinth.goal,
@@ -104,11 +99,8 @@ class FactsOfShard:
         )
 
     def array(self) -> Facts:
-        """Return the facts, one item for each labyrinth; no parents if none were added."""
+        """Return the facts, one item for each labyrinth."""
         facts = np.array(self._rows, FACTS)
-        if self._parents:
-            parents = np.array(self._parents)
-            facts["parent_id"] = np.where(parents == _ITSELF, facts["labyrinth_id"], parents)
         if self._rows:
             structure, passages = self._structures[0], passage_table(self._structures)
             ways = _ways(passages, structure.height, structure.width)
@@ -153,7 +145,7 @@ def read_facts(path: AnyPath, labyrinths: int) -> Facts:
     return facts
 
 
-def table_of(config: DatasetConfig, split: str, facts: Facts, first_row: int) -> pa.Table:
+def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int) -> pa.Table:
     """Return the rows of the table that facts give; the first of them has the row `first_row`."""
     import pyarrow as pa
 
@@ -184,7 +176,11 @@ def table_of(config: DatasetConfig, split: str, facts: Facts, first_row: int) ->
 
 
 def write_table(
-    path: Path, config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]
+    path: Path,
+    config: DatasetConfig,
+    parts: Iterable[tuple[Shard, Facts]],
+    *,
+    group_rows: int = GROUP_ROWS,
 ) -> TableFile:
     """Write the table, a part at a time, and return what was written.
 
@@ -192,6 +188,7 @@ def write_table(
         path: The file.
         config: The configuration of the dataset.
         parts: The shards in the order of splits and rows, each with its facts.
+        group_rows: The least number of rows in a row group, but for the last.
 
     Raises:
         OSError: The file cannot be written, say because the disk is full.
@@ -205,12 +202,14 @@ def write_table(
         path, schema, compression="zstd", use_dictionary=words, store_schema=False
     ) as writer:
         writer.add_key_value_metadata(schema.metadata)
-        for group in _groups(config, parts):
+        for group in _groups(config, parts, group_rows):
             writer.write_table(group)
     return TableFile(path.stat().st_size, file_sha256(path))
 
 
-def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iterator[pa.Table]:
+def _groups(
+    config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]], group_rows: int
+) -> Iterator[pa.Table]:
     """Yield the rows of the table, those of several small shards together."""
     import pyarrow as pa
 
@@ -218,9 +217,9 @@ def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iter
     first_row: dict[str, int] = {}
     for shard, facts in parts:
         row = first_row.setdefault(shard.split, 0)
-        group.append(table_of(config, shard.split, facts, row))
+        group.append(facts_table(config, shard.split, facts, row))
         first_row[shard.split] = row + shard.rows
-        if sum(part.num_rows for part in group) >= GROUP_ROWS:
+        if sum(part.num_rows for part in group) >= group_rows:
             yield pa.concat_tables(group)
             group = []
     if group:

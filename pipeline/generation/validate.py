@@ -1,29 +1,28 @@
-"""The validation of a finished dataset: each row is replayed, and the splits are compared.
+"""The validation of a finished dataset: each row is replayed, and shards are compared.
 
-`check` goes through the rows of one shard, and compares what they say with the table of labyrinths
-and, in a shift, with the labyrinths of its parent. Here shards are compared: no structure is in two
-splits, those of random, s0 and s0_and_g are in train, and there are as many labyrinths as wanted.
+`check_shard` compares the rows of one shard with those of its parent, and with the table of
+labyrinths. Here shards are compared: no structure is in two splits, and there are as many
+labyrinths as asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
-from labyrinth_core.data.source import read_rows
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SPLITS, is_selected
+from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.text import parse, without_agent
 from labyrinth_core.world.route_memory import RouteMemory
 from pipeline.config.run import Run
-from pipeline.generation.check import CheckJob, ShardReport, check_shard
-from pipeline.generation.check_table import table_file_problems, table_parts
-from pipeline.generation.extremes import NO_EXTREMES, extremes_of
+from pipeline.generation.check_shard import CheckJob, ShardReport, check_shard
+from pipeline.generation.check_table import table_file_problems
+from pipeline.generation.shifts import SELECTED_SHIFTS, Train
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
@@ -80,24 +79,23 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         listed.add(TABLE)
     unlisted = {path.name for path in folder.glob("*.parquet")} - listed
     problems += [f"{name} is not in the manifest" for name in sorted(unlisted)]
-    owners = Owners()
+    places: list[Places] = []
     for report in reports:
         problems += report.problems
-        problems += owners.misplaced(report)
-    if not owners.know_train:
-        problems.append("structures are not looked up in train, of which some are missing")
-    return problems + list(_miscounted(manifest))
+        if SPLITS[report.shard.split].parent is None:
+            places.append(_places(report))
+    return [*problems, *_repeated(places), *_miscounted(manifest)]
 
 
 def _miscounted(manifest: Manifest) -> Iterator[str]:
     """Yield the splits that hold too few or too many labyrinths or shards."""
-    shards_of, wanted = _shards_of(manifest), manifest.config.labyrinths
+    shards_of, asked = _shards_of(manifest), manifest.config.labyrinths
     for split, shards in shards_of.items():
-        count, parent = sum(shard.labyrinths for shard in shards), SPLITS[split].parent
-        # A shift leaves out what has no such variant; the check of the shard looks for these.
-        short = split not in BASE_SPLITS and parent is not None and 0 < count < wanted
-        if count != wanted and not short:
-            yield f"{split} holds {count} labyrinths, not {wanted}"
+        held, parent = sum(shard.labyrinths for shard in shards), SPLITS[split].parent
+        # A shift leaves out what has no such variant; `check_shard` looks for these.
+        short = split in SHIFTS and parent is not None and 0 < held < asked
+        if held != asked and not short:
+            yield f"{split} holds {held} labyrinths, not {asked}"
         if parent and len(shards) != (of_parent := len(shards_of[parent])):
             yield f"{split} has {len(shards)} shards, and {parent}, its parent, {of_parent}"
 
@@ -111,91 +109,73 @@ def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
 
 
 def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[CheckJob]:
-    """Yield the job of each shard; the labyrinths of a shift are numbered like their parents."""
-    paths = (shard.path for shard in manifest.shards)
-    tables = dict(zip(paths, table_parts(manifest), strict=True)) if with_table else {}
-    config = manifest.config
+    """Yield the job of each shard; labyrinths that have a parent are numbered like it."""
     same_bytes = dict(manifest.versions) == current_versions()
-    extremes = NO_EXTREMES
-    if any(map(is_selected, config.shifts)):
-        with suppress(DatasetError, OSError, ValueError):  # The check of the shard says it.
-            rows = read_rows(folder, manifest.of("train"), pictures=False)
-            extremes = extremes_of(map(parse, {without_agent(row.info): None for row in rows}))
-            if "test_new_routes" in config.shifts:
-                extremes = extremes._replace(memory=_routes_of_train(folder, manifest))
-    shards_of = _shards_of(manifest)
+    train, shards_of, table_row = _train(folder, manifest), _shards_of(manifest), 0
     for split, shards in shards_of.items():
         parent = SPLITS[split].parent
-        aligned = parent is not None and split not in BASE_SPLITS
-        numbered = shards_of[parent] if aligned and parent else shards
-        first = 0
+        numbered = shards_of[parent] if parent else shards
+        first = first_row = 0
         for shard, of_parent in zip(shards, numbered, strict=False):
             yield CheckJob(
                 folder,
                 shard,
-                config,
+                manifest.config,
                 first,
+                first_row,
                 same_bytes,
-                tables.get(shard.path),
-                of_parent if aligned else None,
-                extremes,
+                train,
+                parent=of_parent if parent else None,
+                table_row=table_row if with_table else None,
             )
             first += of_parent.labyrinths
+            first_row += shard.rows
+            table_row += shard.labyrinths
 
 
-def _routes_of_train(folder: AnyPath, manifest: Manifest) -> RouteMemory:
+def _train(folder: AnyPath, manifest: Manifest) -> Train:
+    """Return what train has, as far as the shifts of a dataset need it."""
+    train, routes = Train(), []
+    shifts = [SELECTED_SHIFTS[each] for each in manifest.config.shifts if each in SELECTED_SHIFTS]
+    needs_routes = any(shift.needs_routes for shift in shifts)
     cells = manifest.config.height * manifest.config.width
-    return RouteMemory(
-        [state % cells for state in route.states]
-        for shard in manifest.of("train")
-        for route in routes_of(folder, shard)
-    )
+    try:
+        for shard in manifest.of("train") if shifts else ():
+            for route in routes_of(folder, shard):
+                train = train.with_labyrinth(route.labyrinth) if route.is_first else train
+                if needs_routes:
+                    routes.append([state % cells for state in route.states])
+    except DatasetError:  # The check of the shard says it.
+        return Train()
+    return train._replace(memory=RouteMemory(routes)) if needs_routes else train
 
 
-class Owners:
-    """The first place of each structure, in sixteen bytes each, as there may be millions."""
+class Places(NamedTuple):
+    """Where the structures of a shard are, sixteen bytes for each, as there may be millions."""
 
-    def __init__(self) -> None:
-        self._ids = np.empty(0, np.int64)
-        """Structure ids, sorted, shape (structures,)."""
-        self._rows = np.empty(0, np.int64)
-        """For each structure, the index of its shard times 2 ** 32, plus the row in it."""
-        self._shards: list[Shard] = []
-        self.know_train = True
-        """Whether there was a structure for each labyrinth of train."""
+    path: str
+    ids: NDArray[np.int64]
+    """The ids of the structures."""
+    rows: NDArray[np.int64]
+    """The first row of each."""
 
-    def misplaced(self, report: ShardReport) -> Iterator[str]:
-        """Yield the structures that are in another split too, or not in train as they should be.
 
-        Args:
-            report: The report of the next shard, in the order of the splits.
-        """
-        split = report.shard.split
-        own = split in SAMPLED_SPLITS or is_selected(split)
-        if not own and split not in BASE_SPLITS:
-            return  # The check of the shard compares it with its parents.
-        if split == "train" and len(report.structures) < report.shard.labyrinths:
-            self.know_train = False
-        ids = np.array([int(each, 16) for each in report.structures], np.int64)
-        rows = np.array([*report.structures.values()], np.int64)
-        places = np.searchsorted(self._ids, ids)
-        known = np.isin(ids, self._ids, assume_unique=True)
-        for row, place, is_known in zip(rows.tolist(), places.tolist(), known, strict=True):
-            here = f"{report.shard.path} row {row} info: the structure is"
-            if not is_known and not own:
-                if self.know_train:
-                    yield f"{here} not one of train"
-            elif is_known:
-                number, before = divmod(int(self._rows[place]), 1 << 32)
-                shard = self._shards[number]
-                if own:
-                    yield f"{here} also in {shard.path} row {before}"
-                elif shard.split != "train":
-                    yield f"{here} not one of train"
-        if own:
-            order = np.argsort(ids)
-            order = order[~known[order]]
-            rows = rows + (len(self._shards) << 32)
-            self._ids = np.insert(self._ids, places[order], ids[order])
-            self._rows = np.insert(self._rows, places[order], rows[order])
-            self._shards.append(report.shard)
+def _places(report: ShardReport) -> Places:
+    ids = np.array([int(each, 16) for each in report.structures], np.int64)
+    return Places(report.shard.path, ids, np.array([*report.structures.values()], np.int64))
+
+
+def _repeated(shards: Sequence[Places]) -> Iterator[str]:
+    """Yield the structures that an earlier shard has, too."""
+    ids = np.concatenate([np.empty(0, np.int64), *(shard.ids for shard in shards)])
+    begins = np.cumsum([0, *(len(shard.ids) for shard in shards)])
+    order = np.argsort(ids, kind="stable")
+    ordered = ids[order]
+
+    def place(index: int) -> str:
+        number = int(np.searchsorted(begins, index, "right")) - 1
+        return f"{shards[number].path} row {shards[number].rows[index - begins[number]]}"
+
+    for index in sorted(order[1:][ordered[1:] == ordered[:-1]].tolist()):
+        first = int(order[np.searchsorted(ordered, ids[index])])
+        yield f"{place(index)} info: the structure is also in {place(first)}"

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from itertools import pairwise
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import moves_of, shortest_route
 from labyrinth_core.world.tasks import (
     change_goal,
     change_start,
@@ -14,15 +19,17 @@ from labyrinth_core.world.tasks import (
     default_start_and_goal,
     draw_start_and_goal,
     place,
+    tiles_matter,
 )
-from pipeline.generation.one_wall import twin
-from pipeline.generation.randomness import item_rng
+from pipeline.generation.identity import ACTING, bucket_of, item_rng
 
 TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
 
-def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    """Return the labyrinth that a structure becomes in a split.
+def labyrinth_and_parent(
+    config: DatasetConfig, split: str, structure: Structure
+) -> tuple[Labyrinth, Labyrinth | None]:
+    """Return the labyrinth that a structure becomes in a split, and the one that it is made from.
 
     Args:
         config: The configuration of the dataset.
@@ -33,48 +40,39 @@ def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Lab
         LabyrinthError: The structure has no such labyrinth: it cannot hold the task, or no other
             goal can, or no wall can be changed.
     """
+    kind = SPLITS[split]
+    if kind.parent is None:
+        return _own_labyrinth(config, split, structure), None
+    parent = _own_labyrinth(config, kind.parent, structure)
+    if kind.new_structure:
+        return twin(config, parent), parent
+    if kind.new_start and kind.new_goal:
+        return change_start_and_goal(parent, item_rng(config, split, structure)), parent
+    if kind.new_start:
+        return change_start(parent, item_rng(config, split, structure)), parent
+    if kind.new_goal:
+        return change_goal(parent, item_rng(config, split, structure)), parent
+    return (replace(parent, look=kind.look) if kind.is_redrawn else parent), parent
+
+
+def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    """Return the first of what `labyrinth_and_parent` returns; raise as it does."""
     return labyrinth_and_parent(config, split, structure)[0]
 
 
-def labyrinth_and_parent(
-    config: DatasetConfig, split: str, structure: Structure
-) -> tuple[Labyrinth, Labyrinth | None]:
-    """Return what `labyrinth_of` returns, and the labyrinth that it is made from, if it is."""
-    of = SPLITS[split].parent
-    if of is None:
-        return _first_labyrinth(config, split, structure), None
-    parent = _first_labyrinth(config, of, structure)
-    return _variant(config, split, parent), parent
-
-
-def _variant(config: DatasetConfig, split: str, parent: Labyrinth) -> Labyrinth:
-    kind, structure = SPLITS[split], parent.structure
-    if kind.new_structure:
-        return twin(config, parent)
-    if kind.new_start and kind.new_goal:
-        return change_start_and_goal(parent, item_rng(config, split, structure))
-    if kind.new_start:
-        return change_start(parent, item_rng(config, split, structure))
-    if kind.new_goal:
-        return change_goal(parent, item_rng(config, split, structure))
-    return parent if kind.look is parent.look else replace(parent, look=kind.look)
-
-
-def first_start_and_goal(
-    config: DatasetConfig, split: str, structure: Structure
-) -> tuple[int, int]:
-    """Return start and goal of a structure in a split, or in the one that its own is made from.
+def start_and_goal(config: DatasetConfig, split: str, structure: Structure) -> tuple[int, int]:
+    """Return start and goal of a structure in a split without a parent.
 
     Raises:
         LabyrinthError: No start and goal of the structure can hold the task.
     """
     if config.goals == "fixed":
         return default_start_and_goal(config.height, config.width)
-    labyrinth = _first_labyrinth(config, SPLITS[split].parent or split, structure)
+    labyrinth = _own_labyrinth(config, split, structure)
     return labyrinth.start, labyrinth.goal
 
 
-def _first_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+def _own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
     if config.goals == "varied":
         return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
     start, goal = default_start_and_goal(config.height, config.width)
@@ -91,9 +89,92 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
     if config.task in TASKS_WITHOUT_TILES:
         return True
     try:
-        labyrinth = _first_labyrinth(config, split, structure)
+        labyrinth = _own_labyrinth(config, split, structure)
         change_start(labyrinth, item_rng(config, "s0", structure))
         change_start_and_goal(labyrinth, item_rng(config, "s0_and_g", structure))
     except LabyrinthError:
         return False
     return True
+
+
+def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
+    """Return a labyrinth of train with one wall opened or shut; the tiles stay where they are.
+
+    The wall is one of those that `twin_problem` allows, each of them equally likely. The structure
+    is one that no dataset trains on, like those of test.
+
+    Raises:
+        LabyrinthError: No wall can be changed so.
+    """
+    structure = labyrinth.structure
+    passages = list(_worth_changing(config, labyrinth))
+    rng = item_rng(config, "one_wall", structure)
+    for number in rng.permutation(len(passages)).tolist():
+        changed = toggled(structure, *passages[number])
+        if bucket_of(config, changed) != "test":
+            continue
+        try:
+            other = replace(labyrinth, structure=changed)
+        except LabyrinthError:
+            continue
+        if twin_problem(config, labyrinth, other) is None:
+            return other
+    raise LabyrinthError("no wall can be changed so that another route is the shortest")
+
+
+def twin_problem(config: DatasetConfig, labyrinth: Labyrinth, other: Labyrinth) -> str | None:
+    """Return why a labyrinth is not a twin of a labyrinth of train, None if it is one."""
+    for each in fields(Labyrinth):
+        if each.name != "structure" and getattr(other, each.name) != getattr(labyrinth, each.name):
+            return f"its {each.name} is not that of its parent"
+    mine, others = labyrinth.structure, other.structure
+    changed = (mine.up ^ others.up).bit_count() + (mine.right ^ others.right).bit_count()
+    if changed != 1:
+        return f"{changed} walls differ from its parent, not one"
+    if not others.is_connected or not tiles_matter(other):
+        return "not every cell can be reached, or the tiles of the task make no difference"
+    if moves_of(labyrinth) != moves_of(other):
+        return None
+    if config.solutions == "shortest":
+        for passage in _demonstrated(config, labyrinth):
+            if toggled(mine, *passage) == others:
+                return None
+    return "a demonstrated route is open still, and as short as any"
+
+
+def toggled(structure: Structure, cell: int, beside: int) -> Structure:
+    """Return a structure with the passage between two neighbouring cells opened or shut."""
+    low, high = min(cell, beside), max(cell, beside)
+    up, right = structure.up, structure.right
+    if high - low == structure.width:
+        up ^= 1 << low
+    else:
+        right ^= 1 << low
+    return Structure(structure.height, structure.width, up, right)
+
+
+def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of cells between which a change can matter.
+
+    A passage to shut is on the demonstrated route. A wall to open leads nearer to the goal, or, in
+    key and door, perhaps to the key.
+    """
+    structure = labyrinth.structure
+    yield from sorted(set(_demonstrated(config, labyrinth)))
+    from_start, to_goal = structure.distances(labyrinth.start), labyrinth.cell_distances
+    moves = moves_of(labyrinth)
+    for cell, onward in enumerate(structure.moves):
+        for beside in neighbours(cell, structure.height, structure.width).values():
+            if beside < cell or beside in onward:
+                continue
+            there = from_start[cell] + 1 + to_goal[beside]
+            back = from_start[beside] + 1 + to_goal[cell]
+            if labyrinth.key is not None or min(there, back) < moves:
+                yield cell, beside
+
+
+def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
+    """Yield the passages of the shortest route that train demonstrates, the lower cell first."""
+    rng = item_rng(config, "train", labyrinth.structure, ACTING)
+    cells = [state.agent for state in replay(labyrinth, shortest_route(labyrinth, rng)).states]
+    return ((min(pair), max(pair)) for pair in pairwise(cells))

@@ -35,14 +35,16 @@ WRITER_OPTIONS = {
 }
 
 
-def write(path: Path, split: str, labyrinths: int, episodes: Iterable[list[Row]]) -> Shard:
-    """Write episodes to a Parquet file and return what was written, `cut` being 0.
+def write(
+    path: Path, split: str, episodes: Iterable[list[Row]], *, group_bytes: int = GROUP_BYTES
+) -> Shard:
+    """Write episodes to a Parquet file and return what was written, without `labyrinths` and `cut`.
 
     Args:
         path: The file.
         split: The split that it is a shard of.
-        labyrinths: The number of labyrinths that the episodes are of.
         episodes: The rows of each episode, those of a long one in parts.
+        group_bytes: The bytes of pictures after which a row group ends within an episode.
 
     Raises:
         OSError: The file cannot be written, say because the disk is full.
@@ -68,15 +70,15 @@ def write(path: Path, split: str, labyrinths: int, episodes: Iterable[list[Row]]
                 count += 1
                 longest = max(longest, length - 1)
                 length = 0
-            if (ended and len(group) >= ROW_GROUP) or len(group) * len(last.obs) >= GROUP_BYTES:
-                writer.write_table(table_of(group))
+            if (ended and len(group) >= ROW_GROUP) or len(group) * len(last.obs) >= group_bytes:
+                writer.write_table(rows_table(group))
                 group = []
         if group:
-            writer.write_table(table_of(group))
+            writer.write_table(rows_table(group))
     return Shard(
         path=path.name,
         split=split,
-        labyrinths=labyrinths,
+        labyrinths=0,
         episodes=count,
         rows=rows,
         longest=longest,
@@ -91,8 +93,8 @@ def write(path: Path, split: str, labyrinths: int, episodes: Iterable[list[Row]]
 def _no_garbage_collection() -> Iterator[None]:
     """Switch the garbage collector off; rows hold no reference cycles.
 
-    With it the build writes 0.95 times as many rows a second, since each collection visits all
-    objects of the imported libraries (whole builds of 1,500 labyrinths at 5x5, CPU time).
+    Collecting garbage costs 5% of a build (1,500 labyrinths at 5x5, CPU time): each collection
+    visits all objects of the imported libraries.
     """
     enabled = gc.isenabled()
     gc.disable()
@@ -103,7 +105,7 @@ def _no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def table_of(rows: list[Row]) -> pa.Table:
+def rows_table(rows: list[Row]) -> pa.Table:
     """Return rows as a table with each text of `info` once: it is long, and many rows share it."""
     import pyarrow as pa
 
@@ -126,8 +128,8 @@ def table_of(rows: list[Row]) -> pa.Table:
     return pa.Table.from_arrays([pictures, *numbers, texts], schema=schema)
 
 
-# `pa.array` would import pandas, 60 MB: a build of 100 labyrinths at 5x5 (run.py, CPU time of the
-# process) would write 0.8 times as many rows a second, one of 400 labyrinths 0.85 times as many.
+# `pa.array` would import pandas, 60 MB. A build of 100 labyrinths at 5x5 would take 25% longer, one
+# of 400 labyrinths 18% (run.py, CPU time of the process).
 
 
 def text_array(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:

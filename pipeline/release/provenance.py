@@ -52,7 +52,7 @@ class Release:
 def command(config: DatasetConfig) -> str:
     """Return the command line that makes a dataset, with every option."""
     train, validation, test = config.buckets
-    options = {
+    options: dict[str, object] = {
         "size": f"{config.height}x{config.width}",
         "task": config.task,
         "labyrinths": config.labyrinths,
@@ -67,14 +67,8 @@ def command(config: DatasetConfig) -> str:
         "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
-    if config.shifts:
-        options["shifts"] = f"[{','.join(config.shifts)}]"
-    if config.noise:
-        options["demonstrations.noise"] = config.noise
-    if config.pieces:
-        options["demonstrations.pieces"] = config.pieces
-    if config.goals != "fixed":
-        options["goals"] = config.goals
+    for name, value in config.newer_options().items():
+        options[name] = f"[{','.join(value)}]" if isinstance(value, tuple) else value
     return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
 
 

@@ -25,7 +25,7 @@ from labyrinth_core.world.labyrinth import Structure
 from pipeline.command import NEXT
 from pipeline.config.run import OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
-from pipeline.generation.buckets import split_of
+from pipeline.generation.identity import split_of
 
 pytestmark = pytest.mark.slow
 

@@ -9,11 +9,18 @@ from pipeline.generation import build
 from pipeline.release import card
 
 
-def make(data_dir: Path, size: str, task: str = "navigation", **options: object) -> Path:
+def make(
+    data_dir: Path,
+    size: str,
+    task: str = "navigation",
+    *,
+    cells_per_shard: int = build.CELLS_PER_SHARD,
+    **options: object,
+) -> Path:
     """Build a dataset and return its folder."""
     config = RunConfig(stages=["build"], size=size, task=task, data_dir=str(data_dir), **options)
     run = resolve(config)
-    build.run(run)
+    build.run(run, cells_per_shard=cells_per_shard)
     return run.folder
 
 

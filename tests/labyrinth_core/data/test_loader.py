@@ -57,18 +57,16 @@ every_split = pytest.mark.parametrize("split", BASE_SPLITS)
 def data_dir(tmp_path_factory):
     """A folder with a dataset of each task, three labyrinths a split, in two or three shards."""
     folder = tmp_path_factory.mktemp("data") / "labyrinth"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "CELLS_PER_SHARD", 24)
-        for name, task in TASKS.items():
-            config = RunConfig(
-                stages=["build"],
-                size=name.partition("-")[0],
-                task=task,
-                labyrinths=3,
-                random_steps=70,
-                data_dir=str(folder),
-            )
-            build.run(resolve(config))
+    for name, task in TASKS.items():
+        config = RunConfig(
+            stages=["build"],
+            size=name.partition("-")[0],
+            task=task,
+            labyrinths=3,
+            random_steps=70,
+            data_dir=str(folder),
+        )
+        build.run(resolve(config), cells_per_shard=24)
     return folder
 
 

@@ -23,7 +23,6 @@ from labyrinth_core.data.loader import (
     stream_transitions,
 )
 from labyrinth_core.data.manifest import MANIFEST
-from pipeline.generation import build as generation
 
 FIELDS = ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids")
 
@@ -31,15 +30,14 @@ FIELDS = ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids")
 @pytest.fixture(scope="module")
 def data_dir(build, tmp_path_factory):
     """A dataset of nine labyrinths a split, in three shards each."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(generation, "CELLS_PER_SHARD", 3 * 12)
-        run = build(
-            tmp_path_factory.mktemp("data"),
-            size="3x4",
-            labyrinths=9,
-            solutions="all",
-            random_steps=40,
-        )
+    run = build(
+        tmp_path_factory.mktemp("data"),
+        size="3x4",
+        labyrinths=9,
+        cells_per_shard=3 * 12,
+        solutions="all",
+        random_steps=40,
+    )
     return run.data_dir
 
 

@@ -204,11 +204,9 @@ def resolve_local(run: Run, folder: Path) -> Run:
 
 @pytest.mark.parametrize("url", ["memory", "bucket"], indirect=True)
 def test_another_configuration_leaves_nothing_of_the_one_before(
-    build: Build, url: str, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+    build: Build, url: str, small_dataset: Run
 ) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(generation, "CELLS_PER_SHARD", 9)
-        build(url, labyrinths=2, random_steps=5)
+    build(url, labyrinths=2, random_steps=5, cells_per_shard=9)
     with pytest.raises(DatasetError, match="labyrinths=2, not 8"):
         build(url)
     run = build(url, overwrite=True)

@@ -18,7 +18,7 @@ from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
 from joblib.externals.loky import get_reusable_executor
 from PIL import Image
-from tampering import Rows, episode_starts, fingerprint, read_rows
+from tampering import Rows, episode_starts, fingerprint, manifest_of, read_rows
 
 from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
 from labyrinth_core.data.errors import DatasetError
@@ -35,7 +35,10 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import render, workplace, write
+from pipeline.generation.sample import sample
+from pipeline.generation.solve import solve
 from pipeline.generation.validate import validate
+from pipeline.generation.variants import labyrinth_of
 from pipeline.inspection.statistics import count_dataset
 from pipeline.machinery import front_matter
 from pipeline.machinery.executor import ordered_map
@@ -110,10 +113,9 @@ def test_the_map_keeps_the_order(workers: int) -> None:
 
 
 def test_several_shards_hold_the_rows_that_one_holds(
-    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+    build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
-    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 3 * 9)
-    first, second = (build(tmp_path / name).folder for name in ("a", "b"))
+    first, second = (build(tmp_path / name, cells_per_shard=3 * 9).folder for name in ("a", "b"))
     assert content_of(first) == content_of(second)
     manifest = Manifest.read(first)
     for split in BASE_SPLITS:
@@ -228,27 +230,35 @@ def test_row_groups_never_divide_an_episode(small_dataset: Run) -> None:
 
 
 def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like_any_other(
-    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, small_dataset: Run
 ) -> None:
-    monkeypatch.setattr(write, "GROUP_BYTES", 20_000)
-    monkeypatch.setattr(render, "DRAWN_AT_ONCE", 3)
-    run = build(tmp_path)
-    (shard,) = Manifest.read(run.folder).of("random")
-    with pq.ParquetFile(run.folder / shard.path) as file:
+    folder, config = tmp_path / "3x3", small_dataset.dataset
+    shutil.copytree(small_dataset.folder, folder)
+    whole = Manifest.read(small_dataset.folder)
+    (shard,) = whole.of("random")
+    labyrinths = (labyrinth_of(config, "random", each) for each in sample(config)["train"])
+    solutions = enumerate(solve(config, "random", labyrinths))
+    parts = (
+        part
+        for number, solution in solutions
+        for part in render.render("random", number, solution.episodes, at_once=3)
+    )
+    written = write.write(folder / shard.path, "random", parts, group_bytes=20_000)
+    divided = replace(written, labyrinths=shard.labyrinths)
+    assert replace(divided, bytes=shard.bytes, sha256=shard.sha256) == shard
+    with manifest_of(folder) as content:
+        place = whole.shards.index(shard)
+        content["shards"][place] |= {"bytes": written.bytes, "sha256": written.sha256}
+    with pq.ParquetFile(folder / shard.path) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
     assert shard.longest == 100
     assert max(sizes) < 20
-    assert rows_by_split(run.folder) == rows_by_split(small_dataset.folder)
-    divided, whole = (Manifest.read(each.folder) for each in (run, small_dataset))
-    for part, same in zip(divided.shards, whole.shards, strict=True):
-        assert replace(part, bytes=same.bytes, sha256=same.sha256) == same
-    assert validate(run.folder, divided) == []
-    found = [
-        count_dataset(*each).splits
-        for each in ((run.folder, divided), (small_dataset.folder, whole))
-    ]
-    assert str(found[0]) == str(found[1])
-    loaded = [load_episodes(each.data_dir, "3x3", split="random") for each in (run, small_dataset)]
+    assert rows_by_split(folder) == rows_by_split(small_dataset.folder)
+    assert validate(folder, Manifest.read(folder)) == []
+    found = [count_dataset(each, Manifest.read(each)) for each in (folder, small_dataset.folder)]
+    assert str(found[0].splits) == str(found[1].splits)
+    data_dirs = (tmp_path, small_dataset.data_dir)
+    loaded = [load_episodes(each, "3x3", split="random") for each in data_dirs]
     for one, other in zip(*loaded, strict=True):
         assert one.info == other.info
         assert np.array_equal(one.observations, other.observations)
@@ -283,7 +293,7 @@ def test_a_file_that_cannot_be_finished_leaves_nothing(tmp_path: Path) -> None:
 
     target = tmp_path / "train-00000-of-00001.parquet"
     with pytest.raises(OSError, match="the disk is full"), new_file(target, tmp_path) as path:
-        write.write(path, "train", 1, episodes())
+        write.write(path, "train", episodes())
     assert list(tmp_path.iterdir()) == []
 
 

@@ -25,7 +25,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
-from pipeline.generation.buckets import bucket_of, split_of
+from pipeline.generation.identity import bucket_of, split_of
 from pipeline.release import card
 
 Build = Callable[..., Run]
@@ -183,14 +183,11 @@ def test_a_longer_dataset_begins_with_a_shorter_one(
     assert texts(shorter.folder) == {split: longer[split][:9] for split in longer}
 
 
-def test_shards_and_workers_make_no_difference(
-    build: Build, tmp_path: Path, tiny: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shards_and_workers_make_no_difference(build: Build, tmp_path: Path, tiny: Run) -> None:
     options = {"labyrinths": 32, "random_steps": 5, "goals": "varied"}
     with_two = build(tmp_path / "workers", **options, workers=2)
     assert Manifest.read(with_two.folder) == Manifest.read(tiny.folder)
-    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 99)
-    in_shards = build(tmp_path / "shards", **options)
+    in_shards = build(tmp_path / "shards", **options, cells_per_shard=99)
     assert len(Manifest.read(in_shards.folder).of("train")) == 3
     assert texts(in_shards.folder) == texts(tiny.folder)
     assert problems(in_shards.folder) == []
@@ -240,10 +237,16 @@ def replaced(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth])
     return [each.removeprefix(start) for each in problems(folder) if each.startswith(start)]
 
 
-@pytest.mark.parametrize("split", ["train", "validation", "test", "longer", "recoloured"])
-def test_ends_of_another_seed_are_found(folder: Path, split: str) -> None:
+@pytest.mark.parametrize(
+    ("split", "words"),
+    [
+        *((split, "not those of this seed") for split in (*SAMPLED_SPLITS, "longer")),
+        ("recoloured", "not changed as the split says"),
+    ],
+)
+def test_ends_of_another_seed_are_found(folder: Path, split: str, words: str) -> None:
     found = replaced(folder, split, lambda its: replace(its, start=its.goal, goal=its.start))
-    assert "start and goal are not those of this seed" in found
+    assert f"start and goal are {words}" in found
 
 
 @pytest.mark.parametrize("split", ["s0", "g", "s0_and_g"])

@@ -8,16 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tampering import TRAIN, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
-from pipeline.generation import workplace
 
 Build = Callable[..., Run]
 
-TRAIN, TEST = "train-00000-of-00001.parquet", "test-00000-of-00001.parquet"
+TEST = "test-00000-of-00001.parquet"
 
 
 def content_of(folder: Path) -> dict[str, bytes]:
@@ -52,22 +52,15 @@ def test_a_build_makes_damaged_shards_anew_and_no_others(
     folder: Path,
     small_dataset: Run,
     damage: Callable[[Path], None],
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     for name in (TRAIN, TEST):
         damage(folder / name)
-    made = []
-    write = generation.write
-
-    def note(path: Path, *rest: object) -> object:
-        made.append(path.name)
-        return write(path, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(generation, "write", note)
+    before = identities(folder)
     build(folder.parent)
     printed = " ".join(capsys.readouterr().out.split())
-    assert sorted(made) == sorted([TRAIN, TEST])
+    after = identities(folder)
+    assert {name for name in after if before.get(name) != after[name]} == {TRAIN, TEST}
     assert f"{folder} is complete again: made anew" in printed
     assert TRAIN in printed
     assert TEST in printed
@@ -77,35 +70,33 @@ def test_a_build_makes_damaged_shards_anew_and_no_others(
 
 
 def test_a_shard_that_was_not_written_since_the_manifest_is_not_hashed(
-    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+    build: Build, folder: Path
 ) -> None:
+    change(folder / TRAIN)
     for path in folder.iterdir():
         os.utime(path, (1, 2 if path.name == MANIFEST else 1))
-    monkeypatch.setattr(workplace, "file_sha256", None)
-    monkeypatch.setattr(generation, "write", None)
+    before = content_of(folder)
     build(folder.parent)
+    assert content_of(folder) == before
 
 
 def test_a_shard_that_comes_out_otherwise_is_not_put_into_its_place(
-    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+    build: Build, folder: Path
 ) -> None:
     (folder / TRAIN).unlink()
+    with manifest_of(folder) as content:  # As another version would have made it.
+        content["shards"][0]["sha256"] = "0" * 64
     before = content_of(folder.parent)
-    options = generation.write.__globals__["WRITER_OPTIONS"]
-    monkeypatch.setitem(options, "compression_level", 9)  # As another version might have it.
     with pytest.raises(DatasetError, match=r"train-.* cannot be made again .*overwrite=true"):
         build(folder.parent)
     assert content_of(folder.parent) == before
     assert not (folder.parent / ".3x3.building").exists()
 
 
-def test_a_shard_that_this_version_would_not_make_is_named(
-    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_shard_that_this_version_would_not_make_is_named(build: Build, folder: Path) -> None:
     (folder / TRAIN).unlink()
-    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 9)  # Eight shards a split.
     with pytest.raises(DatasetError, match=r"train-00000-of-00001\.parquet cannot be made again"):
-        build(folder.parent)
+        build(folder.parent, cells_per_shard=9)  # Eight shards a split.
 
 
 # Files of a person.
@@ -139,9 +130,10 @@ def test_notes_that_came_during_the_build_are_not_lost_and_no_shard_is(
             build(folder.parent, seed=1, overwrite=True)
     assert (folder / "notes.txt").read_text() == "years of work"
     (folder / "notes.txt").unlink()
-    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    made = identities(folder.parent / ".3x3.building" / "shards")
     build(folder.parent, seed=1, overwrite=True)
     assert Manifest.read(folder).config.seed == 1
+    assert made.items() <= identities(folder).items()  # Nothing was written again.
 
 
 def test_a_file_in_the_place_of_the_folder_is_left_alone(build: Build, tmp_path: Path) -> None:

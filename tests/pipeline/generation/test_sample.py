@@ -21,9 +21,7 @@ from labyrinth_core.world.tasks import tiles_matter
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.generation import sample as sampling
-from pipeline.generation.buckets import split_of
-from pipeline.generation.randomness import item_rng
+from pipeline.generation.identity import item_rng, split_of
 from pipeline.generation.sample import check_capacity, sample
 from pipeline.generation.variants import labyrinth_of
 
@@ -257,14 +255,13 @@ def test_more_than_any_count_is_refused_at_once_where_nothing_is_counted(
 
 
 def test_a_sampler_that_finds_no_more_says_so(
-    config_of: Callable[..., DatasetConfig], monkeypatch: pytest.MonkeyPatch
+    config_of: Callable[..., DatasetConfig],
 ) -> None:
-    monkeypatch.setattr(sampling, "PATIENCE", 500)
     # All walls open: there is only one such structure.
     with pytest.raises(
         ConfigError, match=r"labyrinths=2: of 4x4 the sampler found .* in 500 draws"
     ):
-        sample(config_of(size="4", labyrinths=2, open_walls=1.0))
+        sample(config_of(size="4", labyrinths=2, open_walls=1.0), patience=500)
 
 
 # How far apart.
@@ -304,15 +301,14 @@ def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
 
 
 def test_where_too_few_are_far_enough_apart_the_sampler_says_so(
-    config_of: Callable[..., DatasetConfig], monkeypatch: pytest.MonkeyPatch
+    config_of: Callable[..., DatasetConfig],
 ) -> None:
-    monkeypatch.setattr(sampling, "PATIENCE", 500)
     with pytest.raises(
         ConfigError,
         match=r"^labyrinths=32: of 3x3 the sampler found 32 in train, \d in validation, \d in test "
         r"at least splits.min_walls=4 walls apart, and no other in 500 draws; ask for fewer of",
     ):
-        sample(config_of(labyrinths=32, splits=SplitsConfig(4)))
+        sample(config_of(labyrinths=32, splits=SplitsConfig(4)), patience=500)
 
 
 # The labyrinths.

@@ -11,27 +11,23 @@ from pathlib import Path
 from statistics import mean
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from read_from_text import Drawn, Shown, shown
 from tampering import episode_rows, read_rows, rows_of
 
 from labyrinth_core import load_transitions
-from labyrinth_core.data import columns
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS, is_selected
+from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.generation.detours import stretched
-from pipeline.generation.one_wall import toggled
-from pipeline.generation.relations import parents_of
 from pipeline.generation.sample import sample
-from pipeline.generation.variants import labyrinth_of
+from pipeline.generation.shifts import SELECTED_SHIFTS
+from pipeline.generation.variants import labyrinth_of, toggled
 
 Build = Callable[..., Run]
 
@@ -152,7 +148,7 @@ def test_one_wall_blocks_the_demonstrated_route_or_opens_a_shorter_one(shifted: 
 
 
 def test_shifts_without_a_parent_have_structures_of_their_own(shifted: Run) -> None:
-    selected = [split for split in shifted.dataset.shifts if is_selected(split)]
+    selected = [split for split in shifted.dataset.shifts if split in SELECTED_SHIFTS]
     found = structures(shifted.folder, "train", "validation", "test", *selected)
     # A structure that is its own mirror image comes twice in a row, and is one all the same.
     assert len(set(found[::2])) == len(found) // 2
@@ -223,12 +219,9 @@ def test_workers_make_no_difference(build: Build, plain: Run, tmp_path: Path) ->
     assert Manifest.read(with_two.folder) == Manifest.read(plain.folder)
 
 
-def test_several_shards_are_numbered_like_their_parents(
-    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 200)
+def test_several_shards_are_numbered_like_their_parents(build: Build, tmp_path: Path) -> None:
     shifts = ("g", "one_wall", "recoloured")
-    run = build(tmp_path, **OPTIONS, shifts=shifts)
+    run = build(tmp_path, **OPTIONS, shifts=shifts, cells_per_shard=200)
     assert len(Manifest.read(run.folder).of("one_wall")) == 3
     assert problems(run.folder) == []
     list(with_parents(run.folder, "one_wall"))
@@ -382,8 +375,7 @@ def test_a_labyrinth_that_is_left_out_without_a_reason_is_found(folder: Path, sp
     with rows_of(folder, file) as rows:
         number = int(rows[0]["obs"]["path"].split("-")[1])
         rows[:] = [row for row in rows if row["info"] != rows[0]["info"]]
-    parent = f"{SPLITS[split].parent}-00000-of-00001.parquet"
-    expected = f"{file}: what labyrinth {number} of {parent} becomes is missing"
+    expected = f"{file}: what labyrinth {number} of {SPLITS[split].parent} becomes is missing"
     assert expected in problems(folder)
 
 
@@ -392,16 +384,6 @@ def test_a_parent_that_cannot_be_read_is_named(folder: Path) -> None:
     found = problems(folder)
     start = "one_wall-00000-of-00001.parquet cannot be compared with train-00000-of-00001.parquet"
     assert any(problem.startswith(start) for problem in found)
-
-
-def test_a_parent_that_may_be_huge_is_not_read(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (shard,) = Manifest.read(folder).of("train")
-    monkeypatch.setattr(columns, "MOST_ROWS", 5)
-    monkeypatch.delattr(pq.ParquetFile, "read")
-    with pytest.raises(ValueError, match=r"\Aa row group of \d+ rows, but none has more than 5\Z"):
-        parents_of(folder, shard)
 
 
 # What is loaded, and what is refused.

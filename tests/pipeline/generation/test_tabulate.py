@@ -41,7 +41,6 @@ from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import distances, moves_and_routes
 from pipeline.config.run import Run
-from pipeline.generation import build as generation
 from pipeline.generation import tabulate
 
 Build = Callable[..., Run]
@@ -131,7 +130,7 @@ def test_routes_more_than_fit_are_as_many_as_fit() -> None:
     moves, routes = moves_and_routes(labyrinth)
     assert (moves, routes) == (78, comb(78, 39))
     facts = tabulate.FactsOfShard("train")
-    facts.add(labyrinth, dump(labyrinth), (moves, routes), [[0] * 39 + [1] * 39], 1)
+    facts.add(labyrinth, dump(labyrinth), (moves, routes), [[0] * 39 + [1] * 39], 1, None)
     (fact,) = facts.array()
     assert fact["optimal_routes"] == MOST_ROUTES
     assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)
@@ -148,13 +147,18 @@ def test_the_manifest_names_the_table_and_its_hash(small_dataset: Run) -> None:
 
 
 def test_shards_and_row_groups_may_end_anywhere(
-    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+    build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
-    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 3 * 9)
-    monkeypatch.setattr(tabulate, "GROUP_ROWS", 5)
-    folder = build(tmp_path).folder
+    folder = build(tmp_path, cells_per_shard=3 * 9).folder
     assert table_of(folder) == table_of(small_dataset.folder)
-    with pq.ParquetFile(folder / TABLE) as file:
+    manifest = Manifest.read(folder)
+    facts = tabulate.FactsOfShard("train")
+    for info in dict.fromkeys(row["info"] for row in read_rows(folder / manifest.shards[0].path)):
+        facts.add(parse(info), info, (4, 1), [[0, 0, 1, 1]], 1, None)
+    parts = [(shard, facts.array()[: shard.labyrinths]) for shard in manifest.shards]
+    path = tmp_path / "table.parquet"
+    tabulate.write_table(path, manifest.config, parts, group_rows=5)
+    with pq.ParquetFile(path) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
     assert sizes == [6, 5, 5] * 3
 

@@ -16,13 +16,12 @@ from typing import Any
 
 import filelock
 import pytest
+from tampering import identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
-from pipeline.generation import sample as sampling
 from pipeline.generation import workplace
 from pipeline.machinery.locks import held
 
@@ -109,10 +108,10 @@ def test_an_error_while_a_folder_is_held_leaves_no_empty_folder(tmp_path: Path) 
 
 
 def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
-    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+    build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
     build(tmp_path)
-    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    made = identities(tmp_path / "3x3")
     folder, replaced = tmp_path / "3x3", tmp_path / ".3x3.replaced"
     folder.rename(replaced)  # The crash came between the two renames.
     build(tmp_path)
@@ -120,6 +119,7 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
     shutil.copytree(folder, replaced)  # The crash came after them.
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+    assert identities(folder) == made  # Nothing was written again.
 
 
 class CrashError(BaseException):
@@ -146,9 +146,10 @@ def test_a_crash_around_the_move_into_place_costs_no_shard(
         with pytest.raises(CrashError):
             build(tmp_path)
     assert (tmp_path / "3x3" / MANIFEST).exists() == (moment == "after")
-    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
+    made = identities(tmp_path / ("3x3" if moment == "after" else ".3x3.building/shards"))
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
+    assert identities(tmp_path / "3x3") == made  # Nothing was written again.
 
 
 @pytest.mark.parametrize("name", [MANIFEST, "README.md"])
@@ -227,22 +228,12 @@ def test_a_clock_that_jumps_changes_nothing(
     for number, path in enumerate(sorted(tmp_path.rglob("*"))):
         moment = number % 2 * 4e9  # In 1970 and in 2096.
         os.utime(path, (moment, moment))
+    made = identities(tmp_path / ".3x3.building" / "shards")
     moments = itertools.cycle([0.0, 4e9])
     monkeypatch.setattr(time, "time", lambda: next(moments))
-    monkeypatch.setattr(generation, "write", None)  # Nothing has to be written again.
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
-
-
-@pytest.mark.slow
-def test_a_sampler_that_finds_too_few_leaves_nothing(
-    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sampling, "PATIENCE", 300)
-    monkeypatch.setattr(generation, "CELLS_PER_SHARD", 16)  # Shards are finished before.
-    with pytest.raises(ConfigError, match="in 300 draws"):
-        build(tmp_path / "new", size="4", labyrinths=40, open_walls=0.97)
-    assert list(tmp_path.iterdir()) == []
+    assert identities(tmp_path / "3x3") == made  # Nothing was written again.
 
 
 def test_a_run_that_took_the_place_over_is_noticed(

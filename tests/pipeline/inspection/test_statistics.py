@@ -19,7 +19,6 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances
-from pipeline.generation import build
 from pipeline.inspection.statistics import count_dataset, read_counts, statistics_of
 
 
@@ -99,9 +98,8 @@ def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded)
         assert list(measured(carded / OTHER).splits[split].examples) == list(first.values())[:5]
 
 
-def test_shards_and_workers_change_nothing(carded, tmp_path, monkeypatch):
-    monkeypatch.setattr(build, "CELLS_PER_SHARD", 9 * 3)
-    folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25)
+def test_shards_and_workers_change_nothing(carded, tmp_path):
+    folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
     seen = []
