@@ -130,8 +130,8 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
         tensor = tensors.get(name)
         found = None if tensor is None else (tensor.shape, tensor.dtype)
         if found != expected.get(name):
-            told = [_described(each) for each in (found, expected.get(name))]
-            raise DatasetError(f"{path} is of another network: {name} is {told[0]}, not {told[1]}")
+            is_, should_be = map(_described, (found, expected.get(name)))
+            raise DatasetError(f"{path} is of another network: {name} is {is_}, not {should_be}")
     network = make()
     network.load_state_dict(tensors)
     network.eval()

@@ -177,5 +177,6 @@ def _check(place: str, value: Any, declared: Field[Any]) -> None:
     if typed and (value in one_of if one_of else least <= value <= most):
         return
     number = "a number" if declared.type == "float" else "a whole number"
-    told = f"one of {', '.join(map(str, one_of))}" if one_of else f"{number} from {least} to {most}"
-    raise ValueError(f"{place} is {value!r:.60}, not {told}")
+    choices = ", ".join(map(str, one_of))
+    allowed = f"one of {choices}" if one_of else f"{number} from {least} to {most}"
+    raise ValueError(f"{place} is {value!r:.60}, not {allowed}")

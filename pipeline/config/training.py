@@ -24,7 +24,7 @@ from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
-"""The folder of the configuration: in the package once installed, else that of the clone."""
+"""The folder of the configuration: in the installed package, or else in the clone."""
 
 METHODS = ("pipeline.training.methods", "pipeline.studies.methods")
 """The packages of the methods: each method is a module with a file in conf/method/. The methods of
@@ -63,13 +63,13 @@ PROTOCOLS = {
 }
 """The first two keep the policy with the best SR on validation.
 
-`default` spends the whole budget, and shrinks pictures without losing walls. `paper` has the
-authors' thin walls and their resize without antialiasing, so that most walls vanish; and it stops
-as a public script of theirs does that trains BC: the policy is tried on the validation labyrinths
-every ten epochs, and training ends after five times without a better success rate, or else after
-the method's epochs (a thousand there). The other methods follow the same rule here. `authors` has
-the six methods as the authors' later code has them, with their own settings and selection; they
-are given as `method=authors/bc`.
+`default` spends the whole budget, and shrinks pictures without losing walls. `paper` shows the
+authors' thin walls, resized as they do, without antialiasing, so that most walls vanish. It stops
+like a public script of theirs that trains BC: the policy is tried on the validation labyrinths
+every ten epochs, and training ends after five trials without a better success rate, or after the
+method's epochs (a thousand there). Here the other methods follow the same rule. `authors` trains
+the six methods of the authors' later code, with their own settings and selection, as
+`method=authors/bc`.
 """
 
 PRECISIONS = {"fp32": "float32", "bf16": "bfloat16 in forward passes of training, by autocast"}
@@ -148,7 +148,7 @@ class TrainingOptions:
 
     @property
     def method_name(self) -> str:
-        """The name of the method, such as `bc`."""
+        """The name of the method, such as `bc`; empty if it is missing."""
         return str(self.method.get("name", ""))
 
     @property

@@ -1,4 +1,4 @@
-"""Policies that remember what they have seen, `memory=true`: in training and in evaluation."""
+"""Policies that remember what they have seen: the option `memory`, in training and evaluation."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from pipeline.training.methods.method import Problem
 
 
 def memory_of(run: Run, config: DatasetConfig, image_size: int) -> PictureMemory | None:
-    """Return the memory of a run's policy in the labyrinths of a config, None if it has none.
+    """Return the memory of a run's policy for a config's labyrinths; None without `memory=true`.
 
     Raises:
-        ConfigError: Pictures of `image_size` pixels are too small for it.
+        ConfigError: Pictures of `image_size` pixels are too small to remember.
     """
     if not run.options.memory:
         return None
@@ -30,7 +30,7 @@ def memory_of(run: Run, config: DatasetConfig, image_size: int) -> PictureMemory
 
 
 def with_memory(policy: Any, memory: PictureMemory | None) -> Any:
-    """Return a policy, shown the pictures of a memory if there is one."""
+    """Return a policy that is shown the pictures of a memory, if one is given."""
     return policy if memory is None else Remembering(policy, memory)
 
 

@@ -96,7 +96,7 @@ def choose_device(options: TrainingOptions) -> torch.device:
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types."""
     options = run.options
-    # Records of runs from before there was a choice do not name the precision.
+    # Runs that were made before these two options existed have no values of them.
     precision = {} if options.precision == "fp32" else {"precision": options.precision}
     return {
         **precision,
@@ -108,7 +108,6 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
         "settings": asdict(settings),
-        # Runs from before there was this option have none either.
         **({"memory": True} if options.memory else {}),
         "config": run.dataset.name,
         "dataset": run.source,
@@ -122,8 +121,8 @@ def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., Labyrinth
 
     Another observation can be its second argument.
 
-    Where the run learns from the first labyrinths of train alone, so do splits that are derived
-    from train hold the first alone: the others have structures that are new to the policy.
+    If the run learns from the first labyrinths of train only, splits that are derived from train
+    hold these labyrinths only: the others have structures that are new to the policy.
     """
     options = run.options
 
@@ -198,7 +197,7 @@ def prepare(
 
 
 def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
-    """Print in which settings a run differs from a protocol that has settings of its own."""
+    """Print the settings in which a run differs from a protocol that has its own settings."""
     if not PROTOCOLS[options.protocol].methods:
         return
     usual = usual_settings(options.method_name, options.protocol)
@@ -212,7 +211,7 @@ def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
 
 
 def _rate(player: Player, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves, by steps only if look-ups do not do."""
+    """Return the share of labyrinths that a policy solves, by look-ups if it remembers nothing."""
     if player.forgets:
         return success_rate(player.act, arrays)
     return float(step_through(player, arrays, 1).solved.mean())

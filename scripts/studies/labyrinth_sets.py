@@ -1,6 +1,6 @@
 """Sets of labyrinths on which ablate.py and generalise.py evaluate a policy.
 
-They are those of the splits, and labyrinths of no dataset. The results are kept as JSON.
+They are the splits, and labyrinths outside the dataset. The results are kept as JSON.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def labyrinth_sets(
         source: Folder with the dataset, or its id on the Hub.
         config: Such as `5x5`.
         rng: Draws starts, goals and structures.
-        sides: Sides of larger fresh labyrinths; those of the dataset's size always come.
-        labyrinths: The number of fresh labyrinths of each size, none of a structure of train.
+        sides: Sides of larger fresh labyrinths; fresh ones of the dataset's size always come.
+        labyrinths: The number of fresh labyrinths of each size, whose structures are not in train.
     """
     splits = {
         split: list(load_arrays(source, config, split, observation="vector").labyrinths)
@@ -56,7 +56,7 @@ def labyrinth_sets(
 def _fresh(
     shape: tuple[int, int], like: Labyrinth, known: set[Structure], rng: np.random.Generator
 ) -> Iterator[Labyrinth]:
-    """Yield labyrinths of a shape and of the task of `like`, none of a known structure."""
+    """Yield labyrinths of a shape and of the task of `like`, without the known structures."""
     walls = default_open_walls(*shape)
     start, goal = default_start_and_goal(*shape)
     for structure in sample_structures(*shape, rng, algorithm="wilson", open_walls=walls):
@@ -72,9 +72,9 @@ def write_results(
     path: Path, about: Mapping[str, Any], solved: Mapping[str, Sequence[bool]]
 ) -> None:
     """Write a description of a run, and which labyrinths of each set it solved."""
-    told = {name: "".join(str(int(each)) for each in which) for name, which in solved.items()}
+    digits = {name: "".join(str(int(each)) for each in which) for name, which in solved.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps({**about, "solved": told}, indent=1) + "\n")
+    write_text(path, json.dumps({**about, "solved": digits}, indent=1) + "\n")
 
 
 def read_results(path: Path) -> dict[str, Any]:

@@ -40,7 +40,7 @@ def _recoloured(labyrinths: Sequence[Labyrinth], _: np.random.Generator) -> list
 def _walls(
     labyrinths: Sequence[Labyrinth], _: np.random.Generator, *, pixels: int = 0, share: int = 1
 ) -> list[Style]:
-    """Return styles with walls of so many pixels, or of one of so many parts of a cell."""
+    """Return styles with walls of `pixels` pixels, or of one part of a cell in `share`."""
     shapes = [each.structure for each in labyrinths]
     cells = [PICTURE_SIZE // max(each.height, each.width) for each in shapes]
     styles = {cell: replace(DEFAULT_STYLE, wall_pixels=pixels or cell // share) for cell in cells}

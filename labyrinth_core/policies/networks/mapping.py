@@ -2,24 +2,25 @@
 
 A picture is taken apart into anonymous slots, one a colour (`slots`). Four things are learnt:
 
-- what moves: which slot, from its shape within cells, and that of what else is in them;
-- where demonstrations end: which slot of an episode's first picture, from the same;
-- what each action does: by how many rows and columns it moves, where it moves at all;
-- what lets pass: whether a move happens, from what all slots show on the way from a cell to the
-  next, where each slot counts by features that are computed from its shape.
+- what moves: which slot it is, by the shape of each slot within cells, and of the other slots
+  there;
+- where demonstrations end: which slot of an episode's first picture, by the same shapes;
+- what each action does: by how many rows and columns it moves, if it moves;
+- what lets pass: whether a move happens, by what all slots show on the way from a cell to the next,
+  where each slot counts by features that are computed from its shape.
 
-Together they are a model of where each action leads from each cell. The plan goes from cell to cell
-by the smallest expected number of steps: a move of probability p takes 1 / p attempts.
+Together they are a model of where each action leads from each cell. The plan takes the smallest
+expected number of steps: a move of probability p takes 1 / p attempts.
 
-What is given, and not learnt: that pixels have flat colours, and a colour means one thing in all of
-a picture; the numbers of rows and columns; that what acts is one colour in one cell, that a step
-leads at most to one of the eight cells around it, and that its first picture shows where the
-episode ends; that what lets pass looks the same when it is turned; that the shortest way is wanted.
-What is not given: which colour is the agent, a wall, the floor, the start or the goal, what they
-look like, what the actions do, that something blocks, and any labyrinth of another size or look.
+Given, not learnt: pixels have flat colours, and a colour means one thing in the whole picture; the
+numbers of rows and columns; what acts is one colour in one cell, a step leads at most to one of the
+eight cells around it, and the first picture shows where the episode ends; what lets pass looks the
+same when it is turned; the shortest way is the best. Not given: which colour is the agent, a wall,
+the floor, the start or the goal, what they look like, what the actions do, that anything blocks,
+and any labyrinth of another size or look.
 
-Colours are compared for equality alone, and no feature of a slot depends on where it is, so that a
-goal that is always in one corner is not learnt by its corner.
+Colours are only compared for equality, and no feature of a slot depends on where it is: a goal that
+is always in one corner is not learnt by its corner.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from labyrinth_core.policies.spec import MapperSpec
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
 """The moves to another cell, in rows down and columns right: each four are one, turned."""
 STAY = len(AROUND)
-"""The number of the outcome of a step that leads nowhere else."""
+"""The number of the outcome of a step that leads to no other cell."""
 QUICK = 20.0
 """The factor of the logits of what actions do, which so few weights would learn too slowly."""
 TOGETHER = 16

@@ -96,7 +96,7 @@ class ResNet18(nn.Sequential):
 
 
 class Mlp(nn.Module):
-    """Our encoder for vectors, of which the supplement has none: 512 features.
+    """Our encoder for vectors, which the supplement does not use: 512 features.
 
     The wall grid is an input as it is; positions are one-hot, since they number places.
     """

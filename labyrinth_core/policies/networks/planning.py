@@ -27,7 +27,7 @@ from labyrinth_core.policies.spec import PlannerSpec
 FAR = 1e9
 """The cost of ending outside the picture."""
 FIRST_END = 3.0
-"""The initial logarithm of the cost of ending, which is that of a path of twenty cells."""
+"""The initial logarithm of the cost of ending, which is the cost of a path of twenty cells."""
 POSITION_PIXELS = 4
 """The side of a position in pixels, without `grid_prior`."""
 FINE_POSITIONS = 3.2
@@ -128,8 +128,8 @@ class Planner(nn.Module):
         `colour_prior` learned attention finds the agent.
 
         Args:
-            cell_pixels: The side of a cell in pixels; used with `grid_prior` alone.
-            settings: What it is told beforehand, and how large it is.
+            cell_pixels: The side of a cell in pixels; used only with `grid_prior`.
+            settings: Its priors and sizes.
         """
         super().__init__()
         channels, self.grid_prior = settings.channels, settings.grid_prior

@@ -36,14 +36,14 @@ def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor
         pictures: Shape (N, size, size, 3).
         labels: As `ExampleSampler.draw` returns them.
     """
-    seen, told = [], []
+    seen, turned = [], []
     for symmetry in SYMMETRIES:
         # The last entry maps -1, which stands for no action, to itself.
         actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
         some = actions[labels[symmetry :: len(SYMMETRIES)]]
         seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
-        told.append(transform(some, symmetry) if some.dim() == 3 else some)
-    return torch.cat(seen), torch.cat(told)
+        turned.append(transform(some, symmetry) if some.dim() == 3 else some)
+    return torch.cat(seen), torch.cat(turned)
 
 
 class Averaged(nn.Module):

@@ -12,8 +12,8 @@ turns that into scores of the four actions. The loss is the cross-entropy of the
 action. Initial weights of R and of the module are normal, a hundredth in size.
 
 In the paper's grid worlds the input is the map, one pixel a position, with the goal and the agent's
-position. Here it is the picture. So the method is told the number of pixels of a cell and the
-agent's colour, as `planner` is by default: a first convolution has one position for each cell, for
+position. Here it is the picture. So the method is given the number of pixels of a cell and the
+agent's colour, like `planner` by default: a first convolution has one position for each cell, for
 each wall between two cells and for each corner, which makes 11 x 11 of 5x5, and the agent is where
 its colour is. What wall and goal look like is learnt.
 
@@ -21,7 +21,7 @@ Departures: that first convolution, with a rectified linear unit; Adam instead o
 are clipped. K grows with the side of the labyrinth, as the paper chooses it for each size; here
 weights of one size are used at others.
 
-`augment`, `relabel` and `average` are no part of the paper, and off: see `bc`.
+`augment`, `relabel` and `average` are not part of the paper, and off by default: see `bc`.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ walls stay. Whether an action was an expert's or a random one makes no differenc
 The rest is built in: the number of pixels of a cell and the colours of agent and goal, which are
 read; which action leads where; that a wall between columns looks as one between rows does in the
 transposed picture; and the search. A passage with a predicted wall costs more than any way round,
-so that the way with the fewest of them is taken where none is free.
+so that the way with the fewest predicted walls is taken if no way is free.
 
-It is for navigation alone, where walls are all that stops an agent.
+It works for navigation only, where nothing but walls stops an agent.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Method(Learner):
         require_square("method=walls", spec.height, spec.width)
         check(
             spec.task == Task.NAVIGATION,
-            f"task={spec.task}: method=walls searches for the goal of task=navigation alone",
+            f"task={spec.task}: method=walls searches for the goal of task=navigation only",
         )
         return Walls(spec.height, settings.channels)
 
@@ -139,9 +139,9 @@ class Method(Learner):
         for batch in self.batches(self.settings.pictures):
             states = self.problem.rng.choice(self.visited, len(batch))
             labels = self.tensor(self.known[self.problem.arrays.labyrinth[states]])
-            told = labels != UNKNOWN
-            logits = self.policy.walls(as_input(self.see(states)))[told]
-            labels = labels[told]
+            known = labels != UNKNOWN
+            logits = self.policy.walls(as_input(self.see(states)))[known]
+            labels = labels[known]
             loss = functional.binary_cross_entropy_with_logits(logits, labels.float())
             self.descend(self.optimizer, loss)
             losses.append(loss.item())

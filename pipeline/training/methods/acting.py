@@ -1,4 +1,4 @@
-"""Transitions between numbered states: those of a dataset's episodes, and of agents that act."""
+"""Transitions between numbered states: from a dataset's episodes, and from agents that act."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ def load_steps(
     Args:
         source: Folder with the dataset, or its id on the Hub.
         config: Such as `5x5`.
-        split: A split whose labyrinths are in `arrays`: `train`, or `random` for those of `train`.
+        split: A split whose labyrinths are in `arrays`, such as `train`, or `random` with the same.
         arrays: The labyrinths, with their states numbered.
         revision: Branch, tag or commit on the Hub.
         labyrinths: How many labyrinths, the first ones; None for all.
 
     Raises:
-        DatasetError: There is no such split, or one of its labyrinths is not in `arrays`.
+        DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
     """
     known = set(arrays.labyrinth_ids.tolist())
     found = []
@@ -80,7 +80,7 @@ def load_steps(
     ):
         if episode.labyrinth_id not in known:
             raise DatasetError(
-                f"split={split}: labyrinth {episode.labyrinth_id:016x} is none of those trained on"
+                f"split={split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
             )
         states = [number_of(first_place(episode), arrays.places)]
         for action in episode.actions.tolist():
@@ -98,8 +98,8 @@ def softmax(scores: Tensor) -> NDArray[np.float64]:
 def settle(network: nn.Module, observations: Tensor) -> None:
     """Set batch normalisation's running statistics from observations; end in evaluation mode.
 
-    For methods that train in evaluation mode, where the statistics of a fresh network would stay
-    at their initial values. The observations are on the network's device.
+    For methods that train in evaluation mode, in which the statistics of a fresh network would keep
+    their initial values. The observations are on the network's device.
     """
     normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
     for layer in normalising:

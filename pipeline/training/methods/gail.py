@@ -65,8 +65,8 @@ class ActorCritic(nn.Module):
 
     Args:
         policy: The network, of which the critic shares all but the last layer.
-        unit: The unit of the values, in which the critic's loss is computed, too, so that it does
-            not outweigh the policy's.
+        unit: The unit of the values, and of the critic's loss, so that this loss does not outweigh
+            the policy's.
     """
 
     def __init__(self, policy: Network, unit: float) -> None:

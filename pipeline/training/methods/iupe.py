@@ -4,7 +4,7 @@ Three things differ from BCO (`bco.py`), as in the paper:
 
 - Labels of the demonstrations are drawn from the inverse dynamics model's probabilities, anew for
   every pass, instead of being its most likely actions.
-- The policy's actions are drawn as well, when it acts for new experience (our BCO does that, too).
+- The policy's actions are drawn as well, when it acts for new experience (as in our BCO).
 - The model is not fitted to all steps together, but to a sample I_s that depends on how often the
   policy reached the goal. Let E be the policy's episodes of a round, P(g | E) the share of them
   that reached the goal, P(A | E; I_pos) the distribution of actions in those, with equal weights of
@@ -35,7 +35,7 @@ from pipeline.training.methods.method import Problem, setting
 
 @dataclass(frozen=True)
 class Settings(bco.Settings):
-    """Those of BCO, alpha having no meaning here."""
+    """The settings of BCO, of which alpha has no effect here."""
 
     episode_steps: int = setting(
         "number of steps after which an episode of the policy for experience is cut", at_least=1
@@ -92,11 +92,11 @@ def compose(
         reached: P(g | E).
         rng: Draws the sample.
     """
-    wanted = round(reached * len(before))
+    own = round(reached * len(before))
     ours = steps[:0]
-    if wanted:
+    if own:
         # A random episode, then a random step of it, has an action distributed as P(A | E; I_pos).
         weights = 1 / np.bincount(episodes)[episodes]
-        ours = steps[rng.choice(len(steps), wanted, p=weights / weights.sum())]
-    others = before[rng.permutation(len(before))[: len(before) - wanted]]
+        ours = steps[rng.choice(len(steps), own, p=weights / weights.sum())]
+    others = before[rng.permutation(len(before))[: len(before) - own]]
     return np.concatenate([ours, others])

@@ -1,19 +1,19 @@
 """A mapper, which learns what moves, what actions do and where demonstrations end, and plans.
 
-Its network, what it is given and what it is not: `labyrinth_core.policies.networks.mapping`.
+`labyrinth_core.policies.networks.mapping` has its network, and says what it is given.
 
-As BCO (Torabi et al. 2018) it learns from transitions (s, a, s') of a random policy what actions
-do, here as a forward model, and from those of the demonstrations; as universal planning networks
-(Srinivas et al. 2018) and value iteration networks (Tamar et al. 2016) it acts by planning in what
-it has learnt. All labels come from the pictures of the split train and of `random`:
+Like BCO (Torabi et al. 2018) it learns what actions do from transitions (s, a, s') of a random
+policy, and of the demonstrations; it learns a forward model. Like universal planning networks
+(Srinivas et al. 2018) and value iteration networks (Tamar et al. 2016) it acts by planning with
+what it has learnt. All labels come from the pictures of the splits `train` and `random`:
 
 - What moves is the one slot whose cells differ between s and s' (`moving_colour`).
 - Where a demonstration ends is the cell of that slot in its last picture. It is learnt as the place
   of a slot of its *first* picture.
 - Where an action leads is the cell of that slot in s', relative to s.
 
-Pictures are drawn as `obs` has them, 600 pixels wide, a little shifted, and the slots of whatever
-kind grow over the others, one after the other in any order, as long as no slot vanishes anywhere.
+Pictures are drawn as in the column `obs`, 600 pixels wide, and a little shifted. Then each slot
+grows over the others, one after the other in random order, as long as no slot vanishes anywhere.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Settings(MapperSpec, BaseSettings):
     steps: int = setting(
         "number of transitions of its labyrinth that are learnt from a picture", at_least=1
     )
-    explore: bool = setting("whether the split random is learnt from, too")
+    explore: bool = setting("whether it learns from the split random as well")
     shift: int = setting("most pixels by which pictures are shifted", at_least=0, at_most=60)
     grow: int = setting("most pixels by which a colour grows over others", at_least=0, at_most=60)
 
@@ -109,12 +109,12 @@ class Method(Learner):
 
     @classmethod
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
-        """Return that of pictures as they are, in which colours are flat."""
+        """Return the size of pictures in datasets, where colours are flat."""
         return PICTURE_SIZE
 
     @classmethod
     def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
-        """Return the policy, which remembers, with the network of a function."""
+        """Return the policy that plans with the network, and remembers its plan."""
         assert isinstance(policy, NetworkPolicy)
         assert isinstance(policy.network, Mapper)
         return MapperPolicy(policy.network, spec.height, spec.width)
@@ -203,7 +203,7 @@ class Method(Learner):
 
 
 def moving_colour(pictures: Sequence[Slots], height: int, width: int) -> int | None:
-    """Return the colour of the one slot that is in other cells after a step; None if none is.
+    """Return the colour of the one slot that a step moves to other cells; None if it moves no slot.
 
     Args:
         pictures: The pictures before and after the step.

@@ -48,7 +48,7 @@ def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
 
 @dataclass(frozen=True)
 class BaseSettings:
-    """What every method lets one choose; its own settings are declared by `setting`, too."""
+    """The settings of every method; a method declares its own by `setting` in the same way."""
 
     epochs: int = setting("number of calls of `Learner.epoch`", at_least=1)
     evaluate_every: int = setting(
@@ -65,18 +65,18 @@ class Problem:
     arrays: LabyrinthArrays
     """The labyrinths of the split train, and of no other."""
     observations: Tensor
-    """The observations of `arrays`, on the device, shape (S, ...); with memory, those of the states
-    of `demonstrations` come after them."""
+    """The observations of `arrays`, on the device, shape (S, ...). With memory, observations of the
+    states of `demonstrations` follow."""
     demonstrations: Steps
     exploration: Callable[[], Steps]
     """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
     spec: NetworkSpec
     rng: np.random.Generator
-    """The source of all randomness but that of weights and dropout, which is torch's."""
+    """The source of all randomness except weights and dropout, for which torch's is used."""
     precision: str = "fp32"
     """One of `PRECISIONS`."""
     memory: PictureMemory | None = None
-    """What makes the pictures of a policy that is shown all that it has seen in an episode."""
+    """What makes the pictures of a policy that is shown all that it has seen in the episode."""
 
     @property
     def device(self) -> torch.device:
@@ -86,7 +86,7 @@ class Problem:
     def autocast(self) -> torch.autocast:
         """Return the context in which networks are trained, in the precision of the run.
 
-        Weights are cast each time anew, since they change within the context.
+        Weights are cast anew each time, since they change within the context.
         """
         enabled = self.precision == "bf16"
         return torch.autocast(self.device.type, torch.bfloat16, enabled, cache_enabled=False)
@@ -117,7 +117,7 @@ class Learner(ABC):
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network for the policy; some methods have another one than `Network`."""
+        """Return a fresh network for the policy; a method may have another one than `Network`."""
         return Network(spec)
 
     @classmethod
@@ -142,21 +142,21 @@ class Learner(ABC):
         train: LabyrinthArrays,  # noqa: ARG003
         validation: LabyrinthArrays,  # noqa: ARG003
     ) -> dict[str, float]:
-        """Return figures of a policy that is tried during training, besides success rates."""
+        """Return further figures, besides success rates, of a policy tried during training."""
         return {}
 
     @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003
-        """Return the figures of a policy by the protocol's own rules, if it has any."""
+        """Return the figures of a policy by the protocol's own rules, if the protocol has rules."""
         return {}
 
     @classmethod
     def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
         """Return the policy of a network as it acts, in any of the forms that `evaluate` takes.
 
-        Here it forgets, so that look-ups do for it. A method whose policy remembers returns an
-        object with `reset(count)` and `act(observations)`, which is then stepped: when it is tried
-        during training, and when it is evaluated.
+        By default it is a function, which remembers nothing, so it is evaluated by look-ups. A
+        method whose policy remembers returns an object with `reset(count)` and
+        `act(observations)`, which is stepped both during training and in evaluation.
 
         Args:
             policy: The function of a network, from B observations to scores of shape (B, 4).

@@ -7,24 +7,25 @@ tied weights and recall of the input (Schwarzschild et al. 2021; Bansal et al. 2
 relabelling (Andrychowicz et al. 2017); and on averaging over symmetries, which Cohen and Welling
 (2016) build into the weights. The loss is that of behavioural cloning.
 
-It learns from the demonstrations of the split train and from nothing else: no steps of its own, no
-other labyrinths. But it has prior knowledge that the other methods do not have, so that what is
-left to learn is little more than what walls and goal look like. Each of these can be switched off:
+It learns from the demonstrations of the split train only: no steps of its own, no other labyrinths.
+But it has prior knowledge that the other methods do not have, so that it has to learn little more
+than what walls and goal look like. Each part of this knowledge can be switched off:
 
-- `augment`: a transformed labyrinth is solved by transformed actions (`symmetry`), which says, too,
+- `augment`: a transformed labyrinth is solved by transformed actions (`symmetry`), which also says
   how actions and directions belong together.
 - `relabel`: a part of a route is a route, also in reverse, and can be drawn with another start and
   goal (`relabelling`), in the colours that these have.
 - `average`: the policy's outputs are averaged over the eight symmetries of the picture.
 - `path_prior`: a layer that solves for shortest paths, and with it the dynamics: which action leads
-  to which neighbour, and that the costs of steps add up. Where two labels are exchanged, as if up
-  led to the right, it cannot learn (`scripts/studies/ablate.py`). Without it, planning is an
-  iterated gated convolution, which is told nothing of what actions do.
+  to which neighbour, and that the costs of steps add up. If two labels are exchanged, as if up led
+  to the right, it cannot learn (`scripts/studies/ablate.py`). Without it, planning is an iterated
+  gated convolution, which knows nothing of what actions do.
 - `sharpness`, with `path_prior` and `grid_prior`: the costs are raised to a power when acting. It
-  is not learnt, and validation cannot select it: powers from 1 to 8 solve all of it. 3 was chosen
-  on labyrinths of 10x10 and 25x25, which no other method saw; 1 plans with the costs as they are.
+  is not learnt, and cannot be selected on validation, all of which powers from 1 to 8 solve. 3 was
+  chosen on labyrinths of 10x10 and 25x25, which no other method saw; 1 leaves the costs as they
+  are.
 - `grid_prior`: the number of pixels of a cell, so that the internal grid has one position per cell,
-  and larger labyrinths are shown in as many.
+  and cells of larger labyrinths are shown in as many pixels.
 - `colour_prior`: the agent's colour, by which it is found. Without it, attention learns to find the
   agent. With both `grid_prior` and `colour_prior`, the actions of all states on a route are learnt
   from each picture of one of them.

@@ -9,9 +9,9 @@ learner's own steps, whose reward is 0; half of each batch is from either. The l
 and the policy acts by softmax(Q / tau). The policy that is evaluated takes the highest Q.
 
 The goal is absorbing: an expert that has reached it stays there and keeps receiving the reward 1,
-so that V(goal) = (1 + tau log 4) / (1 - gamma), whoever reached it. If V(goal) were 0, avoiding the
-goal would be optimal, since no reward is negative. Ice is absorbing, too, and worth nothing, since
-no expert is ever there.
+so that V(goal) = (1 + tau log 4) / (1 - gamma), no matter who reached it. If V(goal) were 0,
+avoiding the goal would be optimal, since no reward is negative. Ice is absorbing as well, and worth
+nothing, since no expert is ever there.
 
 Departures: the absorbing goal and ice, which Algorithm 1 does not have, and with them gamma, which
 has to be below 1 for V(goal) to be finite and is our choice, 0.9; V(s') is from a target network, a

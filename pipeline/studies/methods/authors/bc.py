@@ -1,4 +1,4 @@
-"""Behavioural cloning as the authors' code has it: cross-entropy on all rows.
+"""Behavioural cloning in the authors' code: cross-entropy on all rows.
 
 Among them is the last row of each episode, the agent on the goal, with the action before it.
 """

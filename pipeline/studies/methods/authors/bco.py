@@ -1,10 +1,10 @@
-"""BCO as the authors' code has it.
+"""BCO in the authors' code.
 
 An epoch is a pass of the inverse dynamics model over all steps, then one of the policy over the
 pairs of states of the demonstrations, with the model's most likely actions as labels. The model
 sees both pictures through one encoder, and an MLP sees both features. Each time that the policy is
-tried, its episodes on train, cut at the step limit alone, join the steps. The policy that is kept
-is the last one: the code compares each trial with the worst there can be.
+tried, its episodes on train, cut only at the step limit, join the steps. The policy that is kept is
+the last one, since the code compares each trial with the worst possible one.
 """
 
 from __future__ import annotations

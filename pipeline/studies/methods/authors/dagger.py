@@ -1,9 +1,9 @@
-"""DAgger as the authors' code has it: the solver acts, and the learner never does.
+"""DAgger in the authors' code: the solver acts, and the learner never does.
 
 After each epoch, episodes of the solver in labyrinths of train join the rows. The solver takes the
-first route that a search in depth meets, which need not be the shortest; the order in which theirs
-tries the actions is not known to us, and ours is up, right, down, left. The labyrinths are drawn at
-random, with replacement. The optimizer goes on from epoch to epoch.
+first route that a depth-first search meets, which need not be the shortest. We do not know in which
+order their search tries the actions; ours is up, right, down, left. The labyrinths are drawn at
+random, with replacement. The optimizer keeps its state from epoch to epoch.
 """
 
 from __future__ import annotations

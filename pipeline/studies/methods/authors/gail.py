@@ -1,4 +1,4 @@
-"""GAIL as the authors' code has it: the policy never acts.
+"""GAIL in the authors' code: the policy never acts.
 
 In each batch of rows the discriminator learns to call (state, one-hot action of the row) expert and
 (the same state, the policy's logits) not, by binary cross-entropy; then the policy is changed, by

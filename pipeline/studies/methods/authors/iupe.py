@@ -1,11 +1,12 @@
-"""IUPE as the authors' code has it: BCO (`bco.py`) with labels and actions that are drawn.
+"""IUPE in the authors' code: BCO (`bco.py`) with drawn labels and actions.
 
-An action is drawn by counting the cumulative probabilities that lie below random numbers. Where one
-number for each pair would be right, the code draws one for each of the four *actions*, and the same
-four for all pairs of a batch. So an action between two likely ones can be drawn that is impossible.
+An action is drawn by counting the cumulative probabilities that lie below random numbers. One
+number for each pair would be right; the code draws one for each of the four *actions*, and uses the
+same four for all pairs of a batch. So it can draw an impossible action that lies between two likely
+ones.
 
-While it is trained, the policy draws its actions, properly: for experience, and when it is tried.
-What is kept is the policy with the best return on the labyrinths of train.
+During training the policy draws its actions, correctly, for experience and when it is tried. The
+policy with the best return on the labyrinths of train is kept.
 """
 
 from __future__ import annotations
@@ -47,6 +48,6 @@ class Method(bco.Method):
 def draw_labels(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:
     """Return a label for each pair of a batch, shape (B,), with four random numbers in all."""
     cumulative = probabilities.cumsum(axis=1)
-    cumulative[:, -1] = 1  # Whatever rounding made of it.
+    cumulative[:, -1] = 1  # Rounding may leave less.
     labels: NDArray[np.int64] = (cumulative < rng.random(cumulative.shape[1])).sum(axis=1)
     return labels

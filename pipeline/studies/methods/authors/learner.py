@@ -26,7 +26,7 @@ class Settings(BaseSettings):
 
 
 class AuthorsLearner(Learner):
-    """A method of the authors; the policy is kept that labels most rows of validation rightly."""
+    """A method of the authors; keeps the policy that labels most rows of validation correctly."""
 
     selected_by = "validation_accuracy"
     visits: int | None = VISITS

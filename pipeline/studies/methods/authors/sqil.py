@@ -1,4 +1,4 @@
-"""SQIL as the authors' code has it.
+"""SQIL in the authors' code.
 
 The target of Q(s, a) is
 
@@ -9,9 +9,9 @@ over. V is from a target network that is copied after the gradient steps 1, 2 an
 and never again, since the code asks whether 4 is divisible by the number of the step. (It calls the
 steps epochs.) Like the policy's, that network's dropout is on and its statistics are of the batch.
 
-So V is that of a network that has learnt next to nothing, about alpha log 4, and Q ends between
-y with r = 0 and y with r = 1. The policy acts by softmax(Q / alpha), also when it is tried: with
-alpha 4 a difference of 1 makes an action 1.3 times likelier than another.
+So V comes from a network that has learnt next to nothing and is about alpha log 4, and Q ends
+between y with r = 0 and y with r = 1. The policy acts by softmax(Q / alpha), also when it is tried:
+with alpha 4 a difference of 1 makes an action 1.3 times likelier than another.
 
 A gradient step is on as many of the learner's own steps as of rows, whose reward is 1. The learner
 begins with a full buffer of its own steps, here in all labyrinths of train in lock-step, and takes
