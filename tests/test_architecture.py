@@ -124,7 +124,7 @@ HOMES = {
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.
     "time": (
         "pipeline.training.loop",  # How long a run took.
-        "pipeline.studies.environments.stage",
+        "pipeline.studies.environments.compare",
         "pipeline.release",  # To wait and try again.
     ),
     "datetime": (),

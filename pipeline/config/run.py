@@ -44,7 +44,7 @@ STAGES = {
     "train": "pipeline.training.train",
     "evaluate": "pipeline.training.evaluate",
     "results": "pipeline.studies.results.stage",
-    "environments": "pipeline.studies.environments.stage",
+    "environments": "pipeline.studies.environments.compare",
 }
 """Stage -> the module whose `run` performs it."""
 

@@ -1,4 +1,4 @@
-"""Policies out of Stable-Baselines3 archives, read without that library and without pickle.
+"""Experts from Stable-Baselines3 archives, read without that library and without pickle.
 
 An archive is a zip. Its `policy.pth` holds the weights, which `torch.load` reads with
 `weights_only=True`: tensors, and nothing that could run. From the JSON `data` only plain text is
@@ -13,7 +13,7 @@ import json
 import re
 import warnings
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from pickle import UnpicklingError  # Raised by torch; nothing is unpickled here.
 from typing import Any
@@ -22,8 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.world.grid import Action
 from pipeline.config.errors import ConfigError
 
 MAX_BYTES = 1 << 28
@@ -39,10 +37,8 @@ _ACTIVATIONS: dict[str, Function] = {
     "ELU": lambda values: np.where(values > 0, values, np.expm1(np.minimum(values, 0))),
 }
 
-
 _UNREADABLE = (OSError, ValueError, LookupError, AttributeError, TypeError, RuntimeError)
 """What libraries raise for files that are missing, damaged or of another kind."""
-
 
 _LAYOUTS: list[tuple[str, str, Function]] = [
     (r"q_net\.q_net\.\d+", "ReLU", np.argmax),  # DQN
@@ -54,13 +50,9 @@ _LAYOUTS: list[tuple[str, str, Function]] = [
 of its linear layers, the default activation between them, and what turns the last layer's values
 into an action."""
 
-_NATURE = {"cnn.0": 4, "cnn.2": 2, "cnn.4": 1, "linear.0": 0}
-"""The layers of NatureCNN (Mnih et al. 2015), the features of a CnnPolicy, with the strides of the
-convolutions; after each comes a ReLU."""
-
 
 def located(source: str) -> Path:
-    """Return the path of an archive; download it if an id on the Hub is given.
+    """Return the path of an archive; download it if the source is an id on the Hub.
 
     Args:
         source: The path of a zip, or an id such as `sb3/td3-Hopper-v3`, whose file of the same
@@ -99,109 +91,31 @@ def read_archive(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Array]
         DatasetError: There is no such archive, or it holds no policy of a known kind.
     """
     weights, data = _unpacked(source, max_bytes)
-    layers, activation, output = _layout(source, weights, data)
-
-    def act(observation: Array) -> int | Array:
-        action = output(_through(layers, activation, weights, observation))
-        return int(action) if np.ndim(action) == 0 else action
-
-    return act
-
-
-def _layout(
-    source: str, weights: Mapping[str, Array], data: Mapping[str, Any]
-) -> tuple[list[str], Function, Function]:
-    """Return the names of the linear layers, the activation between them, and the last step."""
     names = [name.removesuffix(".bias") for name in weights if name.endswith(".bias")]
-    known = [
+    known = (
         (layers, activation, output)
         for pattern, activation, output in _LAYOUTS
         if (layers := [name for name in names if re.fullmatch(pattern, name)])
-    ]
-    if not known:
+    )
+    layers, default, output = next(known, ([], "", np.argmax))
+    if not layers:
         raise DatasetError(f"{source}: no MlpPolicy of PPO, A2C, SAC, TD3, DDPG or DQN is in it")
-    layers, default, output = known[0]
     # PPO and A2C have a standard deviation for continuous actions only.
-    discrete = layers[-1] == "action_net" and "log_std" not in weights
-    named = "".join(re.findall(r"\.(\w+)'>$", str(data.get("activation_fn", ""))))
-    if named and named not in _ACTIVATIONS:
+    if layers[-1] == "action_net" and "log_std" not in weights:
+        output = np.argmax
+    named = "".join(re.findall(r"\.(\w+)'>$", str(data.get("activation_fn", "")))) or default
+    if named not in _ACTIVATIONS:
         raise DatasetError(f"{source}: activation {named}, not {', '.join(_ACTIVATIONS)}")
-    return layers, _ACTIVATIONS[named or default], np.argmax if discrete else output
 
+    def act(observation: Array) -> int | Array:
+        values = observation
+        for place, name in enumerate(layers):
+            values = _ACTIVATIONS[named](values) if place else values
+            values = values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
+        action: Any = output(values)
+        return int(action) if np.ndim(action) == 0 else action
 
-def _through(
-    layers: Sequence[str], activation: Function, weights: Mapping[str, Array], values: Array
-) -> Array:
-    """Return the values of the last layer for one observation, or for several, a row each."""
-    for place, name in enumerate(layers):
-        values = activation(values) if place else values
-        values = values @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
-    return values
-
-
-def read_discrete(source: str, *, max_bytes: int = MAX_BYTES) -> Callable[[Any], Array]:
-    """Return the policy of an archive that chooses among four actions, as `evaluate` takes it.
-
-    It is PPO, A2C or DQN, with MlpPolicy or CnnPolicy; the action with the highest score is the one
-    that `predict(deterministic=True)` of Stable-Baselines3 gives. Pictures go in as there: channels
-    first and, unless `normalize_images` is off, from 0 to 1.
-
-    Args:
-        source: As for `located`.
-        max_bytes: The largest size of a member of the archive that is read.
-
-    Raises:
-        ConfigError: The extra `train`, which brings torch, is missing.
-        DatasetError: There is no such archive, or it holds no such policy.
-    """
-    weights, data = _unpacked(source, max_bytes)
-    layers, activation, output = _layout(source, weights, data)
-    if output is not np.argmax or len(weights[f"{layers[-1]}.bias"]) != len(Action):
-        raise DatasetError(f"{source}: the policy does not choose among four actions")
-    prefix = "q_net." if layers[0].startswith("q_net.") else ""
-    features = _features(source, f"{prefix}features_extractor.", weights)
-    scaled = str(data.get("normalize_images", True)) != "False"
-
-    def policy(observations: Any) -> Array:
-        if not isinstance(observations, np.ndarray):
-            raise PolicyError(f"{source} looks at pictures or vectors: choose observation=image")
-        values = observations.astype(np.float64)
-        if observations.ndim == 4:
-            values = values.transpose(0, 3, 1, 2) / (255 if scaled else 1)
-        try:
-            return _through(layers, activation, weights, features(values))
-        except (ValueError, RuntimeError) as error:
-            raise PolicyError(
-                f"{source} was trained on other observations than {observations.dtype} of shape "
-                f"{observations.shape}: choose observation= and evaluation.image_size="
-            ) from error
-
-    return policy
-
-
-def _features(source: str, prefix: str, weights: Mapping[str, Array]) -> Function:
-    """Return what comes before the linear layers: nothing but flattening, or NatureCNN."""
-    named = {name.removeprefix(prefix) for name in weights if name.startswith(prefix)}
-    if not named:
-        return lambda values: values.reshape(len(values), -1)
-    if named != {f"{layer}.{kind}" for layer in _NATURE for kind in ("weight", "bias")}:
-        raise DatasetError(f"{source}: its features extractor is not NatureCNN")
-    import torch
-
-    tensors = {name: torch.from_numpy(weights[f"{prefix}{name}"]) for name in named}
-
-    def features(values: Array) -> Array:
-        seen = torch.from_numpy(values)
-        for layer, stride in _NATURE.items():
-            weight, bias = tensors[f"{layer}.weight"], tensors[f"{layer}.bias"]
-            if stride:
-                seen = torch.nn.functional.conv2d(seen, weight, bias, stride).relu()
-            else:
-                seen = torch.nn.functional.linear(seen.flatten(1), weight, bias).relu()
-        found: Array = seen.numpy()
-        return found
-
-    return features
+    return act
 
 
 def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], Mapping[str, Any]]:

@@ -1,4 +1,4 @@
-"""Episodes reduced to counts, so that a hundred thousand of them fit in memory."""
+"""Episodes reduced to counts, so that a hundred thousand episodes fit in memory."""
 
 from __future__ import annotations
 

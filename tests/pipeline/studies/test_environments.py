@@ -16,7 +16,7 @@ from labyrinth_core.world.labyrinth import Task
 from pipeline.config.analysis import AnalysisOptions
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.studies.environments import stage as environments
+from pipeline.studies.environments import compare as environments
 from pipeline.studies.environments.summaries import Summary
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,6 @@ import json
 import shutil
 import time
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,8 +35,6 @@ CHUNK = 100
 """The number of seeds whose episodes are played and kept together."""
 PILOTS = 32
 """The number of episodes from which the discretisation is made."""
-
-_environment = lru_cache(maxsize=1)(environment_of)
 
 
 @dataclass(frozen=True)
@@ -89,10 +86,10 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
 
 
 def _job(run: Run, name: str, pilots: int) -> Job:
-    """Return all seeds of an environment as a job; remove episodes that were played otherwise."""
+    """Return all seeds of an environment as a job; remove episodes played with other options."""
     options = run.options.analysis
     archive = options.archives.get(name)
-    environment = _environment(name, run.dataset, archive)
+    environment = environment_of(name, run.dataset, archive)
     discretisation = Discretisation.around(environment, map(environment.play, range(pilots)))
     folder = Path(options.folder).expanduser() / "episodes" / name
     provenance = folder / "made-of.json"
@@ -106,7 +103,7 @@ def _job(run: Run, name: str, pilots: int) -> Job:
 
 
 def _made_of(environment: str, dataset: DatasetConfig, archive: str | None) -> dict[str, Any]:
-    """Return all that determines the episodes of an environment, in plain types."""
+    """Return everything that determines the episodes of an environment, in plain types."""
     if environment == LABYRINTH:
         values = dataset.to_json()
         made_of = {key: values[key] for key in ("height", "width", "task", "sampler", "open_walls")}
@@ -122,7 +119,7 @@ def summarise(job: Job) -> Summary:
     path = job.folder / f"{job.seeds.start}-{job.seeds.stop}.npz"
     summary = Summary.load(path)
     if summary is None:
-        environment = _environment(job.name, job.dataset, job.archive)
+        environment = environment_of(job.name, job.dataset, job.archive)
         summary = Summary.of(environment, job.discretisation, job.seeds)
         summary.save(path)
     return summary
