@@ -309,7 +309,7 @@ def test_every_package_of_the_project_is_a_room():
         ("labyrinth_core/env/environment", "import pygame"),
         ("labyrinth_core/env/environment", "from labyrinth_core.env.window import Window"),
         ("labyrinth_core/env/environment", "from . import window"),
-        ("labyrinth_core/command/main", "from PIL import Image"),
+        ("labyrinth_core/command/commands", "from PIL import Image"),
         ("labyrinth_core/evaluation/scores", "def f():\n    import torch"),
         ("labyrinth_core/policies/load", "import torch"),
         ("labyrinth_core/evaluation/scores", "from labyrinth_core.policies import load"),

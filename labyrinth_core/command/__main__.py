@@ -1,19 +1,49 @@
-"""The way in: the command `labyrinth`."""
+"""The entry point of the command `labyrinth`."""
 
 from __future__ import annotations
 
+import io
+import os
 import sys
+from collections.abc import Sequence
 
 
-def main() -> int:
-    """Return the exit status of the command line of the process: 130 after Ctrl-C."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Return the exit status: 0, 1 for an error, which is explained, or 130 after Ctrl-C.
+
+    Args:
+        arguments: The command line after `labyrinth`; None for that of the process.
+    """
     try:
-        # Imported within `try`: somebody may press Ctrl-C at once.
-        from labyrinth_core.command.main import main as run
-
-        return run()
+        return _run(arguments)
     except KeyboardInterrupt:
         return 130
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    # Imported here: the user may press Ctrl-C at once.
+    from labyrinth_core.command.arguments import ERRORS, explain, parser
+
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A file's name may be any bytes.
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        options = parser().parse_args(arguments)
+        from labyrinth_core.command.commands import COMMANDS  # Not for --help: it needs numpy.
+
+        status = COMMANDS[options.command](options)
+        if sys.stdout is not None:  # It is None if the shell has closed it by >&-.
+            sys.stdout.flush()
+    except SystemExit as stop:  # From argparse, which has printed the reason.
+        return int(stop.code or 0)
+    except BrokenPipeError:
+        # The reader of the output has gone, so what is left in the buffer is discarded.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except ERRORS as error:
+        explain(error)
+        return 1
+    return status
 
 
 if __name__ == "__main__":

@@ -1,16 +1,17 @@
-"""The grammar of the command line: its commands, their options, and the values of these."""
+"""The grammar of the command line, and the errors that a user of it can cause."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.language.source_text import printable
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, printable
 from labyrinth_core.version import __version__
 from labyrinth_core.world.grid import parse_size
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.labyrinth import LabyrinthError, Task
 
 ROUTES = 1_000
 """The default limit of `solve --all`."""
@@ -21,6 +22,20 @@ GIF_ROUTES = 10
 
 class RequestError(ValueError):
     """A command that cannot be carried out; the message says why."""
+
+
+ERRORS = (OSError, LabyrinthSyntaxError, LabyrinthError, RequestError)
+"""The errors that a user can cause."""
+
+
+def explain(error: Exception) -> None:
+    """Print one of the `ERRORS` on standard error."""
+    message = str(error)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename is not None else ""
+        message = where + (error.strerror or message)
+    program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
+    print(printable(program + message), file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,7 +86,7 @@ def _file(suffix: str) -> Callable[[str], Path]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line; a mistake in it ends with exit status 1."""
+    """Return the parser of the command line; an error in it ends with exit status 1."""
     parser = _Parser(
         prog="labyrinth",
         description="Check, show, solve, make, convert and play labyrinths in the text language.",

@@ -1,4 +1,4 @@
-"""Labyrinths in the forms that others use, written as text: `labyrinth convert`."""
+"""Labyrinths in files of others, written as text: `labyrinth convert`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 
 PROBLEMS_SHOWN = 10
-"""The largest number of labyrinths that cannot be read whose reason is printed."""
+"""The largest number of problems that are printed."""
 
 
 def convert(source: Path, output: Path | None) -> int:
@@ -25,7 +25,7 @@ def convert(source: Path, output: Path | None) -> int:
 
     Args:
         source: The file or folder.
-        output: The folder to write, whole or not at all; None to print the only labyrinth.
+        output: The folder, written completely or not at all; None to print the only labyrinth.
 
     Raises:
         RequestError: There is no labyrinth, or more than can be printed, or the folder exists.
@@ -46,11 +46,11 @@ def convert(source: Path, output: Path | None) -> int:
 
 
 def _entries(source: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield split and text of each labyrinth, and why it has none."""
+    """Yield split, text and problem of each labyrinth; the text is empty if there is a problem."""
     for entry in read_collection(source):
         try:
             yield entry.split, _text(entry), entry.problem
-        except LabyrinthError as error:  # Between the corners.
+        except LabyrinthError as error:  # No route leads between the corners.
             yield entry.split, "", f"{entry.place}: {error}"
 
 

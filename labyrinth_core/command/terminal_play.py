@@ -48,7 +48,7 @@ def draw(
     route: Iterable[int] = (),
     colour: bool = False,
 ) -> str:
-    """Return the text of a labyrinth for people, as `drawing.draw_text` and with its settings."""
+    """Return the drawing of `draw_text` with the settings above it, perhaps in colour."""
     drawing = draw_text(labyrinth, state, route=route)
     if colour:
         tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)
@@ -58,7 +58,7 @@ def draw(
 
 
 def play(labyrinth: Labyrinth, *, colour: bool) -> None:
-    """Let a person play a labyrinth; standard input has to be a terminal.
+    """Let a person play a labyrinth; standard input must be a terminal.
 
     Raises:
         OSError: The terminal cannot be used.

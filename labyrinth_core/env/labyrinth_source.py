@@ -11,7 +11,7 @@ import numpy as np
 
 from labyrinth_core.language.text import load, parse
 from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.grid import cell_at, parse_size
+from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import check_apart, sample_labyrinth, wish_text
 from labyrinth_core.world.tasks import place
@@ -94,7 +94,7 @@ def _as_cell(name: str, value: Any, height: int, width: int) -> int:
     try:
         row, column = map(index, value)
         if 0 <= row < height and 0 <= column < width:
-            return cell_at(row, column, width)
+            return row * width + column
     except (TypeError, ValueError):
         pass
     raise ValueError(

@@ -1,9 +1,9 @@
-"""The form in which labyrinths were once kept: a list of edges, then start and goal.
+"""Lists of edges, an older form of labyrinths: the edges, then start and goal.
 
     [(0, 1), (1, 2), (0, 3)];(0, 0);(1, 2)
 
-Edges join cells given as `row * width + column`; start and goal are given as (row, column). Key
-and door, `;(0, 2);(1, 1)`, or a list of ice, `;[(0, 1), (1, 1)]`, may follow.
+An edge joins two cells, each given as `row * width + column`; start and goal are given as
+(row, column). Key and door, `;(0, 2);(1, 1)`, or a list of ice, `;[(0, 1), (1, 1)]`, may follow.
 """
 
 from __future__ import annotations
@@ -12,14 +12,18 @@ import re
 from math import isqrt
 from typing import NoReturn
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, describe, normalised
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, cell_at, neighbours
+from labyrinth_core.language.source_text import (
+    LabyrinthSyntaxError,
+    character_at,
+    with_line_feeds,
+)
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 
-Place = tuple[int, tuple[int, int]]
+_Pair = tuple[int, tuple[int, int]]
 """The offset of a pair of numbers in the text, and the pair."""
 
-_NUMBER = re.compile(r"[0-9]{1,6}(?![0-9])")
+_TOKEN = re.compile(r"[0-9]+|[^ \t\n]")
 
 
 def parse_edges(
@@ -30,28 +34,28 @@ def parse_edges(
     text = pairs ";" pair ";" pair [";" pair ";" pair | ";" pairs]
 
     Args:
-        text: The list, with start and goal and, if there are any, the tiles of a task.
-        height: Rows; as many as columns if it is left out.
-        width: Columns; as many as rows if it is left out. Without both, the labyrinth is the
-            smallest square that has all the cells named.
+        text: The list, with start and goal and, if the task has any, its tiles.
+        height: Rows; None for as many as columns.
+        width: Columns; None for as many as rows. Without both, the labyrinth is the smallest square
+            that has all cells of the list.
         file: Name of the file it comes from, for messages.
 
     Raises:
-        LabyrinthSyntaxError: The text is no such list, or the labyrinth breaks a rule.
+        LabyrinthSyntaxError: The text is not such a list, or the labyrinth breaks a rule.
     """
     reader = _Reader(text, file)
     edges = reader.pairs()
-    tiles = [reader.next_pair(), reader.next_pair()]
+    tiles = [reader.pair(after=";"), reader.pair(after=";")]
     task = Task.NAVIGATION
-    if not reader.at_end():
+    if reader.token:
         reader.take(";")
-        if not reader.sees("["):
-            tiles += [reader.pair(), reader.next_pair()]
+        if reader.token != "[":
+            tiles += [reader.pair(), reader.pair(after=";")]
             task = Task.KEY_AND_DOOR
         elif ice := reader.pairs():
             tiles += ice
             task = Task.ICY_FLOOR
-    if not reader.at_end():
+    if reader.token:
         reader.fail("the end of the text")
     height, width = width if height is None else height, height if width is None else width
     if height is None or width is None:
@@ -62,7 +66,7 @@ def parse_edges(
     return _build(reader, structure, tiles, task)
 
 
-def _structure(reader: _Reader, height: int, width: int, edges: list[Place]) -> Structure:
+def _structure(reader: _Reader, height: int, width: int, edges: list[_Pair]) -> Structure:
     size = f"{height}x{width}"
     if not (MIN_SIDE <= height <= MAX_SIDE and MIN_SIDE <= width <= MAX_SIDE):
         sides = f"{MIN_SIDE} to {MAX_SIDE:,} rows and columns"
@@ -75,12 +79,12 @@ def _structure(reader: _Reader, height: int, width: int, edges: list[Place]) -> 
     return Structure.from_passages(height, width, (edge for _, edge in edges))
 
 
-def _build(reader: _Reader, structure: Structure, tiles: list[Place], task: Task) -> Labyrinth:
+def _build(reader: _Reader, structure: Structure, tiles: list[_Pair], task: Task) -> Labyrinth:
     for offset, (row, column) in tiles:
         if row >= structure.height or column >= structure.width:
             expected = f"a (row, column) of a {structure.height}x{structure.width} grid"
             raise reader.error(offset, "in a tile", expected, f"({row}, {column})")
-    cells = [cell_at(row, column, structure.width) for _, (row, column) in tiles]
+    cells = [row * structure.width + column for _, (row, column) in tiles]
     start, goal, *others = cells
     key, door = others if task is Task.KEY_AND_DOOR else (None, None)
     ice = frozenset(others if task is Task.ICY_FLOOR else ())
@@ -92,76 +96,68 @@ def _build(reader: _Reader, structure: Structure, tiles: list[Place], task: Task
 
 
 class _Reader:
-    """A text read from left to right; blanks after what is read are skipped."""
+    """A text read from left to right, token by token."""
 
     def __init__(self, text: str, file: str | None) -> None:
-        self.text = normalised(text, file)
-        self.file = file
-        self.position = 0
-        self.skip(0)
+        self._text, self._file = with_line_feeds(text, file), file
+        self._tokens = _TOKEN.finditer(self._text)
+        self._advance()
 
-    def at_end(self) -> bool:
-        return self.position == len(self.text)
+    def _advance(self) -> None:
+        match = next(self._tokens, None)
+        self.token = match[0] if match else ""
+        """The token that comes next: a number or a character; empty at the end."""
+        self._offset = match.start() if match else len(self._text)
 
-    def sees(self, char: str) -> bool:
-        return self.text.startswith(char, self.position)
+    def take(self, token: str) -> None:
+        """Read on after a token that has to be there."""
+        if self.token != token:
+            self.fail(f"'{token}'")
+        self._advance()
 
-    def skip(self, length: int) -> None:
-        self.position += length
-        while self.text.startswith((" ", "\t", "\n"), self.position):
-            self.position += 1
-
-    def take(self, char: str) -> None:
-        if not self.sees(char):
-            self.fail(f"'{char}'")
-        self.skip(1)
-
-    def number(self) -> int:
-        match = _NUMBER.match(self.text, self.position)
-        if not match:
+    def _number(self) -> int:
+        token = self.token
+        if not (token.isascii() and token.isdigit() and len(token) <= 6):
             self.fail("a whole number of at most six digits")
-        self.skip(len(match[0]))
-        return int(match[0])
+        self._advance()
+        return int(token)
 
-    def pair(self) -> Place:
-        """Return the pair that comes next.
+    def pair(self, *, after: str = "") -> _Pair:
+        """Return the pair that comes next, after a token if one is given.
 
         pair = "(" number "," number ")"
         """
-        start = self.position
+        if after:
+            self.take(after)
+        offset = self._offset
         self.take("(")
-        first = self.number()
+        first = self._number()
         self.take(",")
-        second = self.number()
+        second = self._number()
         self.take(")")
-        return start, (first, second)
+        return offset, (first, second)
 
-    def next_pair(self) -> Place:
-        self.take(";")
-        return self.pair()
-
-    def pairs(self) -> list[Place]:
+    def pairs(self) -> list[_Pair]:
         """Return the pairs of the list that comes next.
 
         pairs = "[" [pair {"," pair}] "]"
         """
         self.take("[")
-        found: list[Place] = []
-        if not self.sees("]"):
-            found.append(self.pair())
-            while self.sees(","):
-                self.take(",")
-                found.append(self.pair())
-            if not self.sees("]"):
-                self.fail("',' or ']'")
-        self.take("]")
+        found = [self.pair()] if self.token != "]" else []
+        while self.token == ",":
+            found.append(self.pair(after=","))
+        if self.token != "]":
+            self.fail("',' or ']'")
+        self._advance()
         return found
 
     def error(
         self, offset: int, message: str, expected: str | None = None, found: str | None = None
     ) -> LabyrinthSyntaxError:
-        return LabyrinthSyntaxError.at(self.text, offset, message, self.file, expected, found)
+        """Return the error for an offset of the text."""
+        return LabyrinthSyntaxError.at(self._text, offset, message, self._file, expected, found)
 
     def fail(self, expected: str) -> NoReturn:
-        found = describe(self.text, self.position)
-        raise self.error(self.position, "in a list of edges", expected, found)
+        """Raise the error for the token that comes next."""
+        found = character_at(self._text, self._offset)
+        raise self.error(self._offset, "in a list of edges", expected, found)

@@ -13,7 +13,7 @@ SETTINGS = {
     "icy_floor": Task.ICY_FLOOR,
     "occlusion": Task.PARTIAL_OBSERVABILITY,
 }
-"""The task that each setting switches on, in the order in which they are written."""
+"""Setting -> the task that it switches on, in the order in which `dump` writes them."""
 
 _SETTINGS_OF = {
     task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
@@ -22,7 +22,7 @@ _SETTINGS_OF = {
 """The settings of each task as text."""
 
 HEADING = "labyrinth"
-"""What announces the drawing."""
+"""The line that announces the drawing, without its colon."""
 
 _LOOK, _AGENT = "look", "agent"
 _SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
@@ -33,29 +33,29 @@ _VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
     _LOOK: re.compile("|".join(_LOOKS)),
     _AGENT: re.compile(r"\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?"),
 }
-"""What each setting may be, in small letters."""
+"""The values that each setting may have, in small letters."""
 _EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
     _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
     _AGENT: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
 }
 
 _MOST_SETTINGS = 200
-"""More characters than the settings of a canonical text have."""
+"""An upper bound on the characters of the settings of a canonical text."""
 
 
 class Settings(NamedTuple):
-    """What is set above a drawing."""
+    """The settings above a drawing."""
 
     task: Task
     offset: int
     """Offset of the setting that switches the task on, or of the heading if none is on."""
     look: Look
     agent: tuple[str, int] | None
-    """Where the agent begins, as it is written, and the offset of that; None on the start."""
+    """The value of `agent` and its offset; None if the agent begins on the start."""
 
 
 def parse_settings(source: Source) -> Settings:
-    """Return what is set before the drawing, and read on to it.
+    """Return the settings above the drawing, and read on to it.
 
     setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
     look = "look" ":" ("plain" | "recoloured" | "thin_walls")
@@ -115,7 +115,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
 
 
 def agent_state(source: Source, labyrinth: Labyrinth, value: str, offset: int) -> State:
-    """Return the state that a value of the setting `agent` stands for."""
+    """Return the state that a value of the setting `agent` describes."""
     match = _VALUES[_AGENT].fullmatch(value)
     assert match, "the value was checked before"
     row, column, holds = int(match[1]), int(match[2]), match[3] or ""
@@ -127,7 +127,7 @@ def agent_state(source: Source, labyrinth: Labyrinth, value: str, offset: int) -
 
 
 def dump_settings(labyrinth: Labyrinth) -> str:
-    """Return the settings of a labyrinth as its canonical text has them, a line each."""
+    """Return the settings of a labyrinth as in its canonical text, a line each."""
     look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
     agent = ""
     if labyrinth.agent is not None:
@@ -142,12 +142,12 @@ def agent_text(labyrinth: Labyrinth, state: State) -> str:
 
 
 def without_agent(text: str) -> str:
-    """Return the canonical text of a labyrinth in which episodes begin on the start.
+    """Return the canonical text of a labyrinth without the setting `agent`.
 
-    Rows of one labyrinth have it in common, wherever their episodes begin.
+    All rows of one labyrinth share it, wherever their episodes begin.
 
     Args:
-        text: The canonical text of the same labyrinth.
+        text: The canonical text of the labyrinth.
     """
     begin = text.find(f"\n{_AGENT}: ", 0, _MOST_SETTINGS)
     if begin < 0:

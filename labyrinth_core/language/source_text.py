@@ -1,6 +1,6 @@
-"""The text of a labyrinth as it is read: lines without comments, and errors that show their place.
+"""Texts of labyrinths as they are read: lines without comments, and errors that show their place.
 
-Shared by the language and by the older form that lists edges.
+The language and the lists of edges share this module.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 MAX_TEXT = 32 * 1024 * 1024
-"""Longest text accepted, in characters (a file: in bytes); the largest drawing takes a quarter."""
+"""The largest length of a text in characters, of a file in bytes; drawings have a quarter at most."""
 
 _QUOTES = '"""'
 _WINDOW = 94
@@ -21,16 +21,16 @@ _WINDOW = 94
 
 @dataclass(eq=False, repr=False)
 class LabyrinthSyntaxError(ValueError):
-    """A text that is no labyrinth; as a string it shows the place, with a caret below it."""
+    """A text that is not a labyrinth; as a string it shows the place, with a caret below it."""
 
     message: str
     """What is wrong, in a few words."""
     file: str | None
-    """The name of the file, if the text comes from one."""
+    """The name of the file, None if the text comes from no file."""
     line: int
-    """The line of the mistake, from 1."""
+    """The line of the error, from 1."""
     column: int
-    """The column of the mistake, from 1."""
+    """The column of the error, from 1."""
     source_line: str
     """The text of that line."""
     expected: str | None = None
@@ -48,7 +48,7 @@ class LabyrinthSyntaxError(ValueError):
         expected: str | None = None,
         found: str | None = None,
     ) -> LabyrinthSyntaxError:
-        """Return the error for a mistake at an offset of a text."""
+        """Return the error for an offset of a text."""
         begin = text.rfind("\n", 0, offset) + 1
         source_line = text[begin:].partition("\n")[0]
         line, column = text.count("\n", 0, offset) + 1, offset - begin + 1
@@ -78,7 +78,7 @@ class Source:
 
         comment = '"""' {any character} '"""'
         '''
-        self.original = normalised(text, file)
+        self.original = with_line_feeds(text, file)
         self.file = file
         self.position = 0
         self.kept: list[tuple[int, int]] = []
@@ -114,7 +114,7 @@ class Source:
         return len(self.text), ""
 
     def original_offset(self, offset: int) -> int:
-        """Return the place in the original of a place in the text without comments."""
+        """Return the offset in the original for an offset in the text without comments."""
         if offset >= len(self.text):
             return len(self.original)
         kept, original = self.kept[bisect_right(self.kept, offset, key=itemgetter(0)) - 1]
@@ -127,9 +127,9 @@ class Source:
     def fail(
         self, offset: int, message: str, expected: str | None = None, found: str | None = None
     ) -> NoReturn:
-        """Raise the error for a mistake at an offset of the text without comments.
+        """Raise the error for an offset of the text without comments.
 
-        A control character in the same line is the likelier mistake, and reported instead.
+        A control character in the same line is the likelier error, and reported instead.
         """
         begin = self.text.rfind("\n", 0, offset) + 1
         line = self.text[begin:].partition("\n")[0]
@@ -137,22 +137,22 @@ class Source:
             if not char.isprintable():
                 offset = begin + place
                 message = "tabs and other control characters may stand in comments only"
-                expected, found = "blanks or printable characters", describe(line, place)
+                expected, found = "blanks or printable characters", character_at(line, place)
                 break
         raise self.error(offset, message, expected, found)
 
     def error(
         self, offset: int, message: str, expected: str | None = None, found: str | None = None
     ) -> LabyrinthSyntaxError:
-        """Return the error for a mistake at an offset of the text without comments."""
+        """Return the error for an offset of the text without comments."""
         if expected is not None and found is None:
-            found = describe(self.text, offset)
+            found = character_at(self.text, offset)
         original = self.original_offset(offset)
         return LabyrinthSyntaxError.at(self.original, original, message, self.file, expected, found)
 
 
-def describe(text: str, offset: int) -> str:
-    """Return what stands at an offset of a text, in words."""
+def character_at(text: str, offset: int) -> str:
+    """Return the character at an offset of a text, in words."""
     char = text[offset : offset + 1]
     names = {"": "the end of the text", "\n": "the end of the line", " ": "a blank", "\t": "a tab"}
     if char in names:
@@ -161,9 +161,9 @@ def describe(text: str, offset: int) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text for a terminal: all but line breaks that does not print is spelt out.
+    """Return a text for a terminal: characters that do not print, except line breaks, are escaped.
 
-    The name of a file may hold any characters, those that colour or clear the screen included.
+    The name of a file may hold any characters, also those that colour or clear the screen.
     """
     return "".join(
         char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
@@ -171,17 +171,17 @@ def printable(text: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return a word or a line in quotation marks, its beginning if it is long."""
+    """Return a word or a line in quotation marks, cut to 30 characters."""
     if not text:
         return "the end of the text"
     return repr(text[:30]) + ("..." if len(text) > 30 else "")
 
 
-def normalised(text: str, file: str | None) -> str:
+def with_line_feeds(text: str, file: str | None) -> str:
     """Return a text with line feeds for line breaks and without a byte order mark.
 
     Raises:
-        LabyrinthSyntaxError: It is too long.
+        LabyrinthSyntaxError: The text is too long.
     """
     if len(text) > MAX_TEXT:
         start = text[:_WINDOW]
@@ -191,11 +191,11 @@ def normalised(text: str, file: str | None) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file, of which no more is read than may be.
+    """Return the text of a UTF-8 file, of which at most `MAX_TEXT` + 1 bytes are read.
 
     Raises:
-        LabyrinthSyntaxError: It is too long, or no UTF-8.
-        OSError: It cannot be read.
+        LabyrinthSyntaxError: The file is too long, or not UTF-8.
+        OSError: The file cannot be read.
     """
     with path.open("rb") as stream:
         return decode(stream.read(MAX_TEXT + 1), str(path))
@@ -205,7 +205,7 @@ def decode(data: bytes, file: str | None) -> str:
     """Return the text that bytes hold as UTF-8.
 
     Raises:
-        LabyrinthSyntaxError: They are too many, or no UTF-8.
+        LabyrinthSyntaxError: There are too many bytes, or they are not UTF-8.
     """
     if len(data) > MAX_TEXT:
         start = data[:_WINDOW].decode(errors="replace")
@@ -214,7 +214,7 @@ def decode(data: bytes, file: str | None) -> str:
     try:
         return data.decode()
     except UnicodeDecodeError as error:
-        before = normalised(data[: error.start].decode(), file)
+        before = with_line_feeds(data[: error.start].decode(), file)
         rest = data[error.start : error.start + _WINDOW].decode(errors="replace")
         found = f"the byte 0x{data[error.start]:02x}"
         raise LabyrinthSyntaxError.at(

@@ -1,18 +1,18 @@
 """The text language of labyrinths: `parse` reads it, `dump` writes its canonical form.
 
-Nothing is evaluated, and the time taken grows with the length of the text and no faster.
+Nothing is evaluated, and the time taken is at most proportional to the length of the text.
 `docs/language.md` has a tutorial and the whole grammar.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from labyrinth_core.language.drawn_grid import Drawing, parse_drawing
 from labyrinth_core.language.settings import (
     HEADING,
     SETTINGS,
@@ -24,8 +24,8 @@ from labyrinth_core.language.settings import (
     without_agent,
 )
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import digits
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, identity
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
 
 _VERTICAL = bytes.maketrans(b"01", b"| ")
 _HORIZONTAL = bytes.maketrans(b"01", b"- ")
+_OPEN_IN_TEXT = str.maketrans("| -", "010")
 
 
 def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
@@ -51,14 +52,14 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     Args:
         text: The description.
         file: Name of the file it comes from, for messages.
-        seed: Settles where missing tiles of the task are placed.
+        seed: Determines where missing tiles of the task are placed.
 
     Raises:
-        LabyrinthSyntaxError: The text is none of the language, or breaks a rule of its task.
+        LabyrinthSyntaxError: The text is not in the language, or breaks a rule of its task.
     """
     source = Source(text, file)
     settings = parse_settings(source)
-    drawing = parse_drawing(source)
+    drawing = _parse_drawing(source)
     _parse_end(source)
     at_fault = settings.offset
     try:
@@ -70,6 +71,117 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     except LabyrinthError as error:
         offset = at_fault if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
+
+
+class _Drawing(NamedTuple):
+    """What a drawing shows."""
+
+    structure: Structure
+    tiles: str
+    """The character in each cell, cell 0 first."""
+    rows: list[int]
+    """Offset of the line of each row, the lowest row first."""
+
+    def offset(self, cell: int) -> int:
+        """Return the offset of a cell."""
+        row, column = divmod(cell, self.structure.width)
+        return self.rows[row] + 4 * column + 2
+
+
+def _parse_drawing(source: Source) -> _Drawing:
+    """Return the structure and the tiles that are drawn.
+
+    drawing = outer-wall cell-line {wall-line cell-line} outer-wall
+    cell-line = "|" cell {("|" | " ") cell} "|"
+    cell = " " (" " | "S" | "E" | "K" | "D" | "I") " "
+    wall-line = "|" wall {"+" wall} "|"
+    wall = " " ("-" | " ") " "
+    """
+    top = _parse_top(source)
+    width = len(top) // 4
+    cell_line = re.compile(rf"\|(?: [ SEKDI] [| ]){{{width - 1}}} [ SEKDI] \|")
+    wall_line = re.compile(rf"\|(?: [- ] \+){{{width - 1}}} [- ] \|")
+    rows: list[int] = []
+    tiles: list[str] = []
+    # Bits as text, from the highest row and the last column on, as int() reads them.
+    right: list[str] = []
+    up: list[str] = ["0" * width]
+    while True:
+        offset, line = source.next_line()
+        if not cell_line.fullmatch(line):
+            _refuse_line(source, offset, line, len(top), cells=True)
+        rows.append(offset)
+        tiles.append(line[2::4])
+        right.append("0" + line[-5:0:-4])
+        offset, line = source.next_line()
+        if line == top:
+            break
+        if not wall_line.fullmatch(line):
+            _refuse_line(source, offset, line, len(top), cells=False)
+        if len(rows) == MAX_SIDE:
+            source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
+        up.append(line[-3::-4])
+    if len(rows) < MIN_SIDE:
+        expected = f"{MIN_SIDE} to {MAX_SIDE:,} rows"
+        source.fail(offset, "the drawing is too low", expected, str(len(rows)))
+    bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
+    structure = Structure(len(rows), width, *bits)
+    return _Drawing(structure, "".join(reversed(tiles)), rows[::-1])
+
+
+def _parse_top(source: Source) -> str:
+    """Return the top line of a drawing, which determines its width.
+
+    outer-wall = "-" {"----"}
+    """
+    offset, line = source.next_line()
+    dashes = len(line) - len(line.lstrip("-"))
+    if not line or dashes < len(line):
+        expected = "'-'" if dashes else "a line of dashes, the outer wall"
+        source.fail(offset + dashes, "in the top line of the drawing", expected)
+    width, rest = divmod(dashes - 1, 4)
+    if rest or not MIN_SIDE <= width <= MAX_SIDE:
+        source.fail(
+            offset,
+            "the top line of the drawing has the wrong length",
+            f"four dashes for each of {MIN_SIDE} to {MAX_SIDE:,} columns, and one more",
+            f"{dashes:,} dashes",
+        )
+    return line
+
+
+def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> NoReturn:
+    """Raise the error for a line inside a drawing that is not a line of cells, or of walls."""
+    kind, end = "cells" if cells else "walls", "'|', the outer wall"
+    begin = end if cells else f"'|', or {length:,} dashes to end the drawing"
+    if not line.strip("-"):
+        if line and cells:
+            source.fail(offset, "a row is missing", "a line of cells", "an outer wall")
+        if line:
+            found = f"{len(line):,} dashes"
+            source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
+        source.fail(offset, "the drawing is not complete", begin)
+    between = ("| ", "'|' or a blank") if cells else ("+", "'+'")
+    inside = (" SEKDI", "S, E, K, D, I or a blank") if cells else ("- ", "'-' or a blank")
+    parts = [
+        (range(1), "|", begin),
+        (range(length - 1, length), "|", end),
+        (range(1, length, 2), " ", "a blank"),
+        (range(4, length - 1, 4), *between),
+        (range(2, length, 4), *inside),
+    ]
+    padded = line.ljust(length, "\n")
+    wrong = (
+        (column, expected)
+        for columns, allowed, expected in parts
+        for column in columns
+        if padded[column] not in allowed
+    )
+    column, expected = min(wrong, default=(length, "the end of the line"))
+    if column == length:
+        column = len(line) - len(line[length:].lstrip(" "))
+    there = None if column < len(line) else "the end of the line"
+    source.fail(offset + column, f"in a line of {kind}", expected, there)
 
 
 def _parse_end(source: Source) -> None:
@@ -86,7 +198,7 @@ def _parse_end(source: Source) -> None:
             source.fail(place, message, wanted, quoted(text))
 
 
-def _build(source: Source, drawing: Drawing, settings: Settings, seed: int) -> Labyrinth:
+def _build(source: Source, drawing: _Drawing, settings: Settings, seed: int) -> Labyrinth:
     """Return the labyrinth that is drawn, with the tiles that its task lacks."""
     structure, task, look = drawing.structure, settings.task, settings.look
     start, goal = default_start_and_goal(structure.height, structure.width)
@@ -108,8 +220,8 @@ def _build(source: Source, drawing: Drawing, settings: Settings, seed: int) -> L
     return replace(place(structure, start, goal, task, rng, key=key, door=door), look=look)
 
 
-def _only(source: Source, drawing: Drawing, tile: str) -> int | None:
-    """Return the cell of a tile that may be drawn once at most, None if it is not drawn."""
+def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
+    """Return the cell of a tile that may be drawn once, None if it is not drawn."""
     tiles = drawing.tiles
     cell = tiles.find(tile)
     if cell >= 0 and tiles.find(tile, cell + 1) >= 0:
@@ -124,10 +236,10 @@ def load(path: Path, *, seed: int = 0) -> Labyrinth:
 
     Args:
         path: The file.
-        seed: Settles where missing tiles of the task are placed.
+        seed: Determines where missing tiles of the task are placed.
 
     Raises:
-        LabyrinthSyntaxError: Its text is none of the language, or breaks a rule of its task.
+        LabyrinthSyntaxError: Its text is not in the language, or breaks a rule of its task.
         OSError: The file cannot be read.
     """
     return parse(read_text(path), file=str(path), seed=seed)
@@ -145,34 +257,21 @@ def dump(labyrinth: Labyrinth) -> str:
         tiles[labyrinth.key], tiles[labyrinth.door] = b"KD"
     for cell in labyrinth.ice:
         tiles[cell] = ord("I")
-    shown = bytes(tiles)
-    outer_wall = b"-" * (4 * width + 1)
-    lines = [outer_wall]
-    for first in range(cells - width, -1, -width):
-        last = first + width
-        if last < cells:
-            lines.append(_wall_line(above[first:last]))
-        lines.append(_cell_line(shown[first:last], beside[first:last]))
-    lines.append(outer_wall)
-    drawing = b"\n".join(lines).decode()
-    return f"{dump_settings(labyrinth)}\n{HEADING}:\n{drawing}\nend\n"
-
-
-@lru_cache(maxsize=4_096)
-def _cell_line(tiles: bytes, beside: bytes) -> bytes:
-    """Return the line of a row of cells, given a character for each and for the wall after it."""
-    line = bytearray(b"|   " * len(tiles) + b"|")
-    line[2::4] = tiles
-    line[4::4] = beside  # The last has no passage: the outer wall.
-    return bytes(line)
-
-
-@lru_cache(maxsize=4_096)
-def _wall_line(above: bytes) -> bytes:
-    """Return the line above a row of cells, given a character for the wall above each."""
-    line = bytearray(b"|   " + b"+   " * (len(above) - 1) + b"|")
-    line[2::4] = above
-    return bytes(line)
+    outer_wall = b"-" * (4 * width + 1) + b"\n"
+    wall_line = b"|" + b"   +" * (width - 1) + b"   |\n"
+    cell_line = b"|" + b"    " * (width - 1) + b"   |\n"
+    # Above each line of cells its walls, or the outer wall above the highest; then the lowest.
+    drawing = bytearray(outer_wall + (cell_line + wall_line) * structure.height)
+    length = len(outer_wall)
+    drawing[-length:] = outer_wall
+    for row, first in enumerate(range(cells - width, -1, -width)):
+        line, last = (2 * row + 1) * length, first + width
+        drawing[line + 2 : line + length : 4] = tiles[first:last]
+        # The last has no passage: the outer wall.
+        drawing[line + 4 : line + length : 4] = beside[first:last]
+        if row:
+            drawing[line - length + 2 : line : 4] = above[first:last]
+    return f"{dump_settings(labyrinth)}\n{HEADING}:\n{drawing.decode()}end\n"
 
 
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:

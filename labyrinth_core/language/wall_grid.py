@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.batch_sampling import Structures
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, cell_at
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 
@@ -91,7 +91,7 @@ def _marked(grid: NDArray[Any], mark: int, name: str) -> int | None:
         row, column = places[1]
         raise ValueError(f"row {row}, column {column}: another {name}: at most one is marked")
     height, width = (side // 2 for side in grid.shape)
-    return cell_at(height - 1 - places[0][0] // 2, places[0][1] // 2, width) if places else None
+    return (height - 1 - places[0][0] // 2) * width + places[0][1] // 2 if places else None
 
 
 def from_connections(connections: NDArray[Any]) -> Labyrinth | Structure:

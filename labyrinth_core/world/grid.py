@@ -11,7 +11,7 @@ from enum import IntEnum
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
-"""The largest height and width; it bounds what a text from a stranger can cost."""
+"""The largest height and width; it limits the time and memory that a stranger's text can take."""
 
 
 class Action(IntEnum):
@@ -21,11 +21,6 @@ class Action(IntEnum):
     RIGHT = 1
     DOWN = 2
     LEFT = 3
-
-
-def cell_at(row: int, column: int, width: int) -> int:
-    """Return the index of the cell at `(row, column)`."""
-    return row * width + column
 
 
 def row_and_column(cell: int, width: int) -> tuple[int, int]:
@@ -60,7 +55,7 @@ def digits(bits: int, cells: int) -> str:
 
 
 def bit_set(digits: str) -> int:
-    """Return the bit set that a text describes; the inverse of `digits`."""
+    """Return the bit set that a text of digits describes; the inverse of `digits`."""
     return int(digits[::-1], 2)
 
 
@@ -79,7 +74,7 @@ def parse_size(text: str) -> tuple[int, int]:
     """Return `(height, width)` of a size written as `5` or `4x6`.
 
     Raises:
-        ValueError: It is not one whole number from 2 to 1,000, or two joined by an x.
+        ValueError: The text is not a whole number from 2 to 1,000, or two joined by an x.
     """
     match = re.fullmatch(r"\s*(\d{1,5})(?:\s*[xX]\s*(\d{1,5}))?\s*", text, re.ASCII)
     sides = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)

@@ -16,7 +16,6 @@ from labyrinth_core.world.grid import (
     digits,
     horizontal_edges,
     neighbours,
-    row_and_column,
     vertical_edges,
 )
 
@@ -357,4 +356,4 @@ class Labyrinth:
 
     def position(self, cell: int) -> tuple[int, int]:
         """Return the `(row, column)` of a cell."""
-        return row_and_column(cell, self.structure.width)
+        return divmod(cell, self.structure.width)

@@ -6,7 +6,6 @@ from itertools import islice
 
 import numpy as np
 
-from labyrinth_core.world.grid import row_and_column
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import check_open_walls, default_start_and_goal, place
@@ -62,7 +61,7 @@ def sample_labyrinth(
 
 def wish_text(task: Task, start: int, goal: int, width: int) -> str:
     """Return task, start and goal as a message names them."""
-    return f"task={task}, start={row_and_column(start, width)}, goal={row_and_column(goal, width)}"
+    return f"task={task}, start={divmod(start, width)}, goal={divmod(goal, width)}"
 
 
 def check_apart(start: int, goal: int, wish: str) -> None:

@@ -101,7 +101,7 @@ def sample_structures(
         yield Structure(height, width, is_open & (1 << cells) - 1, is_open >> cells)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=1)  # An environment draws one at a time: 1.1 instead of 1.6 ms at 25x25.
 def cells_beside(height: int, width: int) -> Neighbours:
     """Return the neighbours of each cell, regardless of walls, in the order of the actions."""
     return [list(neighbours(cell, height, width).values()) for cell in range(height * width)]

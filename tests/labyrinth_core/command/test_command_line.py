@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from labyrinth_core.command import __main__ as way_in
+from labyrinth_core.command.__main__ import main
 from labyrinth_core.command.arguments import parser
-from labyrinth_core.command.main import main
+from labyrinth_core.command.commands import COMMANDS
 from labyrinth_core.command.terminal_play import KEYS, draw, pressed
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.version import __version__
@@ -270,15 +270,13 @@ def test_the_help_of_new_names_every_sampler_and_task(run):
 
 
 def test_every_command_is_implemented():
-    from labyrinth_core.command.main import COMMANDS
-
     for command in COMMANDS:
         with pytest.raises(SystemExit, match="0"):
             parser().parse_args([command, "--help"])
 
 
 def test_help_does_without_numpy():
-    code = "import sys; from labyrinth_core.command.main import main; main(['--help']); "
+    code = "import sys; from labyrinth_core.command.__main__ import main; main(['--help']); "
     code += "sys.exit('numpy' in sys.modules)"
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, cwd=ROOT).returncode == 0
@@ -289,9 +287,9 @@ def test_ctrl_c_ends_with_status_130(capsys, monkeypatch):
     def interrupt(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules["labyrinth_core.command.main"].COMMANDS, "check", interrupt)
+    monkeypatch.setitem(COMMANDS, "check", interrupt)
     monkeypatch.setattr(sys, "argv", ["labyrinth", "check", NAVIGATION])
-    assert (way_in.main(), *capsys.readouterr()) == (130, "", "")
+    assert (main(), *capsys.readouterr()) == (130, "", "")
 
 
 def test_ctrl_c_while_the_command_is_imported_ends_with_status_130(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from wall_grids import BARE, GRID, LABYRINTH, changed
 
-from labyrinth_core.command.main import main
+from labyrinth_core.command.__main__ import main
 from labyrinth_core.language.collection import read_collection
 from labyrinth_core.language.text import dump, load
 

@@ -276,6 +276,10 @@ def test_a_list_of_edges_without_a_size_is_the_smallest_square():
             "[(0, -1)];(0, 0);(1, 1)",
             "1:6: in a list of edges: expected a whole number of at most six digits, found '-'",
         ),
+        (
+            "[(0, ²)];(0, 0);(1, 1)",
+            "1:6: in a list of edges: expected a whole number of at most six digits, found '²'",
+        ),
         ("[(0, 1)];(0, 0)", "1:16: in a list of edges: expected ';', found the end of the text"),
         ("[(0, 1)];(0, 0);(0, 1) x", "1:24: in a list of edges: expected ';', found 'x'"),
         (

@@ -49,7 +49,7 @@ def test_each_expectation_belongs_to_a_case():
 
 def test_the_messages_in_the_documentation_are_those_of_the_cases():
     shown = re.findall(r"```\n(\w+)\.labyrinth:(.*?)```\n", DOCUMENTATION, re.DOTALL)
-    assert len(shown) == 3
+    assert shown
     for case, message in shown:
         expected = (DATA / "invalid" / f"{case}.error").read_text(encoding="utf-8")
         assert f"{case}.labyrinth:{message}" == expected

@@ -16,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from reporting import METHOD, analyse, evaluate, ids_of
 
-from labyrinth_core.command.main import main
+from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, load, parse, without_agent

@@ -1,4 +1,4 @@
-"""The command line: check, show, solve, make, convert and play labyrinths in the text language."""
+"""What each command does: check, show, solve, new, convert and play."""
 
 from __future__ import annotations
 
@@ -6,64 +6,26 @@ import io
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from labyrinth_core.command.arguments import GIF_ROUTES, ROUTES, RequestError, parser
-from labyrinth_core.language.source_text import (
-    MAX_TEXT,
-    LabyrinthSyntaxError,
-    decode,
-    printable,
-    read_text,
-)
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+import numpy as np
 
-if TYPE_CHECKING:
-    from labyrinth_core.world.rollout import Episode
-
-# Modules that need numpy are imported where they are used, so that `labyrinth --help` is fast.
-
-
-MISTAKES = (OSError, LabyrinthSyntaxError, LabyrinthError, RequestError)
-"""The errors that a user can cause."""
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the exit status: 0, or 1 for a mistake, which is explained on standard error.
-
-    Args:
-        arguments: The command line after `labyrinth`; None for that of the process.
-    """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # A file's name may be any bytes.
-            stream.reconfigure(errors="backslashreplace")
-    try:
-        options = parser().parse_args(arguments)
-        status = COMMANDS[options.command](options)
-        if sys.stdout is not None:  # It is, where the shell has closed it by >&-.
-            sys.stdout.flush()
-    except SystemExit as stop:  # From argparse, which has said why.
-        return int(stop.code or 0)
-    except BrokenPipeError:
-        # The reader of the output has gone, so what is left in the buffer is discarded.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except MISTAKES as error:
-        _explain(error)
-        return 1
-    return status
-
-
-def _explain(error: Exception) -> None:
-    """Print one of the `MISTAKES` on standard error."""
-    message = str(error)
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename is not None else ""
-        message = where + (error.strerror or message)
-    program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
-    print(printable(program + message), file=sys.stderr)
+from labyrinth_core.command.arguments import ERRORS, GIF_ROUTES, ROUTES, RequestError, explain
+from labyrinth_core.command.conversion import convert
+from labyrinth_core.command.terminal_play import draw, play
+from labyrinth_core.language.collection import KINDS, is_collection
+from labyrinth_core.language.edge_list import parse_edges
+from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, read_text
+from labyrinth_core.language.text import dump, parse
+from labyrinth_core.pictures.animation import frames_of, gif
+from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, render, render_png
+from labyrinth_core.world.dynamics import initial
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.rollout import Episode, replay
+from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world.solver import shortest_route, simple_routes
 
 
 def _read(file: str) -> tuple[str, str]:
@@ -76,18 +38,11 @@ def _read(file: str) -> tuple[str, str]:
 
 
 def _load(options: Namespace, file: str | None = None) -> Labyrinth:
-    from labyrinth_core.language.text import parse
-
     text, name = _read(file or options.file)
     return parse(text, file=name, seed=options.seed)
 
 
 def _optimal(labyrinth: Labyrinth) -> Episode:
-    import numpy as np
-
-    from labyrinth_core.world.rollout import replay
-    from labyrinth_core.world.solver import shortest_route
-
     return replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(0)))
 
 
@@ -102,8 +57,8 @@ def _check(options: Namespace) -> int:
             labyrinth = _load(options, file)
         except BrokenPipeError:
             raise
-        except MISTAKES as error:
-            _explain(error)
+        except ERRORS as error:
+            explain(error)
             status = 1
             continue
         moves = _counted(len(_optimal(labyrinth)), "move")
@@ -117,8 +72,6 @@ def _show(options: Namespace) -> int:
     if options.png is not None:
         options.png.write_bytes(_picture(labyrinth, cells))
         return 0
-    from labyrinth_core.command.terminal_play import draw
-
     sys.stdout.write(draw(labyrinth, route=cells, colour=_in_colour()))
     return 0
 
@@ -130,8 +83,6 @@ def _in_colour() -> bool:
 
 def _pictured_side(labyrinth: Labyrinth) -> int:
     """Return the longer side of a labyrinth in cells, which has to have room in a picture."""
-    from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE
-
     most = max(labyrinth.structure.height, labyrinth.structure.width)
     if most > MAX_PICTURED_SIDE:
         raise RequestError(
@@ -142,9 +93,6 @@ def _pictured_side(labyrinth: Labyrinth) -> int:
 
 def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     """Return a PNG file of a labyrinth in its initial state, with a route drawn on it."""
-    from labyrinth_core.pictures.renderer import render, render_png
-    from labyrinth_core.world.dynamics import initial
-
     height, width = labyrinth.structure.height, labyrinth.structure.width
     most = _pictured_side(labyrinth)
     if not route:
@@ -179,8 +127,6 @@ def _check_limit(options: Namespace) -> None:
 
 def _routes(labyrinth: Labyrinth, options: Namespace, most: int) -> list[list[int]]:
     """Return a shortest route, or with `--all` every route up to a limit, `most` by default."""
-    from labyrinth_core.world.solver import simple_routes
-
     if not options.all:
         return [_optimal(labyrinth).actions.tolist()]
     limit = options.limit or most
@@ -191,8 +137,6 @@ def _routes(labyrinth: Labyrinth, options: Namespace, most: int) -> list[list[in
 
 
 def _solve(options: Namespace) -> int:
-    from labyrinth_core.world.grid import Action
-
     _check_limit(options)
     for actions in _routes(_load(options), options, ROUTES):
         words = " ".join(Action(action).name.lower() for action in actions)
@@ -201,12 +145,6 @@ def _solve(options: Namespace) -> int:
 
 
 def _new(options: Namespace) -> int:
-    import numpy as np
-
-    from labyrinth_core.language.text import dump
-    from labyrinth_core.world.random_labyrinth import sample_labyrinth
-    from labyrinth_core.world.sampling import ALGORITHMS
-
     if options.sampler not in ALGORITHMS:
         raise RequestError(f"sampler={options.sampler}: choose one of {', '.join(ALGORITHMS)}")
     height, width = options.size
@@ -223,11 +161,6 @@ def _new(options: Namespace) -> int:
 
 
 def _convert(options: Namespace) -> int:
-    from labyrinth_core.command.conversion import convert
-    from labyrinth_core.language.collection import KINDS, is_collection
-    from labyrinth_core.language.edge_list import parse_edges
-    from labyrinth_core.language.text import dump
-
     if options.file != "-" and is_collection(Path(options.file)):
         if options.size is not None:
             raise RequestError("--size goes with a list of edges")
@@ -240,38 +173,31 @@ def _convert(options: Namespace) -> int:
     return 0
 
 
-def _animate(options: Namespace) -> None:
-    """Write the moving picture that `play --gif` asks for."""
-    from labyrinth_core.world.rollout import replay
+def _play(options: Namespace) -> int:
+    _check_limit(options)
+    if options.gif is not None:
+        return _animate(options)
+    if options.all:
+        raise RequestError("--all goes with --gif")
+    if options.file == "-" or sys.stdin is None or not sys.stdin.isatty():
+        raise RequestError("play reads keys: give it a file, and a terminal as standard input")
+    try:
+        play(_load(options), colour=_in_colour())
+    except ImportError as error:
+        raise RequestError("play needs a terminal of the Unix kind (termios)") from error
+    return 0
 
+
+def _animate(options: Namespace) -> int:
+    """Write the moving picture that `play --gif` asks for."""
     labyrinth = _load(options)
     _pictured_side(labyrinth)
     try:
-        from labyrinth_core.pictures.animation import frames_of, gif
-
         routes = _routes(labyrinth, options, GIF_ROUTES)
         picture = gif(frames_of(replay(labyrinth, actions)) for actions in routes)
     except ImportError as error:
         raise RequestError("a moving picture needs Pillow: pip install pillow") from error
     options.gif.write_bytes(picture)
-
-
-def _play(options: Namespace) -> int:
-    _check_limit(options)
-    if options.gif is not None:
-        _animate(options)
-        return 0
-    if options.all:
-        raise RequestError("--all goes with --gif")
-    if options.file == "-" or sys.stdin is None or not sys.stdin.isatty():
-        raise RequestError("play reads keys: give it a file, and a terminal as standard input")
-    labyrinth = _load(options)
-    try:
-        from labyrinth_core.command.terminal_play import play
-
-        play(labyrinth, colour=_in_colour())
-    except ImportError as error:
-        raise RequestError("play needs a terminal of the Unix kind (termios)") from error
     return 0
 
 
