@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 MAX_TEXT = 32 * 1024 * 1024
-"""The largest length of a text in characters, of a file in bytes; drawings have a quarter at most."""
+"""The most characters of a text, or bytes of a file; the largest drawing has a quarter of them."""
 
 _QUOTES = '"""'
 _WINDOW = 94
