@@ -54,16 +54,6 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
     return _with_weights(spec, folder / WEIGHTS)
 
 
-def holds_policy(source: str) -> bool:
-    """Return whether the Hub, or the cache of its client, has a policy under an id."""
-    from huggingface_hub import HfApi, try_to_load_from_cache
-
-    try:
-        return HfApi().file_exists(source, WEIGHTS)
-    except (OSError, ValueError):
-        return isinstance(try_to_load_from_cache(source, WEIGHTS), str)
-
-
 def _located(source: str | Path, revision: str | None) -> Path:
     """Return the folder with the two files, downloaded if an id is given."""
     folder = Path(source).expanduser()

@@ -8,13 +8,13 @@
         --results results/controls/exchanged
 
 Trains one run per variant, size, task, number of labyrinths and seed, and keeps the labyrinths that
-it solves in a file in `--results`, from which report_ablation.py makes tables and figures.
-Existing results are skipped. A smaller number of labyrinths is a prefix of a larger one; whatever a
-run is trained on, it is selected and tested on the labyrinths of the dataset of the usual size.
+it solves in a file in `--results`, from which report_ablation.py makes tables and figures. Runs
+whose results exist are skipped. A smaller number of labyrinths is a prefix of a larger one. Every
+run is selected and tested on the labyrinths of the dataset of the usual size.
 
-In the variants with `exchanged` the labels up and right stand for one another, as in a world where
-one does not know which action is which, and the policy's answers are exchanged back. For a method
-that has to learn what the actions do that makes no difference.
+In the variants with `exchanged` the labels up and right are exchanged, as if it were unknown which
+action is which, and the policy's answers are exchanged back. This makes no difference to a method
+that has to learn what the actions do.
 """
 
 from __future__ import annotations
@@ -74,12 +74,12 @@ EXCHANGED: dict[str, tuple[str, dict[str, Any]]] = {
     "unturned gated exchanged": ("planner", {**UNTURNED, "path_prior": False}),
     "bc exchanged": ("bc", {}),
 }
-"""The same, with two labels exchanged. The symmetries say what actions do, too, so that without
-them (`unturned`) the planning alone does; and `gated` says nothing of it. `slow` learns at a tenth
-of the rate."""
+"""The same, with two labels exchanged. The symmetries also say what actions do: without them
+(`unturned`) only the planning does, and with `gated` nothing does. `slow` learns at a tenth of the
+rate."""
 
 EXCHANGE = np.array([1, 0, 2, 3, NO_LABEL])
-"""What takes the place of up, right, down and left, and of no label."""
+"""The labels that replace up, right, down and left, and no label."""
 
 CLONING_STEPS = 1_800
 """The gradient steps of plain BC for any number of labyrinths; 100 epochs of 100 at 5x5."""
@@ -131,14 +131,14 @@ def main() -> None:
             source = built(given.folder / f"data-of-{dataset.labyrinths}", dataset)
         about, solved = run(case, source, usual, given.folder / case.name)
         write_results(kept, {**about, "usual": source == usual}, solved)
-        told = (f"{name} {np.mean(which):.1%}" for name, which in solved.items())
-        print(f"{case.name}: {', '.join(told)}", flush=True)
+        rates = (f"{name} {np.mean(which):.1%}" for name, which in solved.items())
+        print(f"{case.name}: {', '.join(rates)}", flush=True)
 
 
 def config_of(size: int, task: str, labyrinths: int | None = None) -> DatasetConfig:
-    """Return the configuration of a dataset, else as `python run.py` has it."""
+    """Return the configuration of a dataset, with the defaults of `python run.py` otherwise."""
     asked = RunConfig(stages=["build"], size=str(size), task=task)
-    if labyrinths is not None:  # The split random of so many is not needed, and would be long.
+    if labyrinths is not None:  # The split random is not needed, and would be long.
         asked = replace(asked, labyrinths=labyrinths, random_steps=1)
     return resolve(asked).dataset
 

@@ -6,10 +6,10 @@ r"""Show trained policies other pictures, and let the planner raise costs to oth
         --sizes 10 15 25 --results results/controls/powers
 
 `looks` shows the labyrinths of test in other colours, and with walls of another thickness, to a
-policy that was trained on the usual ones. `powers` tries `method.sharpness` at other values than
-that of the run, on validation, on test and on larger labyrinths. It also measures on validation, at
-the size that was trained on, how much more a wall costs than a step; from that follows the power
-that labyrinths of any size need (`needed`), which it tries, too. Policies have one view, as in
+policy that was trained on the usual ones. `powers` tries other values of `method.sharpness` than
+the run's, on validation, on test and on larger labyrinths. It also measures on validation, at the
+size that was trained on, how much more a wall costs than a step. From that follows the power that
+labyrinths of each size need (`needed`), which it tries as well. Policies have one view, as in
 scripts/studies/generalise.py with `--once`. Results are a file for each run.
 """
 
@@ -179,10 +179,10 @@ def powers(
 
 
 def margin_of(policy: NetworkPolicy, arrays: LabyrinthArrays) -> float:
-    """Return the logarithm of how many of the dearest steps the cheapest wall costs.
+    """Return the logarithm of the cost of the cheapest wall, in most expensive steps.
 
-    It is measured in the pictures of all states; a thousandth (`TAIL`) of the steps may be dearer,
-    and of the walls cheaper. Outer walls do not count, since no way leads through them.
+    It is measured in the pictures of all states. A thousandth (`TAIL`) of the steps may cost more,
+    and of the walls less. Outer walls do not count, since no way leads through them.
     """
     planner = next(each for each in policy.network.modules() if isinstance(each, Planner))
     bellman = planner.planning
@@ -202,9 +202,9 @@ def margin_of(policy: NetworkPolicy, arrays: LabyrinthArrays) -> float:
         )
     found = costs.permute(0, 2, 3, 1).flip(1).numpy()  # Rows from the bottom, as in `moves`.
     walls = wall[arrays.labyrinth]
-    dearest = np.quantile(found[inside & ~walls], 1 - TAIL)
-    cheapest = np.quantile(found[inside & walls], TAIL)
-    return float(cheapest - dearest)
+    highest = np.quantile(found[inside & ~walls], 1 - TAIL)
+    lowest = np.quantile(found[inside & walls], TAIL)
+    return float(lowest - highest)
 
 
 def power_for(side: int, margin: float) -> float:

@@ -73,6 +73,24 @@ def written(spec: PolicySpec, folder: Path) -> torch.nn.Module:
     return network
 
 
+def test_the_description_of_a_policy_is_the_same_as_in_earlier_versions() -> None:
+    shape = {"pool_stride": 1, "height": 5, "width": 5, "task": "navigation"}
+    priors = dict.fromkeys(("path_prior", "grid_prior", "colour_prior"), True)
+    sizes = {"channels": 32, "iterations": 20, "sharpness": 3.0}
+    head = {"kind": "labyrinth-policy", "format": 1, "observation": "image", "image_size": 64}
+    released = {
+        **head,
+        "network": {"encoder": "planner", **shape},
+        "average": True,
+        "planner": {**priors, **sizes},
+    }
+    assert json.dumps(RELEASED_SPEC.to_json()) == json.dumps(released)
+    plain = {**head, "network": {"encoder": "cnn", **shape}, "average": False, "planner": None}
+    spec = PolicySpec.from_json(plain)
+    assert spec == PolicySpec(NetworkSpec("cnn", 1, 5, 5, "navigation"), average=False)
+    assert json.dumps(spec.to_json()) == json.dumps(plain)
+
+
 def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
     tmp_path: Path, small_dataset: Any
 ) -> None:

@@ -202,6 +202,15 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
         ({"method": {"speed": 1}}, "method.speed is no option: choose from [epochs"),
         ({"method": {"name": "sqil", "gamma": 1}}, "method.gamma=1: give a number from 0 to 0.999"),
         ({"method": {"name": "sqil", "temperature": 0}}, "give a number, 0.001 or more"),
+        (
+            {"method": {"name": "planner", "channels": 0}},
+            "channels=0: give a whole number from 1 to",
+        ),
+        (
+            {"method": {"name": "planner", "path_prior": 1}},
+            "method.path_prior=1: give true or false",
+        ),
+        ({"method": {"name": "mapper", "looks": 65}}, "looks=65: give a whole number from 1 to 64"),
         ({"revision": "v1"}, "is a folder, which has no revisions"),
         ({"train_labyrinths": 9}, "train_labyrinths=9: give 8 or fewer, as many as train of /"),
         ({"train_labyrinths": 0}, "train_labyrinths=0: give a whole number, 1 or more"),
