@@ -22,7 +22,6 @@ forward. Labyrinths are 8 x 8 as well, except those of 5x5, the size of the data
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -31,13 +30,13 @@ import venv
 import warnings
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import gymnasium
 import numpy as np
-from measuring import machine, ratio, take_turns
+from measuring import machine, parser_of, ratio, report, take_turns
 
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import state_at
@@ -154,63 +153,45 @@ def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
     return rate
 
 
-def contestants(scale: int) -> dict[str, tuple[str, float, Rate]]:
-    """Return by name: what is compared with, the target ratio, and the measurement."""
+def contestants(scale: int) -> tuple[dict[str, Rate], dict[str, str]]:
+    """Return the measurements by name, and the name of what each is compared with."""
     from minigrid.wrappers import RGBImgObsWrapper
 
     make = partial(gymnasium.make, LABYRINTH)
     steps, batches = 2_000 * scale, 10 * scale
-    minigrid = gymnasium.make(MINIGRID)
-    drawn = gymnasium.make(MINIGRID, render_mode="rgb_array", tile_size=PICTURE_SIZE // 8)
+    lone, camera = "MiniGrid, one environment", "MiniGrid, one, pictures of 64 x 64"
+    copies, easel = "copying batches of 1,024 pictures", "MiniGrid, a picture of 600 x 600"
     framed = RGBImgObsWrapper(gymnasium.make(MINIGRID), tile_size=OBSERVED_SIZE // 8)
-    lone = "MiniGrid, one environment"
-    camera = "MiniGrid, one, pictures of 64 x 64"
-    copies = "copying batches of 1,024 pictures"
-    easel = "MiniGrid, a picture of 600 x 600"
-    shown: dict[str, Any] = {"count": PICTURED_ENVS, "observation": "image"}
-    fast: dict[str, Any] = {"observation": "state"}
-    walls: dict[str, Any] = {"observation": "vector"}
-    rgb: dict[str, Any] = {"observation": "state", "render_mode": "rgb_array"}
-    return {
-        lone: ("", 0, single(minigrid, 3, steps)),
-        "one environment, vector": (lone, 5, single(make(size=8, **walls), 4, 4 * steps)),
-        "one environment, state": (lone, 5, single(make(size=8, **fast), 4, 4 * steps)),
-        "10,000 kept 5x5, state": (lone, 1_000, vector(5, 4 * batches, kept=True, **fast)),
-        "10,000 kept 5x5, vector": (lone, 200, vector(5, 2 * batches, kept=True, **walls)),
-        "10,000 kept 8x8, state": (lone, 1_000, vector(8, 4 * batches, kept=True, **fast)),
-        "10,000 kept 8x8, vector": (lone, 200, vector(8, 2 * batches, kept=True, **walls)),
-        "10,000 fresh 5x5, state": (lone, 1_000, vector(5, 4 * batches, kept=False, **fast)),
-        "10,000 fresh 8x8, state": (lone, 1_000, vector(8, 4 * batches, kept=False, **fast)),
-        camera: ("", 0, single(framed, 3, steps // 2)),
-        "one fresh 5x5, pictures": (camera, 0, single(make(size=5), 4, 4 * steps)),
-        "all 25 states of a 5x5, times": ("", 0, all_states(40 * scale)),
-        copies: ("", 0, copying(4 * batches)),
-        "1,024 kept 5x5, pictures": (copies, 0.6, vector(5, 4 * batches, kept=True, **shown)),
-        "1,024 kept, copy=False": (
-            copies,
-            0,
-            vector(5, 4 * batches, kept=True, copy=False, **shown),
-        ),
-        "1,024 fresh 5x5, pictures": (copies, 0, vector(5, 4 * batches, kept=False, **shown)),
-        easel: ("", 0, pictures(drawn, 3, 50 * scale)),
-        "a picture of 600 x 600, 8x8": (easel, 0, pictures(make(size=8, **rgb), 4, 200 * scale)),
-    }
+    drawn = gymnasium.make(MINIGRID, render_mode="rgb_array", tile_size=PICTURE_SIZE // 8)
+    ours = make(size=8, observation="state", render_mode="rgb_array")
+    found: dict[str, Rate] = {lone: single(gymnasium.make(MINIGRID), 3, steps)}
+    for kind in ("vector", "state"):
+        env = make(size=8, observation=kind)
+        found[f"one environment, {kind}"] = single(env, 4, 4 * steps)
+    for kept, size, kind in product((True, False), (5, 8), ("state", "vector")):
+        if kept or kind == "state":
+            name = f"10,000 {'kept' if kept else 'fresh'} {size}x{size}, {kind}"
+            count = (4 if kind == "state" else 2) * batches
+            found[name] = vector(size, count, kept=kept, observation=kind)
+    rivals = dict.fromkeys(list(found)[1:], lone)
+    found[camera] = single(framed, 3, steps // 2)
+    found["one fresh 5x5, pictures"] = single(make(size=5), 4, 4 * steps)
+    rivals["one fresh 5x5, pictures"] = camera
+    found["all 25 states of a 5x5, times"] = all_states(40 * scale)
+    found[copies] = copying(4 * batches)
+    shown = partial(vector, 5, 4 * batches, count=PICTURED_ENVS, observation="image")
+    found["1,024 kept 5x5, pictures"] = shown(kept=True)
+    found["1,024 kept, copy=False"] = shown(kept=True, copy=False)
+    found["1,024 fresh 5x5, pictures"] = shown(kept=False)
+    rivals |= dict.fromkeys((name for name in found if name.startswith("1,024")), copies)
+    found[easel] = pictures(drawn, 3, 50 * scale)
+    found["a picture of 600 x 600, 8x8"] = pictures(ours, 4, 200 * scale)
+    rivals["a picture of 600 x 600, 8x8"] = easel
+    return found, rivals
 
 
-def report(rates: dict[str, list[float]], against: dict[str, tuple[str, float, Rate]]) -> None:
-    """Print the table: the median rate, the median ratio, its range, and the target."""
-    print(f"{'':36}{'a second':>14}{'times':>16}{'range':>18}{'to reach':>12}")
-    for name, measured in rates.items():
-        rival, aim, _ = against[name]
-        line = f"{name:36}{median(measured):>14,.0f}"
-        if rival:
-            middle, extent, verdict = ratio(measured, rates[rival], aim)
-            line += f"{middle:>16}{extent:>18}{verdict:>12}"
-        print(line)
-
-
-def jax_mazes(folder: Path) -> dict[str, tuple[str, float, Rate]]:
-    """Return the mazes of JAX as `contestants` does; the environment is made if it is missing."""
+def jax_mazes(folder: Path) -> dict[str, Rate]:
+    """Return the measurements of mazes of JAX; the environment is made if it is missing."""
     python = folder / "bin" / "python"
     if not python.exists():
         venv.create(folder, with_pip=True)
@@ -231,42 +212,31 @@ def jax_mazes(folder: Path) -> dict[str, tuple[str, float, Rate]]:
         return float(answered.readline())
 
     names = answered.readline().rstrip("\n").split("\t")
-    return {name: ("", 0, partial(rate, name)) for name in names}
-
-
-def report_beside_jax(rates: dict[str, list[float]]) -> None:
-    """Print how many times as fast as each maze of JAX ours are that are most like it."""
-    for name, measured in rates.items():
-        ours = BESIDE_JAX.get(name.partition(",")[0])
-        if ours is not None:
-            middle, extent, verdict = ratio(rates[ours], measured, 1)
-            behind = ", BEHIND" if "MISSED" in verdict else ""
-            print(f"{ours}: {middle} times {name} ({extent}){behind}")
+    return {name: partial(rate, name) for name in names}
 
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=7, help="rounds; each times everyone once")
-    parser.add_argument("--quick", action="store_true", help="short rounds, for a first look")
+    parser = parser_of(__doc__, rounds=7)
     parser.add_argument("--jax", type=Path, metavar="FOLDER", help="measure mazes of JAX, too")
     arguments = parser.parse_args()
-    if arguments.rounds < 1:
-        parser.error(f"--rounds {arguments.rounds}: give a whole number from 1 on")
     try:
         import minigrid
     except ImportError:
         sys.exit("This benchmark compares with MiniGrid, which is missing: pip install minigrid")
     gymnasium.register_envs(minigrid)
     warnings.filterwarnings("ignore", module="gymnasium")
-    against = contestants(1 if arguments.quick else 5)
+    rates, rivals = contestants(1 if arguments.quick else 5)
     if arguments.jax is not None:
-        against |= jax_mazes(arguments.jax)
+        rates |= jax_mazes(arguments.jax)
     print(f"{machine('numpy', 'gymnasium', 'minigrid')}; {arguments.rounds} rounds")
-    rates = {name: rate for name, (_, _, rate) in against.items()}
     measured = take_turns(rates, arguments.rounds)
-    report(measured, against)
-    report_beside_jax(measured)
+    report(measured, rivals, "a second")
+    for name, of_one in measured.items():
+        ours = BESIDE_JAX.get(name.partition(",")[0])
+        if ours is not None:
+            middle, extent = ratio(measured[ours], of_one)
+            print(f"{ours}: {middle} times {name} ({extent})")
 
 
 if __name__ == "__main__":

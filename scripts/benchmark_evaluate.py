@@ -11,7 +11,6 @@ of a forward pass. The script prints the times of:
 - stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, with one call of the
   policy in each step, on the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
 - their ratio for a labyrinth of train; both ways have to agree on every move and return.
-- lock-step: a policy with memory that costs nothing itself, in all labyrinths of train at once.
 
 The policy fails nearly everywhere, and a failed episode is stepped until it is truncated, after
 1,000 steps. With `--solving` it is always right and episodes are as short as possible, which gives
@@ -20,7 +19,6 @@ the smallest ratio.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -29,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from measuring import machine
+from measuring import machine, parser_of, positive
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
@@ -39,7 +37,6 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
-from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import Network
@@ -118,38 +115,14 @@ def step_singly(policy: Policy, labyrinths: list[str]) -> list[tuple[int, float]
     return found
 
 
-class Free:
-    """A policy with memory that costs nothing: it always goes up, until the episodes are cut."""
-
-    def reset(self, count: int) -> None:
-        """Begin so many episodes."""
-        self._actions = np.zeros(count, np.int64)
-
-    def act(self, observations: NDArray[Any]) -> NDArray[np.int64]:
-        """Return the actions, shape (count,)."""
-        assert len(observations) == len(self._actions)
-        return self._actions
-
-
-def in_lock_step(arrays: LabyrinthArrays) -> float:
-    """Return the steps a second of a policy with memory that costs nothing."""
-    start = time.perf_counter()
-    episodes = step_through(Player.of(Free(), 0), arrays, 1)
-    return float(episodes.moves.sum()) / (time.perf_counter() - start)
-
-
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__, rounds=5)
     parser.add_argument("--data", type=Path, default=Path("data/labyrinth"), help="dataset")
-    parser.add_argument("--rounds", type=int, default=5, help="rounds; each times everything once")
-    parser.add_argument("--labyrinths", type=int, default=10, help="to step in, per round")
+    parser.add_argument("--labyrinths", type=positive, default=10, help="to step in, per round")
     parser.add_argument("--solving", action="store_true", help="a policy that is always right")
-    parser.add_argument("--quick", action="store_true", help="one round with two labyrinths")
     arguments = parser.parse_args()
     rounds, count = (1, 2) if arguments.quick else (arguments.rounds, arguments.labyrinths)
-    if rounds < 1 or count < 1:
-        parser.error("--rounds and --labyrinths: give whole numbers from 1 on")
     try:
         train = load_arrays(arguments.data, CONFIG, "train")
         episodes = list(load_episodes(arguments.data, CONFIG, split="train", draw=True))
@@ -160,7 +133,7 @@ def main() -> None:
     network: Policy = NetworkPolicy(Network(NetworkSpec("cnn", 1, 5, 5, "navigation")))
     policy = Solving(network, train) if arguments.solving else network
     print(f"{machine('numpy', 'torch')}; {torch.get_num_threads()} threads, {rounds} rounds")
-    whole, ratios, steps, together = [], [], [], []
+    whole, ratios, steps = [], [], []
     for number in range(rounds):
         whole.append(evaluate_all(network, arguments.data))
         chosen = [(number * count + place) % len(infos) for place in range(count)]
@@ -174,14 +147,12 @@ def main() -> None:
         ratios.append(seconds / count / per_labyrinth)
         steps.append(sum(moves for moves, _ in stepped) / seconds)
         check(looked_up, chosen, stepped)
-        together.append(in_lock_step(train))
     clock, cpu, loading, asking = map(median, zip(*whole, strict=True))
     best = min(each.clock for each in whole)
     print(f"five splits, from files to figures: {clock:.2f} s (best {best:.2f} s)")
     shares = f"{loading / cpu:.0%} loading, {asking / cpu:.0%} the policy"
     print(f"five splits, CPU time: {cpu:.2f} s, of which {shares}")
     print(f"stepping: {median(steps):,.0f} steps a second")
-    print(f"lock-step, a policy with memory: {median(together):,.0f} steps a second")
     extent = f"{min(ratios):,.0f} - {max(ratios):,.0f}"
     print(f"a labyrinth by look-ups: {median(ratios):,.0f} times as fast (range {extent})")
 

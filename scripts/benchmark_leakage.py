@@ -10,16 +10,14 @@ the sampler, without and with `splits.min_walls`.
 
 from __future__ import annotations
 
-import argparse
 import os
-import time
 from collections.abc import Callable
 from itertools import islice
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # Before numpy.
 
 import numpy as np
-from measuring import machine
+from measuring import cpu_seconds, machine, parser_of
 
 from labyrinth_core.world import near_twins
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -31,13 +29,6 @@ from pipeline.inspection.leakage import find_leakage
 
 PAIRS_TIMED = 10**9
 MIN_WALLS = (1, 2, 4)
-
-
-def seconds(work: Callable[[], object]) -> float:
-    """Return the CPU seconds of a call."""
-    start = time.process_time()
-    work()
-    return time.process_time() - start
 
 
 def sampled(count: int, min_walls: int) -> Callable[[], object]:
@@ -58,17 +49,15 @@ def measure(count: int) -> list[float]:
         name: [Labyrinth(structure, 0, 24) for structure in structures[start::2]]
         for name, start in (("train", 0), ("test", 1))
     }
-    looked_up = seconds(lambda: near_twins.nearest(of, among))
-    compared = seconds(lambda: near_twins._nearest_of_all(some, among)) * len(of) / len(some)
-    whole = seconds(lambda: find_leakage(splits))
-    return [looked_up, compared, whole, *(seconds(sampled(count, w)) for w in MIN_WALLS)]
+    looked_up = cpu_seconds(lambda: near_twins.nearest(of, among))
+    compared = cpu_seconds(lambda: near_twins._nearest_of_all(some, among)) * len(of) / len(some)
+    whole = cpu_seconds(lambda: find_leakage(splits))
+    return [looked_up, compared, whole, *(cpu_seconds(sampled(count, w)) for w in MIN_WALLS)]
 
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="leave out 100,000 labyrinths")
-    arguments = parser.parse_args()
+    arguments = parser_of(__doc__, rounds=1).parse_args()
     near_twins.MOST_PAIRS = 0
     print(f"{machine('numpy')}; seconds of one core")
     headings = ["labyrinths", "looked up", "all pairs", "certificate"]

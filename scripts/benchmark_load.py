@@ -23,7 +23,6 @@ median of the rounds' ratios to the baseline of the same order. The dataset is t
 
 from __future__ import annotations
 
-import argparse
 import random
 import shutil
 import sys
@@ -34,34 +33,22 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count, islice, pairwise
 from pathlib import Path
-from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from measuring import machine, ratio, take_turns
+from measuring import machine, parser_of, positive, report, run_command, take_turns
 
 from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
 from labyrinth_core.pictures import png, vector
 from labyrinth_core.pictures import resize as shrinking
-from pipeline.config.run import RunConfig, resolve
 
 SIZE = 64
 BATCH = 64
 CONFIG = "5x5"
-RANDOM, ORDERED = "random", "in order"
 
 Passed = Callable[[], float]
 """Goes through transitions, and returns how many there were per second."""
-
-
-class Contestant(NamedTuple):
-    """What is measured."""
-
-    order: str
-    passed: Passed
-    aim: float = 0
-    """The target ratio to the baseline of the same order."""
 
 
 def timed(transitions: Callable[[], int]) -> Passed:
@@ -158,7 +145,11 @@ def streamed(stream: Callable[[], Iterator[Any]]) -> int:
 
 def torch_loaders(transitions: Transitions) -> dict[str, Any]:
     """Return data loaders of torch by name, after checking that they yield all transitions."""
-    from torch.utils.data import BatchSampler, DataLoader, RandomSampler
+    try:
+        from torch.utils.data import BatchSampler, DataLoader, RandomSampler
+    except ImportError:
+        print("torch is not installed: no data loaders")
+        return {}
 
     def loader(workers: int, method: str | None = None, *, gathered: bool = False) -> Any:
         kept = {"persistent_workers": True, "multiprocessing_context": method} if workers else {}
@@ -190,11 +181,8 @@ def epoch(loader: Any) -> int:
     return sum(len(action) for _, action, _ in loader)
 
 
-# The run.
-
-
-def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, Contestant]:
-    """Return what is measured, by name; the first of each order is its baseline."""
+def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, dict[str, Passed]]:
+    """Return what is measured, by order and name; the first of each order is its baseline."""
     from datasets import load_dataset
 
     rows = load_dataset(str(data_dir), CONFIG, split="train", cache_dir=str(folder / "arrow"))
@@ -202,89 +190,50 @@ def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, Contestan
     stream = partial(stream_transitions, data_dir, CONFIG, image_size=SIZE)
     their_stream = partial(load_dataset, str(data_dir), CONFIG, split="train", streaming=True)
     warm = load(cache_dir=folder / "warm")
-    numbers = count()
-
-    def both(name: str, aim: float, passed: Callable[..., int]) -> dict[str, Contestant]:
-        return {
-            f"{name}, {order}": Contestant(order, timed(partial(passed, shuffled=shuffled)), aim)
-            for order, shuffled in ((RANDOM, True), (ORDERED, False))
-        }
-
-    def ordered(passed: Callable[[], int], aim: float = 0) -> Contestant:
-        return Contestant(ORDERED, timed(passed), aim)
-
-    all_of_them = {
-        "datasets, random": Contestant(RANDOM, timed(partial(random_rows, rows, pairs, numbers))),
-        "datasets, in order": ordered(partial(ordered_rows, lambda: iter(rows), 2 * pairs)),
-        "datasets, stream": ordered(partial(ordered_rows, lambda: iter(their_stream()), 2 * pairs)),
-        **both("cold, decoded", 2, partial(cold, load, folder)),
-        **both("cold, drawn", 2, partial(cold, partial(load, draw=True), folder)),
-        **both("warm, batches", 1_000, partial(batches, warm)),
-        **both("warm, views", 0, partial(views, warm)),
-        "stream, decoded": ordered(partial(streamed, stream), 1.5),
-        "stream, drawn": ordered(partial(streamed, partial(stream, draw=True)), 1.5),
+    in_both = {
+        "cold, decoded": partial(cold, load, folder),
+        "cold, drawn": partial(cold, partial(load, draw=True), folder),
+        "warm, batches": partial(batches, warm),
+        "warm, views": partial(views, warm),
     }
-    try:
-        loaders = torch_loaders(warm)
-    except ImportError:
-        print("torch is not installed: no data loaders")
-        loaders = {}
-    return all_of_them | {
-        name: Contestant(RANDOM, timed(partial(epoch, loader))) for name, loader in loaders.items()
+    shuffled = {
+        "datasets, random": partial(random_rows, rows, pairs, count()),
+        **{f"{name}, random": partial(each, shuffled=True) for name, each in in_both.items()},
+        **{name: partial(epoch, each) for name, each in torch_loaders(warm).items()},
     }
-
-
-def report(rates: dict[str, list[float]], everyone: dict[str, Contestant]) -> None:
-    """Print the table: the median rate, the median ratio, its range, and the target."""
-    print(f"{'':30}{'(s, a, s^) a second':>20}{'times datasets':>16}{'range':>20}{'to reach':>16}")
-    for name, measured in rates.items():
-        contestant = everyone[name]
-        baseline = next(each for each in rates if everyone[each].order == contestant.order)
-        line = f"{name:30}{median(measured):>20,.0f}"
-        if name != baseline:
-            middle, extent, verdict = ratio(measured, rates[baseline], contestant.aim)
-            line += f"{middle:>16}{extent:>20}{verdict:>16}"
-        print(line)
-
-
-def build(data_dir: Path, labyrinths: int, random_steps: int = 1) -> None:
-    """Build the dataset."""
-    from pipeline.generation import build
-
-    options = RunConfig(
-        stages=["build"],
-        size="5",
-        labyrinths=labyrinths,
-        data_dir=str(data_dir),
-        random_steps=random_steps,
-    )
-    build.run(resolve(options))
+    ordered = {
+        "datasets, in order": partial(ordered_rows, lambda: iter(rows), 2 * pairs),
+        "datasets, stream": partial(ordered_rows, lambda: iter(their_stream()), 2 * pairs),
+        **{f"{name}, in order": partial(each, shuffled=False) for name, each in in_both.items()},
+        "stream, decoded": partial(streamed, stream),
+        "stream, drawn": partial(streamed, partial(stream, draw=True)),
+    }
+    return {
+        order: {name: timed(passed) for name, passed in by_name.items()}
+        for order, by_name in (("random", shuffled), ("in order", ordered))
+    }
 
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--labyrinths", type=int, default=1_000, help="in the split train")
-    parser.add_argument("--pairs", type=int, default=200, help="transitions a round of datasets")
-    parser.add_argument("--rounds", type=int, default=7, help="rounds; each times everyone once")
-    parser.add_argument("--quick", action="store_true", help="100 labyrinths, 2 short rounds")
+    parser = parser_of(__doc__, rounds=7)
+    parser.add_argument("--labyrinths", type=positive, default=1_000, help="in the split train")
+    parser.add_argument("--pairs", type=positive, default=200, help="transitions of datasets")
     arguments = parser.parse_args()
     if arguments.quick:
         arguments.labyrinths, arguments.pairs, arguments.rounds = 100, 50, 2
-    for name in ("labyrinths", "pairs", "rounds"):
-        if getattr(arguments, name) < 1:
-            parser.error(f"--{name} {getattr(arguments, name)}: give a whole number from 1 on")
     warnings.filterwarnings("ignore", message="This DataLoader will create")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        build(folder / "data", arguments.labyrinths)
-        everyone = contestants(folder, folder / "data", arguments.pairs)
+        options = ["size=5", f"labyrinths={arguments.labyrinths}", "random_steps=1"]
+        run_command("stages=[build]", *options, f"data_dir={folder / 'data'}")
         libraries = ("numpy", "pillow", "pyarrow", "datasets", "torch")
-        print(
-            f"{machine(*libraries)}; {arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
-        )
-        passed = {name: contestant.passed for name, contestant in everyone.items()}
-        report(take_turns(passed, arguments.rounds), everyone)
+        about = f"{arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
+        print(f"{machine(*libraries)}; {about}")
+        for by_name in contestants(folder, folder / "data", arguments.pairs).values():
+            baseline, *others = by_name
+            measured = take_turns(by_name, arguments.rounds)
+            report(measured, dict.fromkeys(others, baseline), "(s, a, s') a second")
 
 
 if __name__ == "__main__":

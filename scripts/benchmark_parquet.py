@@ -11,15 +11,15 @@ random access.
 
 from __future__ import annotations
 
-import argparse
 import io
 import time
 from collections.abc import Iterator
+from functools import partial
 from statistics import median
 from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
-from measuring import machine
+from measuring import machine, parser_of, take_turns
 
 from labyrinth_core.data.columns import Row
 from pipeline.config.run import RunConfig, resolve
@@ -106,19 +106,14 @@ def tables(episodes: list[list[Row]], row_group: int) -> Iterator[Any]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--quick", action="store_true", help="few labyrinths, two rounds")
-    arguments = parser.parse_args()
+    arguments = parser_of(__doc__, rounds=7).parse_args()
     rounds, share = (2, 10) if arguments.quick else (arguments.rounds, 1)
     print(machine("numpy", "pyarrow"))
     print(f"us a row, CPU time, medians of {rounds} rounds; ms a group for a single row group")
     for size, labyrinths, split in [("5", 300, "train"), ("5", 50, "random"), ("25", 50, "train")]:
         episodes = episodes_of(size, max(1, labyrinths // share), split)
-        turns: dict[str, list[Turn]] = {way: [] for way in WAYS}
-        for _ in range(rounds):
-            for way, (row_group, options) in WAYS.items():
-                turns[way].append(take_turn(episodes, row_group, options))
+        ways = {name: partial(take_turn, episodes, *way) for name, way in WAYS.items()}
+        turns = take_turns(ways, rounds)
         print(f"\nsize {size}, {split}: {sum(map(len, episodes)):,} rows")
         print(f"{'':>24}{'bytes a row':>12}{'write':>8}{'read':>8}{'one group':>11}")
         for way, of_way in turns.items():

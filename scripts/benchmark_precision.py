@@ -8,13 +8,12 @@ on one thread, and the median of the rounds' ratios. Above 1, bfloat16 is faster
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from statistics import median
 
 import torch
-from measuring import machine, ratio, take_turns
+from measuring import machine, parser_of, ratio, take_turns
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.network import ACTIONS, Network
@@ -44,10 +43,9 @@ def step_of(encoder: str, batch: int, precision: str) -> Callable[[], float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__, rounds=5)
     parser.add_argument("--encoder", default="resnet18", choices=["cnn", "resnet18"])
     parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--rounds", type=int, default=5)
     given = parser.parse_args()
     torch.set_num_threads(1)
     contestants = {name: step_of(given.encoder, given.batch, name) for name in PRECISIONS}
@@ -55,7 +53,7 @@ def main() -> None:
     print(f"{machine('torch')}; {torch.backends.cpu.get_cpu_capability()}; one thread")
     print(f"{given.encoder}, {given.batch} pictures, CPU seconds of a step:", end="")
     print(*(f" {name} {median(seconds):.3f}" for name, seconds in taken.items()), sep=",")
-    middle, spread, _ = ratio(taken["fp32"], taken["bf16"], 0)
+    middle, spread = ratio(taken["fp32"], taken["bf16"])
     print(f"fp32 / bf16: {middle} ({spread})")
 
 

@@ -196,19 +196,16 @@ def main() -> int:
     if options.inputs % CHUNK:
         counts.append(options.inputs % CHUNK)
     seeds = np.random.SeedSequence(options.seed).spawn(len(counts))
-    total = Summary()
-    begin = reported = time.perf_counter()
+    begin = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:
-        for part in pool.map(fuzz, counts, seeds):
-            total.accepted += part.accepted
-            total.rejected += part.rejected
-            total.slowest = max(total.slowest, part.slowest)
-            total.peak_memory = max(total.peak_memory, part.peak_memory)
-            total.failures += part.failures
-            if time.perf_counter() - reported > 10:
-                reported = time.perf_counter()
-                done = total.accepted + total.rejected + len(total.failures)
-                print(f"{done:,} of {options.inputs:,} inputs", flush=True)
+        parts = list(pool.map(fuzz, counts, seeds))
+    total = Summary(
+        sum(part.accepted for part in parts),
+        sum(part.rejected for part in parts),
+        max(part.slowest for part in parts),
+        max(part.peak_memory for part in parts),
+        [failure for part in parts for failure in part.failures],
+    )
     for failure in total.failures[:20]:
         print(failure.encode(errors="backslashreplace").decode(), file=sys.stderr)
     print(

@@ -1,16 +1,44 @@
-"""What the benchmarks share: a description of the machine, rounds of turns, and ratios."""
+"""What the benchmarks share: options, a dataset, turns on a busy machine, ratios."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from statistics import median
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
+
+RUN = Path(__file__).resolve().parents[1] / "run.py"
 
 Name = TypeVar("Name")
 Result = TypeVar("Result")
+
+
+def parser_of(description: str, rounds: int) -> argparse.ArgumentParser:
+    """Return a parser with the options `--rounds` and `--quick`."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument(
+        "--rounds", type=positive, default=rounds, help="rounds; each times everyone once"
+    )
+    parser.add_argument("--quick", action="store_true", help="little work, for a first look")
+    return parser
+
+
+def positive(text: str) -> int:
+    """Return a whole number from 1 on.
+
+    Raises:
+        ArgumentTypeError: The text is none.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: give a whole number from 1 on")
+    return int(text)
 
 
 def machine(*libraries: str) -> str:
@@ -23,6 +51,36 @@ def machine(*libraries: str) -> str:
         except PackageNotFoundError:
             continue
     return ", ".join(parts)
+
+
+def cpu_seconds(work: Callable[[], object]) -> float:
+    """Return the CPU seconds of a call, over all threads of this process."""
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+class Cost(NamedTuple):
+    """What a command has cost."""
+
+    seconds: float
+    """By the clock."""
+    cpu: float
+    """CPU seconds of the process and of the workers that it has waited for."""
+    memory: int
+    """The largest peak resident set among these processes, in MiB."""
+
+
+def run_command(*options: str) -> Cost:
+    """Run `run.py` with options in a process of its own, and return its cost; exit if it fails."""
+    begun = time.perf_counter()
+    process = subprocess.Popen([sys.executable, str(RUN), *options], stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if status:
+        sys.exit(f"run.py {' '.join(options)}: exit status {process.returncode}")
+    seconds = time.perf_counter() - begun
+    return Cost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss >> 10)
 
 
 def take_turns(
@@ -40,8 +98,24 @@ def take_turns(
     return {name: of_one[1:] for name, of_one in results.items()}
 
 
-def ratio(ours: Sequence[float], theirs: Sequence[float], target: float) -> tuple[str, str, str]:
-    """Return the median of the rounds' ratios, their range, and the target if it is not 0."""
+def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[str, str]:
+    """Return the median of the rounds' ratios, and their range."""
     ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
-    verdict = f"{target:,}" + ("" if median(ratios) >= target else " MISSED") if target else ""
-    return f"{median(ratios):,.1f}", f"{min(ratios):,.1f} - {max(ratios):,.1f}", verdict
+    return f"{median(ratios):,.1f}", f"{min(ratios):,.1f} - {max(ratios):,.1f}"
+
+
+def report(rates: Mapping[str, Sequence[float]], rivals: Mapping[str, str], unit: str) -> None:
+    """Print a table: the median rate of each, and its ratio to that of its rival, with the range.
+
+    Args:
+        rates: Name -> the rate in each round.
+        rivals: Name -> the name of what it is compared with; those that are missing are not.
+        unit: The heading of the rates.
+    """
+    print(f"{'':38}{unit:>20}{'times':>12}{'range':>20}")
+    for name, measured in rates.items():
+        line = f"{name:38}{median(measured):>20,.0f}"
+        if name in rivals:
+            middle, extent = ratio(measured, rates[rivals[name]])
+            line += f"{middle:>12}{extent:>20}"
+        print(line)
