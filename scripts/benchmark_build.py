@@ -23,11 +23,10 @@ from statistics import median
 from typing import NamedTuple
 from unittest.mock import patch
 
-from measuring import cpu_seconds, machine, parser_of, ratio, run_command, take_turns
+from measuring import cpu_seconds, forget, machine, parser_of, ratio, run_command, take_turns
 from PIL import Image
 
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.pictures import png, renderer
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -74,10 +73,7 @@ class PillowPictures(dict[State, Picture]):
 
 def rate(size: str, labyrinths: int, goals: str, pictures: type) -> float:
     """Build a dataset with cold caches; return the rows per second of CPU time."""
-    for module in (png, renderer):
-        for value in vars(module).values():
-            if hasattr(value, "cache_clear"):
-                value.cache_clear()
+    forget()
     with (
         patch("pipeline.generation.render.Pictures", pictures),
         tempfile.TemporaryDirectory() as folder,

@@ -36,12 +36,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measuring import machine, parser_of, positive, report, run_command, take_turns
+from measuring import forget, machine, parser_of, positive, report, run_command, take_turns
 
-from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
-from labyrinth_core.pictures import png, vector
-from labyrinth_core.pictures import resize as shrinking
 
 SIZE = 64
 BATCH = 64
@@ -91,18 +88,6 @@ def ordered_rows(rows: Callable[[], Iterator[dict[str, Any]]], pairs: int) -> in
 
 
 # Ours.
-
-
-def forget() -> None:
-    """Clear the caches of pictures, so that the process is like a new one."""
-    for remembered in (
-        pictures._remembering_decoder,
-        png._unpack,
-        shrinking._remembering_shares,
-        shrinking._remembering_narrow,
-        vector.initial_vector,
-    ):
-        remembered.cache_clear()
 
 
 def batches(transitions: Transitions, *, shuffled: bool) -> int:

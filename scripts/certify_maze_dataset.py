@@ -1,7 +1,7 @@
 """Certify splits by seed of maze-dataset's own generator.
 
     pip install maze-dataset 'muutils<0.9'
-    python scripts/studies/certify_maze_dataset.py [--folder FOLDER]
+    python scripts/certify_maze_dataset.py [--folder FOLDER]
 
 maze-dataset brings Jupyter and old pins: give it a virtual environment of its own.
 
