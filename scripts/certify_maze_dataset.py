@@ -24,11 +24,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from measuring import machine
+from numpy.typing import NDArray
 
 from labyrinth_core.language.collection import read_collection
 from labyrinth_core.world.labyrinth import Labyrinth
