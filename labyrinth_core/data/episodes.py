@@ -1,115 +1,159 @@
-"""Rows grouped into episodes, which are replayed and observed."""
+"""Episodes replayed: the labyrinth and the state in each row, in arrays.
+
+Labyrinths of one kind are parsed and replayed together. Whatever loads a dataset takes it in this
+form: pictures, vectors and texts are made from it, and so are the arrays of `evaluation`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
-from functools import lru_cache
-from itertools import islice
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
-from labyrinth_core.data.source import RawRow
-from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.language.text import labyrinth_id, parse, without_agent
-from labyrinth_core.world.dynamics import initial, state_index, transition
+from labyrinth_core.data.rows import Rows, WholeEpisodes, grouped
+from labyrinth_core.language.parse_many import parse_many
+from labyrinth_core.language.text import dump, labyrinth_id, parse, without_agent
+from labyrinth_core.world.batch_labyrinths import Labyrinths, replay_many
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import Episode, replay
+from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import optimal_actions
 
+PARSED_CELLS = 2**16
+"""The cells of labyrinths that are parsed and replayed together."""
 
-def episodes_of(
-    rows: Iterable[RawRow],
-    spec: ObservationSpec,
-    part: int = 0,
-    parts: int = 1,
-) -> Generator[LoadedEpisode]:
-    """Yield the episodes of rows in order, which may cross the ends of shards and batches.
 
-    Args:
-        rows: The rows.
-        spec: What is observed.
-        part: Which of the parts to yield, from 0.
-        parts: The number of parts that the episodes are dealt out to, one after the other.
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """One or more episodes in labyrinths of one size, task and look, replayed."""
 
-    Raises:
-        DatasetError: The rows do not make episodes.
-    """
-    for episode_rows in islice(grouped(rows), part, None, parts):
-        number, episode = _replayed(episode_rows)
-        yield LoadedEpisode(
-            labyrinth_id=number,
-            info=episode_rows[0].info,
-            observations=spec.observe(episode, [row.png for row in episode_rows]),
-            actions=np.array([row.actions for row in episode_rows[:-1]], np.int64),
-            rewards=np.array([row.rewards for row in episode_rows[:-1]], np.float32),
-            terminated=episode.terminated,
+    whole: WholeEpisodes
+    """Their rows, n of them."""
+    texts: list[str]
+    """The canonical text of each labyrinth."""
+    labyrinths: Labyrinths
+    which: NDArray[np.int64]
+    """The number of the labyrinth in each row, shape (n,)."""
+    states: NDArray[np.int64]
+    """The number of the state in each row, as in `dynamics.state_index`, shape (n,)."""
+    over: NDArray[np.bool_]
+    """Whether an episode ends in the state, on the goal or on ice, shape (n,)."""
+    ids: NDArray[np.int64]
+    """The id of each labyrinth; elsewhere it is `f"{id:016x}"`."""
+
+    @property
+    def acting(self) -> NDArray[np.bool_]:
+        """Whether an action is taken in each row: in all but the last of each episode."""
+        acting = np.ones(len(self.states), np.bool_)
+        acting[self.whole.lasts] = False
+        return acting
+
+    def parsed(self) -> list[Labyrinth]:
+        """Return the labyrinths, one by one; they begin where the episodes do."""
+        return [parse(text) for text in self.texts]
+
+    def take(self, episodes: slice) -> Episodes:
+        """Return some consecutive episodes, with their labyrinths alone."""
+        firsts, lasts = self.whole.firsts[episodes], self.whole.lasts[episodes]
+        rows = slice(int(firsts[0]), int(lasts[-1]) + 1)
+        whole = WholeEpisodes(self.whole.rows.take(rows), firsts - rows.start, lasts - rows.start)
+        used, which = np.unique(self.which[rows], return_inverse=True)
+        return Episodes(
+            whole,
+            [self.texts[number] for number in used.tolist()],
+            self.labyrinths.take(used),
+            which,
+            self.states[rows],
+            self.over[rows],
+            self.ids[used],
         )
 
+    def parts(self, rows: int) -> Generator[Episodes]:
+        """Yield consecutive episodes with about so many rows together."""
+        number = self.whole.lasts // rows
+        begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
+        for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
+            yield self.take(slice(begin, end))
 
-def _replayed(rows: list[RawRow]) -> tuple[int, Episode]:
-    """Return the labyrinth id and the episode of rows; raise DatasetError if they make none."""
-    try:
-        labyrinth, number = parse_info(rows[0].info)
-        return number, replay(labyrinth, [row.actions for row in rows[:-1]])
-    except ValueError as error:
-        reason = str(error).partition("\n")[0]
-        raise DatasetError(f"an episode cannot be replayed: {reason}") from error
-
-
-def optimal_actions_of(rows: Iterable[RawRow]) -> NDArray[np.bool_]:
-    """Return which actions begin a shortest route in each state that is acted in, shape (N, 4).
-
-    Raises:
-        DatasetError: The rows do not make episodes.
-    """
-    found = []
-    for episode_rows in grouped(rows):
-        info = episode_rows[0].info
-        labyrinth, optimal = _solved(without_agent(info))
-        state = initial(parse_info(info)[0])
-        places = []
-        for row in episode_rows[:-1]:
-            places.append(state_index(labyrinth, state))
-            state = transition(labyrinth, state, row.actions)
-        found.append(optimal[places])
-    return np.concatenate(found)
+    def optimal(self) -> NDArray[np.bool_]:
+        """Return which actions begin a shortest route in each row, shape (n, 4)."""
+        solved: dict[str, NDArray[np.bool_]] = {}
+        for text in self.texts:  # Pieces of a route share a labyrinth.
+            if (bare := without_agent(text)) not in solved:
+                solved[bare] = optimal_actions(parse(bare))
+        tables = np.stack([solved[without_agent(text)] for text in self.texts])
+        return tables[self.which, self.states]
 
 
-@lru_cache(maxsize=1)
-def _solved(info: str) -> tuple[Labyrinth, NDArray[np.bool_]]:
-    """Return a labyrinth and its optimal actions; cached, as episodes often share one."""
-    labyrinth, _ = parse_info(info)
-    return labyrinth, optimal_actions(labyrinth)
+def replayed(
+    blocks: Iterable[Rows], part: int = 0, parts: int = 1, cells: int = PARSED_CELLS
+) -> Generator[Episodes]:
+    """Yield the episodes of rows in order, many together.
 
-
-def grouped(rows: Iterable[RawRow]) -> Generator[list[RawRow]]:
-    """Yield the rows of each episode; the last row takes no action.
+    Args:
+        blocks: The rows.
+        part: Which of the parts to yield, from 0.
+        parts: The number of parts to which the episodes are dealt in turn.
+        cells: The cells of labyrinths that are parsed and replayed together.
 
     Raises:
-        DatasetError: The rows do not make episodes.
+        DatasetError: The rows do not make episodes; raised after the episodes before that row.
     """
-    pending: list[RawRow] = []
-    for number, row in enumerate(rows):
-        if not pending and not row.episode_starts:
-            raise DatasetError(f"row {number} episode_starts: False where an episode must begin")
-        if pending and (row.episode_starts or row.info != pending[0].info):
-            raise DatasetError(f"row {number}: an episode ends without its last row, actions=-1")
-        pending.append(row)
-        if row.actions == NO_ACTION:
-            if len(pending) == 1:
-                raise DatasetError(f"row {number} actions: -1 in the first row of an episode")
-            yield pending
-            pending = []
-    if pending:
-        raise DatasetError("the last episode ends without its last row, actions=-1")
+    before = 0
+    for whole in grouped(blocks):
+        dealt = (np.arange(len(whole.firsts)) + before) % parts == part
+        before += len(dealt)
+        if not dealt.any():
+            continue
+        if not dealt.all():
+            whole = whole.take(dealt)
+        rows = whole.rows
+        # A text of a labyrinth has at least eight characters for each cell.
+        together = max(1, cells * 8 // (len(rows.texts[0]) + 1))
+        number = np.maximum.accumulate(rows.info[whole.firsts]) // together
+        begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
+        for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
+            some = whole.take(slice(begin, end)) if len(begins) > 1 else whole
+            yield from _replayed(some)
 
 
-@lru_cache(maxsize=1)
-def parse_info(info: str) -> tuple[Labyrinth, int]:
-    """Return a labyrinth and its id; cached, as consecutive episodes often share a labyrinth."""
-    labyrinth = parse(info)
-    return labyrinth, int(labyrinth_id(labyrinth), 16)
+def _replayed(whole: WholeEpisodes) -> Generator[Episodes]:
+    """Yield episodes, all together if their texts are as ours, else one by one."""
+    used, which = np.unique(whole.rows.info[whole.firsts], return_inverse=True)
+    episodes = _together(whole, [whole.rows.texts[place] for place in used.tolist()], which)
+    if episodes is not None:
+        yield episodes
+        return
+    for place in range(len(whole.firsts)):
+        one = whole.take(slice(place, place + 1))
+        try:
+            labyrinth = parse(one.rows.texts[one.rows.info[0]])
+            replay(labyrinth, one.rows.actions[:-1].tolist())
+        except ValueError as error:
+            reason = str(error).partition("\n")[0]
+            raise DatasetError(f"an episode cannot be replayed: {reason}") from error
+        single = _together(one, [dump(labyrinth)], np.zeros(1, np.int64))
+        assert single is not None
+        yield single
+
+
+def _together(whole: WholeEpisodes, texts: list[str], which: NDArray[np.int64]) -> Episodes | None:
+    """Return episodes, given the texts of labyrinths and the number of each episode's.
+
+    Returns:
+        None if a text is not canonical, an action is not one of the four, or one follows an end.
+    """
+    actions = whole.rows.actions
+    labyrinths = parse_many(texts)
+    # Only the last row of an episode has NO_ACTION.
+    if labyrinths is None or ((actions < NO_ACTION) | (actions > 3)).any():
+        return None
+    replayed = replay_many(labyrinths, which, whole.firsts, actions)
+    if replayed is None:
+        return None
+    of_row = np.repeat(which, whole.lasts - whole.firsts + 1)
+    ids = [int(labyrinth_id(text), 16) for text in texts]
+    return Episodes(whole, texts, labyrinths, of_row, *replayed, np.array(ids, np.int64))

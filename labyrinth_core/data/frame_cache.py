@@ -1,13 +1,11 @@
-"""Transitions in a file that is mapped into memory, so that pictures are decoded only once.
+"""Transitions in a file that is mapped into memory, so that pictures are made only once.
 
-A cache file is the fields of `Transitions` one after the other, each in the format .npy and padded
-to a multiple of 64 bytes, and a SHA-256 of the key, the shapes and all content but the frames. As
-the frames come first, `numpy.load` reads them. A file that is cut short, or of another key, is
-told apart and made again. The frames themselves are not hashed when a file is opened: that would
-be to read them all.
+A cache file holds the fields of `Transitions` one after the other, each in the format .npy and
+padded to a multiple of 64 bytes, then a SHA-256 of the key, the shapes, and all content but the
+frames, which would take as long to hash as to read. The frames come first, so `numpy.load` reads
+them. A file that is cut short, or has another key, is made again.
 
-A file is written under another name and renamed when it is whole, by one process that holds a lock;
-others wait for it, and then find the file.
+One process writes a file, under a lock and another name, and renames it; others wait for it.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -29,31 +27,23 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.transitions import Fill, Transitions
-
-FRAMES = np.dtype("u1")
-COLUMNS: dict[str, np.dtype[Any]] = {
-    "rows": np.dtype("<i8"),
-    "actions": np.dtype("<i8"),
-    "rewards": np.dtype("<f4"),
-    "dones": np.dtype("?"),
-    "labyrinth_ids": np.dtype("<i8"),
-}
-"""Field of `Transitions` -> its type in the file, in the order in which they follow the frames."""
+from labyrinth_core.data.transitions import COLUMNS, Columns, Transitions, joined_columns
 
 SUFFIX = ".frames.npy"
-"""The end of the names of cache files, so that leftovers are known from files of others."""
+"""The end of the names of cache files."""
 
 _NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{16}}{re.escape(SUFFIX)}", re.ASCII)
-"""The names of cache files, see `name_of`."""
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
-"""The environment variable for the most gigabytes in a folder, and its default."""
+"""The environment variable for the most gigabytes of cache files in a folder, and its default."""
 
 LARGE = 500_000_000
-"""The bytes of a file from which on it is said that it is written."""
+"""The bytes from which on the writing of a file is announced."""
 
 _ALIGNMENT = 64
+
+Fill = Callable[[], Iterator[tuple[NDArray[Any], Columns]]]
+"""Yields frames, shape (any number, ...), with the columns of their transitions, in order."""
 
 
 def name_of(config: str, split: str, image_size: int, key: str) -> str:
@@ -62,13 +52,13 @@ def name_of(config: str, split: str, image_size: int, key: str) -> str:
 
 
 def user_folder() -> Path:
-    """Return where caches lie by default (XDG Base Directory Specification, version 0.8).
+    """Return the default folder of caches (XDG Base Directory Specification, version 0.8).
 
     Raises:
         OSError: The home folder of the user is unknown.
     """
     base = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if not base.is_absolute():  # The specification has relative paths ignored.
+    if not base.is_absolute():  # The specification says to ignore relative paths.
         try:
             base = Path.home() / ".cache"
         except RuntimeError as error:
@@ -76,55 +66,39 @@ def user_folder() -> Path:
     return base / "labyrinth-datasets"
 
 
-def limit() -> int:
-    """Return how many bytes the cache files of a folder may have, by the environment.
+def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Transitions:
+    """Return the transitions of a cache file, which is made if it is missing or wrong.
 
-    Raises:
-        DatasetError: `LABYRINTH_CACHE_GB` is no number of gigabytes.
-    """
-    text = os.environ.get(LIMIT_VARIABLE, LIMIT)
-    try:
-        gigabytes = float(text)
-    except ValueError:
-        gigabytes = -1.0
-    if not 0 <= gigabytes < math.inf:
-        raise DatasetError(f"{LIMIT_VARIABLE}={text}: give a number of gigabytes, such as {LIMIT}")
-    return int(gigabytes * 1e9)
-
-
-def load(path: Path, key: str, size: int, fill: Fill) -> Transitions:
-    """Return the transitions of a cache file, made by `fill` if it is missing or wrong.
-
-    All that its content depends on is in the key. Files that were not used for the longest time
-    make room for it, where there would be more than the limit; it says so if it gets large.
+    The files that were used least recently are removed if the folder would exceed its limit.
 
     Args:
         path: The file.
-        key: What the content is known by.
+        key: Identifies the content: everything that it depends on.
         size: The bytes that the frames will have.
         fill: Makes the content.
+        large: The bytes from which on a warning says that the file is written.
 
     Raises:
         OSError: The file can be neither read nor made.
-        DatasetError: It exceeds the limit by itself, or the limit is no number.
+        DatasetError: The file exceeds the limit by itself, or the limit is not a number.
     """
-    found = read(path, key)
+    found = _read(path, key)
     if found is not None:
-        with suppress(OSError):  # A folder that may only be read.
+        with suppress(OSError):  # The folder may be read-only.
             os.utime(path)
         return found
-    most = limit()
+    most = _limit()
     if size > most:
         raise DatasetError(
             f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
             f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
         )
-    if size >= LARGE:
-        warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {path}", stacklevel=3)
+    if size >= large:
+        warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {path}", stacklevel=4)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path.parent)
     with locked(path.with_name(f".{path.name}.lock")):
-        found = read(path, key)
+        found = _read(path, key)
         if found is None:
             temporary = path.with_name(f".{path.name}.tmp")
             _make_room(path, most - size)
@@ -133,29 +107,32 @@ def load(path: Path, key: str, size: int, fill: Fill) -> Transitions:
                 temporary.replace(path)
             finally:
                 temporary.unlink(missing_ok=True)
-            found = read(path, key)
+            found = _read(path, key)
     if found is None:
         raise OSError(f"{path} was made, but is not what was written")
     return found
 
 
-def read(path: Path, key: str) -> Transitions | None:
-    """Return the transitions of a cache file, None if it is missing, damaged or of another key.
+def _limit() -> int:
+    """Return the most bytes that the cache files of a folder may have, by the environment."""
+    text = os.environ.get(LIMIT_VARIABLE, LIMIT)
+    with suppress(ValueError):
+        if 0 <= float(text) < math.inf:
+            return int(float(text) * 1e9)
+    raise DatasetError(f"{LIMIT_VARIABLE}={text}: give a number of gigabytes, such as {LIMIT}")
 
-    Raises:
-        OSError: The file cannot be read.
-    """
+
+def _read(path: Path, key: str) -> Transitions | None:
+    """Return the transitions of a file, None if it is missing or damaged, or has another key."""
     try:
         with path.open("rb") as file:
             mapped = np.asarray(np.memmap(path, np.uint8, "r"))
-            frames = _next(file, mapped, FRAMES)
+            frames = _next(file, mapped, np.dtype("u1"))
             columns = {name: _next(file, mapped, dtype) for name, dtype in COLUMNS.items()}
             digest = file.read()
     except (FileNotFoundError, ValueError, OverflowError):
         return None
-    if digest != _digest(key, frames.shape, columns):
-        return None
-    return Transitions(frames, **columns)
+    return Transitions(frames, **columns) if digest == _digest(key, frames.shape, columns) else None
 
 
 def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -170,7 +147,7 @@ def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> ND
     return mapped[begin:end].view(dtype).reshape(shape)
 
 
-def _digest(key: str, frames: tuple[int, ...], columns: Mapping[str, NDArray[Any]]) -> bytes:
+def _digest(key: str, frames: tuple[int, ...], columns: Columns) -> bytes:
     """Return the hash of a key, the shape of the frames, and the other arrays."""
     shapes = [frames, *(array.shape for array in columns.values())]
     digest = hashlib.sha256(repr((key, shapes)).encode())
@@ -183,37 +160,28 @@ def _write(path: Path, key: str, fill: Fill) -> None:
     """Write a cache file, which is on the disk when this returns."""
     with path.open("wb") as file:
         shape: tuple[int, ...] = ()
-
-        def keep(observations: NDArray[Any]) -> None:
-            nonlocal shape
-            if not shape:  # The number of frames is filled in at the end.
-                shape = (0, *observations.shape[1:])
-                _write_header(file, shape)
-            file.write(np.ascontiguousarray(observations).data)
-            shape = (shape[0] + len(observations), *shape[1:])
-
-        arrays = fill(keep)
-        columns = {name: arrays[name].astype(dtype) for name, dtype in COLUMNS.items()}
-        _pad(file)
-        for array in columns.values():
+        parts: list[Columns] = []
+        for frames, columns in fill():
+            if not parts:  # The number of frames is filled in at the end; the length stays.
+                _write_header(file, (0, *frames.shape[1:]))
+            shape = (sum(shape[:1]) + len(frames), *frames.shape[1:])
+            file.write(np.ascontiguousarray(frames).data)
+            parts.append(columns)
+        joined = joined_columns(parts)
+        file.write(bytes(-file.tell() % _ALIGNMENT))
+        for array in joined.values():
             npy.write_array(file, array, (1, 0))
-            _pad(file)
-        file.write(_digest(key, shape, columns))
+            file.write(bytes(-file.tell() % _ALIGNMENT))
+        file.write(_digest(key, shape, joined))
         file.seek(0)
         _write_header(file, shape)
         file.flush()
-        # Else, after a power failure, the name could be there without the content.
+        # Otherwise, after a power failure, the name could be there without the content.
         os.fsync(file.fileno())
 
 
 def _write_header(file: BinaryIO, shape: tuple[int, ...]) -> None:
-    """Write what the frames begin with, of the same length for any number of them."""
-    header = {"descr": FRAMES.str, "fortran_order": False, "shape": shape}
-    npy.write_array_header_1_0(file, header)
-
-
-def _pad(file: BinaryIO) -> None:
-    file.write(bytes(-file.tell() % _ALIGNMENT))
+    npy.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": shape})
 
 
 def _make_room(path: Path, most: int) -> None:
@@ -222,14 +190,13 @@ def _make_room(path: Path, most: int) -> None:
     states = sorted(((each.stat(), each) for each in others), key=lambda pair: pair[0].st_mtime)
     total = sum(state.st_size for state, _ in states)
     for state, each in states:
-        if total <= most:
-            break
-        each.unlink(missing_ok=True)
-        total -= state.st_size
+        if total > most:
+            each.unlink(missing_ok=True)
+            total -= state.st_size
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove what killed processes have left: files whose lock nobody holds."""
+    """Remove what killed processes have left: files whose lock no process holds."""
     for lock in folder.glob(f".*{SUFFIX}.lock"):
-        with suppress(OSError), locked(lock, wait=False):  # Else another process holds it.
+        with suppress(OSError), locked(lock, wait=False):
             lock.with_suffix(".tmp").unlink(missing_ok=True)

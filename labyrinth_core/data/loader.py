@@ -16,51 +16,123 @@ import json
 import sys
 import warnings
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import replace
-from functools import partial
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import wraps
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import frame_cache
-from labyrinth_core.data.episodes import episodes_of, optimal_actions_of
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.episodes import Episodes, replayed
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.replays import replays_of
-from labyrinth_core.data.selection import Filter, Numbers, Part, find_numbers, find_part, rows_of
-from labyrinth_core.data.source import local_folder, stream_rows
+from labyrinth_core.data.rows import Rows, of_labyrinths
+from labyrinth_core.data.source import (
+    Filter,
+    Part,
+    find_numbers,
+    find_part,
+    local_folder,
+    stream_rows,
+)
 from labyrinth_core.data.transitions import (
-    Keep,
+    Columns,
     LoadedEpisode,
     Transition,
     Transitions,
-    collect,
-    gather,
+    columns_of,
+    joined_columns,
+    loaded,
 )
 
 DEFAULT_IMAGE_SIZE = 64
 """Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
 
+P = ParamSpec("P")
+AnyRequest = TypeVar("AnyRequest")
+Result = TypeVar("Result")
 
-def load_transitions(
-    source: str | Path,
-    config: str,
-    *,
-    split: str = "train",
-    observation: str = "image",
-    image_size: int = DEFAULT_IMAGE_SIZE,
-    revision: str | None = None,
-    draw: bool = False,
-    resize: str = "area",
-    cache_dir: str | Path | bool | None = True,
-    labyrinths: int | None = None,
-    where: Filter | None = None,
-    optimal: bool = False,
-) -> Transitions:
+
+@dataclass(frozen=True)
+class Request:
+    """What to load; `load_episodes` explains the fields."""
+
+    source: str | Path
+    config: str
+    _: KW_ONLY
+    split: str = "train"
+    observation: str = "image"
+    image_size: int = DEFAULT_IMAGE_SIZE
+    revision: str | None = None
+    draw: bool = False
+    resize: str = "area"
+    labyrinths: int | None = None
+    where: Filter | None = None
+
+    def spec(self) -> ObservationSpec:
+        """Return how states are observed; raise ValueError for a value that is not allowed."""
+        return ObservationSpec(self.observation, self.image_size, self.draw, self.resize)
+
+    def _where(self) -> tuple[Any, ...]:
+        return self.source, self.config, self.split, self.revision, self.labyrinths, self.where
+
+    def part(self) -> Part:
+        """Return the part of the dataset to read, with all its files in a folder."""
+        return find_part(*self._where())
+
+    def streamed(self, *, pictures: bool) -> Iterator[Rows]:
+        """Return the rows as they are downloaded, or those of a folder."""
+        if local_folder(self.source, self.config, self.revision) is not None:
+            return self.part().rows(pictures=pictures)
+        numbers = find_numbers(*self._where())
+        source = str(self.source)
+        rows = stream_rows(source, self.config, self.split, self.revision, pictures=pictures)
+        return of_labyrinths(rows, numbers)
+
+
+@dataclass(frozen=True)
+class TransitionsRequest(Request):
+    """What to load and where to keep it; `load_transitions` explains the fields."""
+
+    _: KW_ONLY
+    cache_dir: str | Path | bool | None = True
+    optimal: bool = False
+
+    def cache(self) -> Path | None:
+        """Return the folder of the cache file, None for no cache; raise OSError if unknown."""
+        if self.observation != "image" or self.cache_dir is None or self.cache_dir is False:
+            return None
+        if self.cache_dir is True:
+            return frame_cache.user_folder()
+        return Path(self.cache_dir).expanduser()
+
+
+def _asked_by(
+    request: Callable[P, AnyRequest],
+) -> Callable[[Callable[[AnyRequest], Result]], Callable[P, Result]]:
+    """Give a function of a request the fields of the request as arguments, `help` included."""
+
+    def decorate(function: Callable[[AnyRequest], Result]) -> Callable[P, Result]:
+        @wraps(function)
+        def asked(*args: P.args, **kwargs: P.kwargs) -> Result:
+            return function(request(*args, **kwargs))
+
+        returned = signature(function).return_annotation
+        shown = signature(request).replace(return_annotation=returned)
+        asked.__signature__ = shown  # type: ignore[attr-defined]
+        return asked
+
+    return decorate
+
+
+@_asked_by(TransitionsRequest)
+def load_transitions(request: TransitionsRequest) -> Transitions:  # noqa: D417
     """Return all transitions of a split.
 
     Pictures are made once and kept in a cache file, which is memory-mapped from then on. Its name
@@ -69,101 +141,92 @@ def load_transitions(
     exists.
 
     Args:
-        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this, the
-            next seven, `labyrinths` and `where`.
+        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and
+            for all arguments that are not explained here.
         config: Name of the dataset's config, such as `5x5`.
-        split: Name of the split, such as `train`.
-        observation: "image", "vector" or "text".
-        image_size: Pixels on each side of the pictures.
-        revision: Branch, tag or commit on the Hub.
-        draw: Whether pictures are drawn instead of decoded.
-        resize: How pictures are made smaller.
         cache_dir: Folder of the cache file. True stands for `labyrinth-datasets` in
-            `$XDG_CACHE_HOME` or `~/.cache`. False or None holds all in memory; so does, with a
-            warning, a folder that cannot be written, or a full disk. Its cache files have 20 GB
-            at most, or as many as the environment variable LABYRINTH_CACHE_GB says; those used
-            least recently make room.
-        labyrinths: How many labyrinths, the first ones.
-        where: A filter of the table of labyrinths.
+            `$XDG_CACHE_HOME` or `~/.cache`. False or None holds everything in memory; so does, with
+            a warning, a folder that cannot be written, or a full disk. A folder has 20 GB of cache
+            files at most, or as many as the environment variable LABYRINTH_CACHE_GB says; those
+            used least recently make room.
         optimal: Whether to find out, too, which actions were optimal, by solving each labyrinth.
 
     Raises:
-        ValueError: An argument is none of the allowed values.
-        DatasetError: As for `load_episodes`, or there is no episode in the split, or the cache may
-            not have so much.
+        ValueError: An argument has a value that is not allowed.
+        DatasetError: As for `load_episodes`, or there is no episode in the split, or the cache file
+            would exceed its limit.
     """
-    spec = ObservationSpec(observation, image_size, draw, resize)
+    spec, cache_dir = request.spec(), request.cache_dir
     named = isinstance(cache_dir, str) and cache_dir.strip()
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
-    part = find_part(source, config, split, revision, labyrinths, where)
-    found = _transitions(part, split, spec, cache_dir)
-    if not optimal:
+    part = request.part()
+    found = _cached(request, part, spec) or _in_memory(_frames(part, spec))
+    if not request.optimal:
         return found
-    return replace(found, optimal=optimal_actions_of(part.rows(pictures=False)))
+    blocks = [block.optimal()[block.acting] for block in replayed(part.rows(pictures=False))]
+    return replace(found, optimal=np.concatenate(blocks))
 
 
-def _transitions(
-    part: Part, split: str, spec: ObservationSpec, cache_dir: str | Path | bool | None
-) -> Transitions:
-    def fill(keep: Keep, *, at_once: bool = False) -> dict[str, NDArray[Any]]:
-        columns = part.columns() if spec.draws_many else None
-        replays = None if columns is None else replays_of(columns)
-        if replays is None:
-            return gather(episodes_of(part.rows(pictures=spec.decodes), spec), keep)
-        return replays.fill(keep, spec, at_once=at_once)
-
-    if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
-        try:
-            cache = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
-            key = _key(part.shards, spec, numbers=part.numbers)
-            path = cache / frame_cache.name_of(part.config, split, spec.image_size, key)
-            size = sum(shard.rows for shard in part.shards) * 3 * spec.image_size**2
-            return frame_cache.load(path, key, size, fill)
-        except OSError as error:
-            reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
-            warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
-    return collect(partial(fill, at_once=True))
+def _cached(request: TransitionsRequest, part: Part, spec: ObservationSpec) -> Transitions | None:
+    """Return the transitions in a cache file, None if they are to be held in memory."""
+    try:
+        folder = request.cache()
+        if folder is None:
+            return None
+        key = _key(part, spec)
+        path = folder / frame_cache.name_of(part.config, request.split, spec.image_size, key)
+        size = sum(shard.rows for shard in part.shards) * 3 * spec.image_size**2
+        return frame_cache.load(path, key, size, lambda: _frames(part, spec))
+    except OSError as error:
+        reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
+        warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=4)
+        return None
 
 
-def _key(
-    shards: Sequence[Shard],
-    spec: ObservationSpec,
-    version: int = PICTURES_VERSION,
-    numbers: Sequence[Numbers | None] = (),
-) -> str:
+def _frames(part: Part, spec: ObservationSpec) -> Iterator[tuple[NDArray[Any], Columns]]:
+    """Yield the observations of all states, with the columns of their transitions."""
+    first = 0
+    for episodes in _parts(part.rows(pictures=spec.decodes), spec):
+        yield spec.observe(episodes), columns_of(episodes, first)
+        first += len(episodes.states)
+    if not first:
+        raise DatasetError("there is no episode in the split")
+
+
+def _in_memory(frames: Iterator[tuple[NDArray[Any], Columns]]) -> Transitions:
+    observations, columns = zip(*frames, strict=True)
+    return Transitions(np.concatenate(observations), **joined_columns(columns))
+
+
+def _parts(rows: Iterator[Rows], spec: ObservationSpec, *worker: int) -> Iterator[Episodes]:
+    """Yield the episodes of rows, as many together as are observed at once."""
+    for block in replayed(rows, *worker):
+        yield from block.parts(spec.together)
+
+
+def _key(part: Part, spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
     """Return a hash of all that the content of a cache file depends on."""
     content: dict[str, Any] = {
-        "shards": [shard.sha256 for shard in shards],
+        "shards": [shard.sha256 for shard in part.shards],
         "image_size": int(spec.image_size),
         "drawn": spec.draw,
         "resize": spec.resize,
         "pixels": version,
     }
-    if some := [each.tolist() for each in numbers if each is not None]:
+    if some := [each.tolist() for each in part.numbers if each is not None]:
         content["labyrinths"] = some
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def load_episodes(
-    source: str | Path,
-    config: str,
-    *,
-    split: str = "train",
-    observation: str = "image",
-    image_size: int = DEFAULT_IMAGE_SIZE,
-    revision: str | None = None,
-    draw: bool = False,
-    resize: str = "area",
-    labyrinths: int | None = None,
-    where: Filter | None = None,
-) -> Generator[LoadedEpisode]:
+@_asked_by(Request)
+def load_episodes(request: Request) -> Generator[LoadedEpisode]:  # noqa: D417
     """Yield the episodes of a split, in order.
 
     Args:
         source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
         config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
-        split: One of train, validation, test, random, s0, s0_and_g.
+        split: One of train, validation, test, random, s0, s0_and_g, or a shift.
         observation: "image" for the pictures in `obs`; "vector" for the authors' vectors, made from
             `info` and `actions` alone (see `labyrinth_core.pictures.vector`); "text" for the
             labyrinth in the text language, with the agent in it as `@`.
@@ -179,30 +242,25 @@ def load_episodes(
             (see `labyrinth_core.data.labyrinth_table.TABLE_COLUMNS`).
 
     Raises:
-        ValueError: An argument is none of the allowed values.
+        ValueError: An argument has a value that is not allowed.
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
-    spec = ObservationSpec(observation, image_size, draw, resize)
-    part = find_part(source, config, split, revision, labyrinths, where)
-    return episodes_of(part.rows(pictures=spec.decodes), spec)
+    spec = request.spec()
+    return _episodes(request.part().rows(pictures=spec.decodes), spec)
 
 
-def stream_episodes(
-    source: str | Path,
-    config: str,
-    *,
-    split: str = "train",
-    observation: str = "image",
-    image_size: int = DEFAULT_IMAGE_SIZE,
-    revision: str | None = None,
-    draw: bool = False,
-    resize: str = "area",
-    labyrinths: int | None = None,
-    where: Filter | None = None,
+def _episodes(
+    rows: Iterator[Rows], spec: ObservationSpec, *worker: int
 ) -> Generator[LoadedEpisode]:
+    for episodes in _parts(rows, spec, *worker):
+        yield from loaded(episodes, spec.observe(episodes))
+
+
+@_asked_by(Request)
+def stream_episodes(request: Request) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
 
-    From a folder nothing is downloaded, and they are those of `load_episodes`, made ahead.
+    From a folder nothing is downloaded, and the episodes are those of `load_episodes`, made ahead.
     A thread downloads and decodes a few episodes ahead; it ends after the last episode, or when
     the generator is closed. Arguments and errors are those of `load_episodes`. Only the columns
     that are needed are downloaded.
@@ -210,55 +268,25 @@ def stream_episodes(
     Called in a worker of a `DataLoader`, it yields that worker's part of the episodes, so that all
     workers together yield each of them once.
     """
-    spec = ObservationSpec(observation, image_size, draw, resize)
-    folder = local_folder(source, config, revision)
-    if folder is None:
-        numbers = find_numbers(source, config, split, revision, labyrinths, where)
-        rows = stream_rows(str(source), config, split, revision, pictures=spec.decodes)
-        rows = rows_of(rows, numbers)
-    else:
-        part = find_part(source, config, split, revision, labyrinths, where)
-        rows = part.rows(pictures=spec.decodes)
-    return prefetched(episodes_of(rows, spec, *_part_of_worker()), ahead=2)
+    spec = request.spec()
+    rows = request.streamed(pictures=spec.decodes)
+    return prefetched(_episodes(rows, spec, *_part_of_worker()), ahead=2)
 
 
 def _part_of_worker() -> tuple[int, int]:
     """Return the number of this worker of a `DataLoader`, from 0, and how many workers there are.
 
-    A process that has not imported torch is none.
+    A process that has not imported torch is not a worker.
     """
     torch_data = sys.modules.get("torch.utils.data")
     worker = None if torch_data is None else torch_data.get_worker_info()
     return (0, 1) if worker is None else (worker.id, worker.num_workers)
 
 
-def stream_transitions(
-    source: str | Path,
-    config: str,
-    *,
-    split: str = "train",
-    observation: str = "image",
-    image_size: int = DEFAULT_IMAGE_SIZE,
-    revision: str | None = None,
-    draw: bool = False,
-    resize: str = "area",
-    labyrinths: int | None = None,
-    where: Filter | None = None,
-) -> Generator[Transition]:
+@_asked_by(Request)
+def stream_transitions(request: Request) -> Generator[Transition]:
     """Yield the transitions of a split as they are downloaded; see `stream_episodes`."""
-    episodes = stream_episodes(
-        source,
-        config,
-        split=split,
-        observation=observation,
-        image_size=image_size,
-        revision=revision,
-        draw=draw,
-        resize=resize,
-        labyrinths=labyrinths,
-        where=where,
-    )
-    return _steps(episodes)
+    return _steps(stream_episodes(**vars(request)))
 
 
 def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
@@ -270,10 +298,10 @@ def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
 
 
 def prefetched(items: Generator[LoadedEpisode], ahead: int) -> Generator[LoadedEpisode]:
-    """Yield the items of a generator in order; a thread runs it so many items ahead, 1 or more.
+    """Yield the items of a generator in order; a thread computes up to `ahead` items in advance.
 
     Its errors are raised here, in their place. After `close`, `break` or an error the generator is
-    closed and the thread ended before this returns.
+    closed and the thread has ended before this returns.
     """
     end: Any = object()
     thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="prefetch")

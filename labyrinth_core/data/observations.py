@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
-from labyrinth_core.pictures.scenes import draw, draw_many
-from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.pictures.windows import Pictures
-from labyrinth_core.world.batch_labyrinths import Labyrinths
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.pictures.scenes import DRAWN_BYTES, draw, draw_many
+from labyrinth_core.pictures.vector import vector_observation, vector_observations
+from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import Episode
 
 OBSERVATIONS = ("image", "vector", "text")
 
@@ -41,9 +39,6 @@ PICTURES_VERSION = 1
 
 Any change of a pixel increases it.
 """
-
-DRAWN_BYTES = 2**23
-"""The bytes of the pictures that are drawn together."""
 
 HELD_BYTES = 2**30
 """The most bytes of pictures of all states of a split that are drawn at once, and held."""
@@ -83,27 +78,33 @@ class ObservationSpec:
         return self.observation == "image" and not self.draw and self.resize == "area"
 
     @property
-    def draws_many(self) -> bool:
-        """Whether `draw_many` draws what is observed."""
-        return self.observation == "image" and not self.decodes and self.image_size != PICTURE_SIZE
-
-    @property
     def together(self) -> int:
-        """How many pictures are best drawn together."""
+        """How many rows are observed together: pictures of 8 MB, as large as a cache."""
         return max(1, DRAWN_BYTES // (3 * self.image_size**2))
 
-    def observe(self, episode: Episode, pngs: Sequence[bytes | None]) -> NDArray[Any]:
-        """Return the observations of an episode, whose pictures are used only if it `decodes`.
+    def observe(self, episodes: Episodes) -> NDArray[Any]:
+        """Return the observation in each row of episodes, shape (n, ...).
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
+        labyrinths, which, states = episodes.labyrinths, episodes.which, episodes.states
+        pngs = episodes.whole.rows.pngs
         if self.decodes:
+            assert pngs is not None
             decode = _remembering_decoder(self.image_size)
             return np.stack([decode(png) for png in pngs])
-        places = {state: place for place, state in enumerate(dict.fromkeys(episode.states))}
-        seen = self.look([(episode.labyrinth, state) for state in places])
-        return seen[[places[state] for state in episode.states]]
+        if self.observation == "vector":
+            return vector_observations(labyrinths, which, states)
+        if self.observation == "image" and self.image_size != PICTURE_SIZE:
+            wall_pixels, resize = RESIZES[self.resize]
+            size = self.image_size
+            return draw_many(
+                labyrinths, which, states, size, wall_pixels=wall_pixels, resize=resize
+            )
+        parsed = episodes.parsed()
+        seen = zip(which.tolist(), states.tolist(), strict=True)
+        return self.look([(parsed[n], state_at(parsed[n], state)) for n, state in seen])
 
     def look(
         self,
@@ -121,17 +122,6 @@ class ObservationSpec:
         wall_pixels, resize = RESIZES[self.resize]
         size = self.image_size
         return draw(views, size, wall_pixels=wall_pixels, resize=resize, seen_from=seen_from)
-
-    def draw_many(
-        self,
-        pictures: Pictures,
-        labyrinths: Labyrinths,
-        which: NDArray[np.int64],
-        states: NDArray[np.int64],
-    ) -> None:
-        """Fill pictures with states of labyrinths by their numbers; see `scenes.draw_many`."""
-        wall_pixels, resize = RESIZES[self.resize]
-        draw_many(pictures, labyrinths, which, states, wall_pixels=wall_pixels, resize=resize)
 
     def look_later(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any] | Looks:
         """Return the observations, or what makes them once they are asked for if they are large."""

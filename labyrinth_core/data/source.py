@@ -1,38 +1,40 @@
-"""The rows of a dataset, read from a folder or from the Hub, or streamed."""
+"""Where a dataset lies, in a folder or on the Hub, and which part of a split is read from there."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import chain, groupby
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from labyrinth_core.data.columns import footer_problem, open_shard, tables_of, texts
+import numpy as np
+
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import MANIFEST, Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256, folder_at, local_copy
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.rows import (
+    TYPES,
+    Numbers,
+    Rows,
+    of_labyrinths,
+    read_rows,
+    readable,
+    rows_of_table,
+)
+from labyrinth_core.data.storage import AnyPath, folder_at
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    import pyarrow.parquet
+    from pyarrow.compute import Expression
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
-TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
-"""Column -> what its values are, the pictures left out."""
 
-
-class RawRow(NamedTuple):
-    """A row as it was read, with values of the right types."""
-
-    actions: int
-    rewards: float
-    episode_starts: bool
-    info: str
-    png: bytes | None
-    """The picture; None if the row has none, or none was asked for."""
+Filter: TypeAlias = "Expression"
+"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
 def locate(
@@ -40,10 +42,10 @@ def locate(
 ) -> AnyPath:
     """Return the folder with a dataset's manifest and other files, given by names or patterns.
 
-    For an id on the Hub they are downloaded to its cache first; `../README.md` is that of all.
+    Files on the Hub are downloaded to its cache first; `../README.md` is the card of all configs.
 
     Raises:
-        DatasetError: There is no such folder, or the Hub does not give it.
+        DatasetError: There is no such folder, or the Hub does not provide it.
     """
     return local_folder(source, config, revision) or _download(str(source), config, files, revision)
 
@@ -52,8 +54,8 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     """Return the folder with a dataset's manifest, None for an id on the Hub.
 
     Raises:
-        ValueError: There is a revision, but a folder has none.
-        DatasetError: The source is neither, or has no such config.
+        ValueError: A revision is given for a folder.
+        DatasetError: The source is neither a folder nor an id, or has no such config.
     """
     try:
         folder = folder_at(source)
@@ -68,7 +70,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
                     f"{source} is the folder of the config {folder.name}: give the folder that "
                     f"holds it, {folder.parent}"
                 )
-            raise _not_held(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
+            raise _no_config(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
         return folder / config
     if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
@@ -79,61 +81,131 @@ def _download(source: str, config: str, files: Iterable[str], revision: str | No
     from huggingface_hub import HfApi, snapshot_download
 
     patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
-    with _had(source):
+    with _available(source):
         snapshot = snapshot_download(
             source, repo_type="dataset", revision=revision, allow_patterns=patterns
         )
         if not Path(snapshot, config, MANIFEST).is_file():
             there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
             manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
-            raise _not_held(source, config, manifests)
+            raise _no_config(source, config, manifests)
     return Path(snapshot) / config
 
 
-def _not_held(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
+def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
     held = sorted(path.split("/")[-2] for path in manifests)
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
 
 
-def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[RawRow]:
-    """Yield the rows of shards that are what their manifest says, one row group at a time.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A split, or some labyrinths of it, in a folder."""
 
-    Raises:
-        DatasetError: A shard is missing, damaged or another one.
+    folder: AnyPath
+    config: str
+    """The name of its config."""
+    shards: Sequence[Shard]
+    """The shards that hold some of it."""
+    numbers: Sequence[Numbers | None]
+    """The labyrinths in each of the shards; None for all."""
+
+    def rows(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield its rows; raise as `read_rows` does."""
+        for shard, numbers in zip(self.shards, self.numbers, strict=True):
+            yield from of_labyrinths(read_rows(self.folder, [shard], pictures=pictures), numbers)
+
+
+def find_part(
+    source: str | Path,
+    config: str,
+    split: str,
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+) -> Part:
+    """Return a split or a part of it; from the Hub come only the shards that hold some of it.
+
+    For the arguments and errors see `loader.load_episodes`.
     """
-    columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
-    for shard in shards:
-        with opened(folder, shard) as file:
-            for table in tables_of(file, columns):
-                yield from _rows(table, pictures=pictures)
+    numbers = find_numbers(source, config, split, revision, labyrinths, where)
+    if numbers is None:
+        folder = locate(source, config, [f"{split}-*.parquet"], revision)
+        manifest = Manifest.read(folder)
+        shards = manifest.of(split)
+        return Part(folder, manifest.config.name, shards, [None] * len(shards))
+    manifest = Manifest.read(locate(source, config, [], revision))
+    shards = manifest.of(split)
+    counts = np.array([shard.labyrinths for shard in shards])
+    ends = np.cumsum(counts)
+    parts = np.split(numbers, np.searchsorted(numbers, ends))[: len(shards)]
+    held = [n for n, part in enumerate(parts) if len(part)]
+    shards = [shards[n] for n in held]
+    folder = locate(source, config, [shard.path for shard in shards], revision)
+    within = [parts[n] - (ends - counts)[n] for n in held]
+    return Part(folder, manifest.config.name, shards, within)
 
 
-@contextmanager
-def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Open a shard that is what its manifest says; what goes wrong within is a DatasetError."""
-    path = folder / shard.path
-    with _readable(path), local_copy(path) as local:
-        check_file(local, shard, path)
-        with open_shard(local) as file:
-            problem = footer_problem(file, shard.rows)
-            if problem is not None:
-                raise DatasetError(f"{path} is damaged: {problem}")
-            yield file
+def find_numbers(
+    source: str | Path,
+    config: str,
+    split: str,
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+) -> Numbers | None:
+    """Return the numbers of the labyrinths of a split that are asked for, None for all.
+
+    For the arguments and errors see `loader.load_episodes`.
+    """
+    if labyrinths is None and where is None:
+        return None
+    folder = locate(source, config, [] if where is None else [TABLE], revision)
+    manifest = Manifest.read(folder)
+    count = sum(shard.labyrinths for shard in manifest.of(split))
+    numbers = np.arange(count) if where is None else _filtered(folder, manifest, split, where)
+    if labyrinths is not None:
+        whole = isinstance(labyrinths, int | np.integer) and not isinstance(labyrinths, bool)
+        if not whole or not 1 <= labyrinths <= len(numbers):
+            filtered = "" if where is None else f" where {where}"
+            raise ValueError(
+                f"labyrinths={labyrinths!r:.99}: give a whole number from 1 to {len(numbers)}, as "
+                f"many as split={split} has{filtered}"
+            )
+        numbers = numbers[:labyrinths]
+    return None if len(numbers) == count else numbers
 
 
-def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
-    """Raise DatasetError if a file is not the shard whose path it has, or is a copy of."""
-    if file_sha256(file) != shard.sha256:
-        raise DatasetError(
-            f"{path} is damaged: its sha256 is not the manifest's; "
-            "delete it, and build or download it again"
+def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> Numbers:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    if not isinstance(where, pc.Expression):
+        raise ValueError(
+            f"where={where!r:.99}: give an expression, such as pyarrow.compute.field('moves') >= 12"
         )
+    own = pc.field("split") == split
+    with table_file(folder, manifest) as path:
+        every = pq.read_table(path, columns=["first_row"], filters=own)["first_row"].to_numpy()
+        try:
+            kept = pq.read_table(path, columns=["first_row"], filters=own & where)
+        except pa.ArrowException as error:
+            reason = str(error).partition(" in ")[0].partition("\n")[0]
+            columns = ", ".join(column.name for column in TABLE_COLUMNS)
+            raise ValueError(
+                f"where={where}: {reason}; the columns of {TABLE} are {columns}"
+            ) from error
+    # A first row tells a labyrinth, as they are in the order of the rows.
+    numbers: Numbers = np.searchsorted(every, kept["first_row"].to_numpy())
+    if not len(numbers):
+        raise ValueError(f"where={where}: split={split} has no such labyrinth")
+    return numbers
 
 
 def stream_rows(
     source: str, config: str, split: str, revision: str | None, *, pictures: bool
-) -> Iterator[RawRow]:
-    """Return the rows of a split as they are downloaded, wherever its files end.
+) -> Iterator[Rows]:
+    """Return the rows of a split as they are downloaded.
 
     Raises:
         DatasetError: At once if there is no such dataset, later if it cannot be read.
@@ -142,14 +214,14 @@ def stream_rows(
 
     # `datasets` casts a selection of columns to their declared types, and leaves all as they are.
     columns = None if pictures else [*TYPES]
-    with _had(source):
+    with _available(source):
         stream = load_dataset(
             source, config, split=split, streaming=True, revision=revision, columns=columns
         )
         if pictures:
             # As bytes, since `datasets` would decode them, too.
             stream = stream.cast_column("obs", Image(decode=False))
-    return (row for table in _tables(source, stream) for row in _rows(table, pictures=pictures))
+    return (rows_of_table(table, pictures=pictures) for table in _tables(source, stream))
 
 
 def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
@@ -162,13 +234,13 @@ def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
     """
     from datasets import load_dataset
 
-    with _had(source):
+    with _available(source):
         splits = load_dataset(source, config, streaming=True, columns=["info"])
     return {str(split): _infos(source, stream) for split, stream in splits.items()}
 
 
 def _infos(source: str, stream: Any) -> Iterator[str]:
-    with _readable(source):
+    with readable(source):
         rows = chain.from_iterable(t["info"].to_pylist() for t in _tables(source, stream))
         for info, _ in groupby(rows):
             if not isinstance(info, str):
@@ -178,46 +250,13 @@ def _infos(source: str, stream: Any) -> Iterator[str]:
 
 def _tables(source: str, stream: Any) -> Iterator[pa.Table]:
     """Yield the tables of a stream of `datasets`."""
-    with _readable(source):
+    with readable(source):
         yield from stream.with_format("arrow").iter(batch_size=256)
 
 
 @contextmanager
-def _readable(place: object) -> Iterator[None]:
-    """Raise DatasetError for what is raised within when files at a place cannot be read."""
-    import pyarrow as pa
-
-    try:
-        yield
-    except MemoryError:  # Of Arrow, too; nothing is wrong with the files.
-        raise
-    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
-        raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
-
-
-def _rows(table: pa.Table, *, pictures: bool) -> Iterator[RawRow]:
-    """Yield the rows of a table, after its columns were checked as a whole."""
-    import pyarrow.compute as pc
-
-    def values(name: str) -> list[Any]:
-        if name not in table.column_names:
-            return [None] * table.num_rows
-        return texts(table[name]) if name == "info" else table[name].to_pylist()
-
-    columns = {name: values(name) for name in TYPES}
-    for name, kind in TYPES.items():
-        wrong = [value for value in columns[name] if type(value) is not kind]
-        if wrong:
-            raise DatasetError(f"{name}={wrong[0]!r}: every row needs {kind.__name__}")
-    pngs: list[Any] = [None] * table.num_rows
-    if pictures and "obs" in table.column_names:
-        pngs = pc.struct_field(table["obs"], "bytes").cast("binary").to_pylist()
-    yield from map(RawRow, *columns.values(), pngs)
-
-
-@contextmanager
-def _had(source: str) -> Iterator[None]:
-    """Raise DatasetError for what is raised within when a dataset is not to be had."""
+def _available(source: str) -> Iterator[None]:
+    """Raise DatasetError for an error within that says that a dataset is not available."""
     import yaml
 
     try:

@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 from uuid import uuid4
@@ -46,9 +45,8 @@ def folder_at(place: str | Path) -> AnyPath:
     return RemotePath(text.rstrip("/"))
 
 
-@lru_cache(maxsize=8)
 def _filesystem(protocol: str) -> Any:
-    """Return the file system of a protocol; its library finds the credentials."""
+    """Return the file system of a protocol, which fsspec keeps; its library finds credentials."""
     import fsspec
 
     # A cached listing would hide what other processes write.

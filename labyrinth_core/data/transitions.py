@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError
 
 
@@ -157,41 +158,48 @@ def as_received(sent: NDArray[Any] | tuple[Any, ...]) -> NDArray[Any]:
         raise DatasetError(f"{sent[0]} is gone since it was loaded: {error}") from error
 
 
-Keep = Callable[[NDArray[Any]], None]
-"""Gets observations in order, shape (any number, ...)."""
-Fill = Callable[[Keep], dict[str, NDArray[Any]]]
-"""Gives all observations away, and returns the fields of `Transitions` except the frames."""
+Columns = Mapping[str, NDArray[Any]]
+"""The fields of `Transitions` except the frames and `optimal`."""
+
+COLUMNS: dict[str, np.dtype[Any]] = {
+    "rows": np.dtype("<i8"),
+    "actions": np.dtype("<i8"),
+    "rewards": np.dtype("<f4"),
+    "dones": np.dtype("?"),
+    "labyrinth_ids": np.dtype("<i8"),
+}
+"""Name of a column -> its type."""
 
 
-def gather(episodes: Iterable[LoadedEpisode], keep: Keep) -> dict[str, NDArray[Any]]:
-    """Return the fields of `Transitions` except the frames; `keep` gets those of each episode.
-
-    Raises:
-        DatasetError: There is no episode.
-    """
-    kept: list[LoadedEpisode] = []
-    for episode in episodes:
-        keep(episode.observations)
-        kept.append(replace(episode, info="", observations=episode.observations[:0]))
-    if not kept:
-        raise DatasetError("there is no episode in the split")
-    lengths = np.array([len(episode) for episode in kept], np.int64)
-    count = int(lengths.sum())
-    dones = np.zeros(count, np.bool_)
-    dones[np.cumsum(lengths) - 1] = [episode.terminated for episode in kept]
-    ids = np.array([episode.labyrinth_id for episode in kept], np.int64)
+def columns_of(episodes: Episodes, first: int) -> Columns:
+    """Return the columns of the transitions of episodes, whose first row is that of a number."""
+    steps, rows = np.flatnonzero(episodes.acting), episodes.whole.rows
     return {
-        # An episode has one state more than it has transitions.
-        "rows": np.arange(count) + np.repeat(np.arange(len(lengths)), lengths),
-        "actions": np.concatenate([episode.actions for episode in kept]),
-        "rewards": np.concatenate([episode.rewards for episode in kept]),
-        "dones": dones,
-        "labyrinth_ids": np.repeat(ids, lengths),
+        "rows": first + steps,
+        "actions": rows.actions[steps],
+        "rewards": rows.rewards[steps],
+        "dones": episodes.over[steps + 1],
+        "labyrinth_ids": episodes.ids[episodes.which[steps]],
     }
 
 
-def collect(fill: Fill) -> Transitions:
-    """Return the transitions of one or more episodes, in memory."""
-    frames: list[NDArray[Any]] = []
-    columns = fill(frames.append)
-    return Transitions(frames[0] if len(frames) == 1 else np.concatenate(frames), **columns)
+def joined_columns(parts: Sequence[Columns]) -> Columns:
+    """Return consecutive columns as one, of the types of `COLUMNS`."""
+    return {
+        name: np.concatenate([part[name] for part in parts]).astype(dtype, copy=False)
+        for name, dtype in COLUMNS.items()
+    }
+
+
+def loaded(episodes: Episodes, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
+    """Yield episodes one by one, each with arrays of its own, given the observation in each row."""
+    rows, firsts, lasts = episodes.whole
+    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+        yield LoadedEpisode(
+            labyrinth_id=int(episodes.ids[episodes.which[first]]),
+            info=rows.texts[rows.info[first]],
+            observations=observations[first : last + 1].copy(),
+            actions=rows.actions[first:last].copy(),
+            rewards=rows.rewards[first:last].copy(),
+            terminated=bool(episodes.over[last]),
+        )

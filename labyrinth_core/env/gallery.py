@@ -8,21 +8,27 @@ kept, and drawn anew when the agent has moved.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 
 import numpy as np
 
 from labyrinth_core.env.labyrinth_source import Shape
-from labyrinth_core.env.stack import Stack
-from labyrinth_core.pictures.backdrops import Backdrops, Mask, Scene, Scenes, backdrops_of
+from labyrinth_core.env.stack import LOOKS, Stack
+from labyrinth_core.pictures.backdrops import (
+    Backdrops,
+    Corners,
+    Mask,
+    Numbers,
+    Pictures,
+    Scenes,
+    backdrops_of,
+    cut,
+    paste,
+)
 from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import style_of
-from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.pictures.windows import Corners, Numbers, Pictures, cut, paste
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Look, Task
-
-LOOKS = tuple(Look)
+from labyrinth_core.pictures.renderer import Style, style_for
+from labyrinth_core.pictures.scenes import draw_states
+from labyrinth_core.world.labyrinth import Task
 
 
 class Gallery:
@@ -46,7 +52,7 @@ class Gallery:
         Raises:
             ValueError: The labyrinths are too large for every wall to have a pixel.
         """
-        self._count, self._size, self._copy = count, image_size, copy
+        self._count, self._size, self._copy, self._shape = count, image_size, copy, shape
         self._cells = shape.height * shape.width
         self._hides = shape.task is Task.PARTIAL_OBSERVABILITY
         self._reach = reach = bands_of(shape.height, shape.width, None, image_size).reach
@@ -55,7 +61,6 @@ class Gallery:
         self._shown = np.empty((kept if copy else count, image_size, image_size, 3), np.uint8)
         self._patches = np.empty((kept, patches, reach, reach, 3), np.uint8)
         self._corners = np.zeros((len(LOOKS), 2, self._cells), np.intp)
-        self._look = np.zeros(kept, np.intp)
         self._drawn = np.full(kept, -1, np.int64)
         """What is kept: the number of the state if cells are hidden, else what became of the key
         and the door, as `state_index` counts it; -1 for nothing."""
@@ -78,20 +83,37 @@ class Gallery:
             shown = np.empty((self._count, *shown.shape[1:]), np.uint8)
             shown[: self._kept] = self._shown
         if not self._hides:
-            tops, lefts = self._corners[self._look, :, agents].T
+            tops, lefts = self._corners[stack.looks[: self._kept], :, agents].T
             if not self._copy:
                 self._covered = (tops, lefts), cut(shown, kept, (tops, lefts), self._reach)
             paste(shown, kept, (tops, lefts), self._patches[kept, agents])
         if self._kept < self._count:
-            shown[self._kept :] = self._draw(stack, range(self._kept, self._count))
+            shown[self._kept :] = self._draw(stack, np.arange(self._kept, self._count))
         if not self._copy:
             shown = shown.view()
             shown.setflags(write=False)
         return shown
 
-    def _draw(self, stack: Stack, places: Iterable[int]) -> Pictures:
-        shown = map(stack.at, places)
-        return draw([(each, state_at(each, number)) for each, number in shown], self._size)
+    def _alike(self, stack: Stack, places: Numbers) -> Iterator[tuple[int, Style, Numbers]]:
+        """Yield each look of the labyrinths in some places, its style, and its places."""
+        looks = stack.looks[places]
+        for look in np.unique(looks).tolist():
+            yield look, style_for(LOOKS[look], *self._shape[:2]), places[looks == look]
+
+    def _draw(self, stack: Stack, places: Numbers) -> Pictures:
+        """Return the pictures of the labyrinths in some places, drawn anew."""
+        pictures = np.empty((len(places), *self._shown.shape[1:]), np.uint8)
+        for _, style, alike in self._alike(stack, places):
+            pictures[np.isin(places, alike)] = draw_states(
+                self._shape,
+                stack.initial_vectors,
+                alike,
+                stack.states()[alike],
+                self._size,
+                style,
+                visible=lambda which, _: stack.visible()[which],
+            )
+        return pictures
 
     def _renew(self, stack: Stack, needed: Numbers) -> None:
         """Draw what is needed, and not what is kept; see `_drawn`."""
@@ -99,22 +121,16 @@ class Gallery:
         if not len(stale):
             return
         if self._hides:
-            self._shown[stale] = self._draw(stack, stale.tolist())
+            self._shown[stale] = self._draw(stack, stale)
         else:
             self._draw_scenes(stack, stale, needed)
         self._drawn[stale] = needed[stale]
 
     def _draw_scenes(self, stack: Stack, stale: Numbers, needed: Numbers) -> None:
-        looks = np.array([LOOKS.index(stack.at(each)[0].look) for each in stale.tolist()], np.intp)
-        self._look[stale] = looks
-        for look in set(looks.tolist()):
-            alike = stale[looks == look]
-            scenes = [
-                Scene(stack.at(place)[0], key_gone=needed[place] >= 1, door_open=needed[place] == 2)
-                for place in alike.tolist()
-            ]
-            style = style_of(scenes[0].labyrinth)
-            for first, backdrops in backdrops_of(Scenes.of(scenes), self._size, style):
+        for look, style, alike in self._alike(stack, stale):
+            phases = needed[alike]
+            scenes = Scenes(*self._shape, stack.initial_vectors[alike], phases >= 1, phases == 2)
+            for first, backdrops in backdrops_of(scenes, self._size, style):
                 places = alike[first : first + len(backdrops)]
                 self._shown[places] = backdrops.bare()
                 self._patches[places] = self._everywhere(backdrops, needed[places] == 1)

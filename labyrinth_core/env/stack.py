@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 from labyrinth_core.language.drawing import dump_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.vector import (
-    GONE,
-    OPEN,
     VectorArray,
-    grid_indices,
-    hide,
     initial_vector,
     initial_vectors,
+    show_states,
     tile_count,
 )
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.state_tables import BatchTables, LabyrinthTables
 from labyrinth_core.world.visibility import seen_together
+
+LOOKS = tuple(Look)
 
 
 class Stack:
@@ -34,8 +33,7 @@ class Stack:
     def __init__(self, count: int, height: int, width: int, task: Task) -> None:
         """Make room for `count` labyrinths; each place must be loaded before it is used."""
         self._height, self._width, self._task = height, width, task
-        self._cells = height * width
-        states = self._cells * (3 if task is Task.KEY_AND_DOOR else 1)
+        states = height * width * (3 if task is Task.KEY_AND_DOOR else 1)
         self.labyrinths: list[Labyrinth | None] = [None] * count
         """The labyrinth in each place; None where none was loaded, or `at` has not been asked."""
         self._first = np.arange(count, dtype=np.int64) * states
@@ -51,9 +49,11 @@ class Stack:
         """The id and the text of each labyrinth."""
         self._shared_names: NDArray[np.object_] | None = None
         """A read-only copy for the infos, made anew when a labyrinth has changed."""
-        self._places = grid_indices(height, width)
         entries = (2 * height - 1) * (2 * width - 1)
-        self._vectors = np.zeros((count, tile_count(task) + entries), np.int32)
+        self.initial_vectors = np.zeros((count, tile_count(task) + entries), np.int32)
+        """The `vector.initial_vector` of each labyrinth."""
+        self.looks = np.zeros(count, np.intp)
+        """The look of each labyrinth, by its place in `LOOKS`."""
 
     def load(self, place: int, tables: LabyrinthTables) -> None:
         """Put a labyrinth into a place."""
@@ -69,7 +69,8 @@ class Stack:
         self._names[0, place] = labyrinth_id(text)
         self._names[1, place] = text
         self._shared_names = None
-        self._vectors[place] = initial_vector(tables.labyrinth)
+        self.initial_vectors[place] = initial_vector(tables.labyrinth)
+        self.looks[place] = LOOKS.index(tables.labyrinth.look)
 
     def load_many(self, places: NDArray[np.int64], tables: BatchTables, task: Task) -> None:
         """Put labyrinths of a task without tiles into as many places."""
@@ -85,7 +86,8 @@ class Stack:
         self._names[0, places] = [labyrinth_id(text) for text in texts]
         self._names[1, places] = texts
         tiles = np.tile((start, goal), (len(places), 1))
-        self._vectors[places] = initial_vectors(structures, tiles)
+        self.initial_vectors[places] = initial_vectors(structures, tiles)
+        self.looks[places] = LOOKS.index(Look.PLAIN)
         self._changed(places)
 
     def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:
@@ -98,7 +100,7 @@ class Stack:
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         """Return the arrays with a row for each labyrinth."""
         tables = self._initial, self._transitions, self._rewards, self._terminal
-        return *tables, self._distances, self._optimal, self._vectors
+        return *tables, self._distances, self._optimal, self.initial_vectors, self.looks
 
     def _changed(self, places: NDArray[np.int64]) -> None:
         for place in places.tolist():
@@ -144,22 +146,13 @@ class Stack:
 
     def vectors(self) -> VectorArray:
         """Return `vector.vector_observation` of each, shape (count, length), a new array."""
-        phase, cells = np.divmod(self.states(), self._cells)
-        vectors: VectorArray = self._vectors.copy()
-        vectors[:, 0] = self._places[cells]
-        if self._task is Task.KEY_AND_DOOR:
-            vectors[:, 3][phase >= 1] = GONE
-            vectors[:, 4][phase == 2] = GONE
-        if self._task is Task.PARTIAL_OBSERVABILITY:
-            grids = vectors[:, tile_count(self._task) :]
-            # A view: splitting an axis copies nothing.
-            shape = (len(vectors), 2 * self._height - 1, 2 * self._width - 1)
-            hide(grids.reshape(shape), self._visible())
-            for tile in (1, 2):
-                np.put_along_axis(grids, vectors[:, tile, None], OPEN, axis=1)
+        vectors: VectorArray = self.initial_vectors.copy()
+        hides = self._task is Task.PARTIAL_OBSERVABILITY
+        visible = self.visible() if hides else None
+        show_states(vectors, self._height, self._width, self._task, self.states(), visible)
         return vectors
 
-    def _visible(self) -> NDArray[np.bool_]:
+    def visible(self) -> NDArray[np.bool_]:
         """Return `visibility.visible_from` for each agent, shape (count, height, width)."""
         side = max(self._height, self._width)
         seen = seen_together(self._transitions.reshape(-1, 4), self._now, side)

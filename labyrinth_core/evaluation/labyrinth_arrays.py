@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.episodes import parse_info
+from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE, load_episodes
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.observations import Looks, ObservationSpec
-from labyrinth_core.data.selection import Filter
+from labyrinth_core.data.source import Filter, find_part
 from labyrinth_core.data.transitions import LoadedEpisode
+from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
@@ -93,8 +94,8 @@ class LabyrinthArrays:
 
 def first_place(episode: LoadedEpisode) -> Place:
     """Return the place in which an episode of a dataset begins."""
-    labyrinth, number = parse_info(episode.info)
-    return number, state_index(labyrinth, initial(labyrinth))
+    labyrinth = parse(episode.info)
+    return episode.labyrinth_id, state_index(labyrinth, initial(labyrinth))
 
 
 def number_of(place: Place, places: Mapping[Place, int]) -> int:
@@ -142,20 +143,15 @@ def load_arrays(
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     tables: dict[int, LabyrinthTables] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    # Vectors cost least here; each state is observed once, below.
-    for episode in load_episodes(
-        source,
-        config,
-        split=split,
-        observation="vector",
-        revision=revision,
-        labyrinths=labyrinths,
-        where=where,
-    ):
-        if episode.labyrinth_id not in tables:
-            labyrinth, _ = parse_info(episode.info)
-            tables[episode.labyrinth_id] = tabulate(labyrinth.from_start())
-        episodes.append((first_place(episode), episode.actions))
+    part = find_part(source, config, split, revision, labyrinths, where)
+    for block in replayed(part.rows(pictures=False)):
+        ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
+        for number, labyrinth in zip(ids, block.parsed(), strict=True):
+            if number not in tables:
+                tables[number] = tabulate(labyrinth.from_start())
+        for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+            place = ids[block.which[first]], int(block.states[first])
+            episodes.append((place, rows.actions[first:last].copy()))
     if not tables:
         raise DatasetError(f"split={split}: there is no episode")
     return _stack(tables, episodes, spec)

@@ -1,25 +1,41 @@
-"""Pictures of many states at once, the very pixels of `renderer` at any size.
+"""Pictures of many states at once, at any size: the pixels of `renderer`, drawn together.
 
 What states have in common is drawn once, and what labyrinths of one size have in common together.
+`renderer` makes the strips that PNG files consist of, and draws pictures of 600 x 600 in half the
+time; smaller ones, as loading, environments and evaluation need them, are drawn faster here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from labyrinth_core.pictures.backdrops import Backdrops, Mask, Scene, Scenes, backdrops_of
+from labyrinth_core.pictures.backdrops import (
+    Backdrops,
+    Mask,
+    Numbers,
+    Pictures,
+    Scenes,
+    backdrops_of,
+)
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import Painter, Style, style_for, style_of
-from labyrinth_core.pictures.vector import initial_vectors
-from labyrinth_core.pictures.windows import Numbers, Pictures
+from labyrinth_core.pictures.renderer import Painter, Style, style_for
+from labyrinth_core.pictures.vector import (
+    grid_indices,
+    initial_vector,
+    initial_vectors,
+    seen_by,
+)
 from labyrinth_core.world.batch_labyrinths import Labyrinths
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.dynamics import State, state_index
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.visibility import seen_together
+from labyrinth_core.world.visibility import visible_from
+
+DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
+"""The most bytes of pictures, and cells of their labyrinths, that are drawn together."""
 
 
 def draw(
@@ -43,73 +59,87 @@ def draw(
     Raises:
         ValueError: A labyrinth is too large for every wall to have a pixel.
     """
-    distinct = {id(labyrinth): labyrinth for labyrinth, _ in views}
-    styles = {each: style_of(labyrinth, wall_pixels) for each, labyrinth in distinct.items()}
+    # Labyrinths are told apart by identity: to compare them takes as long as to draw one twice.
+    kinds: dict[int, tuple[Any, ...]] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for place, (labyrinth, _) in enumerate(views):
+        if id(labyrinth) not in kinds:
+            structure = labyrinth.structure
+            kind = structure.height, structure.width, labyrinth.task, labyrinth.look
+            kinds[id(labyrinth)] = kind
+        groups.setdefault(kinds[id(labyrinth)], []).append(place)
     pictures = np.empty((len(views), image_size, image_size, 3), np.uint8)
-    if image_size == PICTURE_SIZE and seen_from is None:  # The renderer's strips are the pixels.
-        for place, (each, state) in enumerate(views):
-            pictures[place] = _painter(each, styles[id(each)]).array(state)
-        return pictures
-    if seen_from is None:
-        seen_from = [frozenset((state.agent,)) for _, state in views]
-    kinds = {each: _kind(labyrinth) for each, labyrinth in distinct.items()}
-    groups = {kind: styles[each] for each, kind in kinds.items()}
-    if len(groups) == 1:
-        (style,) = groups.values()
-        return _draw_alike(views, seen_from, image_size, style, resize)
-    for kind, style in groups.items():
-        places = [place for place, (each, _) in enumerate(views) if kinds[id(each)] == kind]
-        some, seen = [views[place] for place in places], [seen_from[place] for place in places]
-        pictures[places] = _draw_alike(some, seen, image_size, style, resize)
+    for (height, width, task, look), places in groups.items():
+        style = style_for(look, height, width, wall_pixels)
+        some = [views[place] for place in places]
+        if image_size == PICTURE_SIZE and seen_from is None:
+            painters = {id(labyrinth): Painter(labyrinth, style) for labyrinth, _ in some}
+            for place, (labyrinth, state) in zip(places, some, strict=True):
+                pictures[place] = painters[id(labyrinth)].array(state)
+            continue
+        seen = None if seen_from is None else [seen_from[place] for place in places]
+        drawn = _draw_alike((height, width, task), some, seen, image_size, style, resize)
+        if len(groups) == 1:
+            return drawn
+        pictures[places] = drawn
     return pictures
 
 
-_painter = lru_cache(maxsize=1)(Painter)
-"""The painter of a labyrinth; cached, as consecutive states may be of one labyrinth."""
-
-
 def _draw_alike(
+    shape: tuple[int, int, Task],
     views: Sequence[tuple[Labyrinth, State]],
-    seen_from: Sequence[frozenset[int]],
+    seen_from: Sequence[frozenset[int]] | None,
     image_size: int,
     style: Style,
     resize: str,
 ) -> Pictures:
     """Return the pictures of states of labyrinths of one size, task and style."""
-    # Labyrinths are told apart by identity: to compare them takes as long as to draw one twice.
-    found: dict[tuple[Any, ...], list[int]] = {}
-    for place, (labyrinth, (agent, has_key, door_open)) in enumerate(views):
-        seen = seen_from[place] if labyrinth.task is Task.PARTIAL_OBSERVABILITY else None
-        key_gone = has_key or agent == labyrinth.key  # There the agent hides it.
-        found.setdefault((id(labyrinth), key_gone, door_open, seen), []).append(place)
-    scenes = [Scene(views[places[0]][0], *rest) for (_, *rest), places in found.items()]
-    scene = np.empty(len(views), np.intp)
-    for number, places in enumerate(found.values()):
-        scene[places] = number
-    agents = np.array([state.agent for _, state in views])
-    with_key = np.array([state.has_key and not state.door_open for _, state in views])
-    pictures = np.empty((len(views), image_size, image_size, 3), np.uint8)
-    backdrops = backdrops_of(Scenes.of(scenes), image_size, style, resize)
-    _fill(pictures, backdrops, scene, agents, with_key)
-    return pictures
+    numbers: dict[int, int] = {}
+    distinct: list[Labyrinth] = []
+    which = []
+    for labyrinth, _ in views:
+        number = numbers.setdefault(id(labyrinth), len(distinct))
+        if number == len(distinct):
+            distinct.append(labyrinth)
+        which.append(number)
+    if seen_from is not None:  # Each picture may show something else of its labyrinth.
+        distinct, which = [labyrinth for labyrinth, _ in views], list(range(len(views)))
+
+    def visible(which: Numbers, agents: Numbers) -> Mask:
+        seen = np.zeros((len(which), shape[0] * shape[1]), np.bool_)
+        for row, number, agent in zip(seen, which.tolist(), agents.tolist(), strict=True):
+            for cell in (agent,) if seen_from is None else seen_from[number]:
+                row[list(visible_from(distinct[number].structure, cell))] = True
+        return seen.reshape(-1, *shape[:2])
+
+    return draw_states(
+        shape,
+        np.stack([initial_vector(labyrinth) for labyrinth in distinct]),
+        np.array(which),
+        np.array([state_index(*view) for view in views]),
+        image_size,
+        style,
+        resize,
+        visible=visible,
+    )
 
 
 def draw_many(
-    pictures: Pictures,
     labyrinths: Labyrinths,
     which: Numbers,
     states: Numbers,
+    image_size: int,
     *,
     wall_pixels: int | None = None,
     resize: str = "area",
-) -> None:
-    """Fill pictures, shape (N, image_size, image_size, 3), with what `draw` returns.
+) -> Pictures:
+    """Return what `draw` returns, given labyrinths and states in arrays.
 
     Args:
-        pictures: What to fill, C-contiguous; not of `PICTURE_SIZE`.
         labyrinths: Some labyrinths.
         which: The number of the labyrinth in each picture, shape (N,).
         states: The number of the state in each, as in `dynamics.state_index`, shape (N,).
+        image_size: Pixels on each side of a picture.
         wall_pixels: The thickness of walls, if it is not that of the labyrinths' look.
         resize: One of `resize.RESIZES`.
 
@@ -117,36 +147,69 @@ def draw_many(
         ValueError: The labyrinths are too large for every wall to have a pixel.
     """
     height, width = labyrinths.structures.height, labyrinths.structures.width
-    phase, agents = np.divmod(states, height * width)
-    key_gone, door_open = phase > 0, phase > 1
-    if labyrinths.task is Task.KEY_AND_DOOR:
-        key_gone |= agents == labyrinths.tiles[which, 2]
-    hides = labyrinths.task is Task.PARTIAL_OBSERVABILITY
-    code = agents if hides else 2 * key_gone + door_open
-    kinds = (which * (height * width + 4) + code).astype(np.int64)
-    _, first, scene = np.unique(kinds, return_index=True, return_inverse=True)
-    some = labyrinths.take(which[first])
-    scenes = Scenes(
-        height,
-        width,
-        labyrinths.task,
-        initial_vectors(some.structures, some.tiles, some.ice),
-        key_gone[first],
-        door_open[first],
-        _seen(some, agents[first]) if hides else None,
+
+    def visible(which: Numbers, agents: Numbers) -> Mask:
+        return seen_by(labyrinths.take(which), agents)
+
+    return draw_states(
+        (height, width, labyrinths.task),
+        initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ice),
+        which,
+        states,
+        image_size,
+        style_for(labyrinths.look, height, width, wall_pixels),
+        resize,
+        visible=visible,
     )
-    style = style_for(labyrinths.look, height, width, wall_pixels)
-    backdrops = backdrops_of(scenes, pictures.shape[1], style, resize)
-    _fill(pictures, backdrops, scene, agents, phase == 1)
 
 
-def _seen(labyrinths: Labyrinths, agents: Numbers) -> Mask:
-    """Return which cells an agent in each of some labyrinths sees, shape (n, height, width)."""
-    structures = labyrinths.structures
-    shape = len(labyrinths), structures.height, structures.width
-    first = shape[1] * shape[2] * np.arange(shape[0])
-    moves = (structures.moves() + first[:, None, None]).reshape(-1, 4)
-    return seen_together(moves, first + agents, max(shape[1:])).reshape(shape)
+def draw_states(
+    shape: tuple[int, int, Task],
+    vectors: NDArray[np.int32],
+    which: Numbers,
+    states: Numbers,
+    image_size: int,
+    style: Style,
+    resize: str = "area",
+    *,
+    visible: Callable[[Numbers, Numbers], Mask],
+) -> Pictures:
+    """Return the pictures of states of labyrinths of one size, task and style.
+
+    Args:
+        shape: The rows and columns of cells, and the task.
+        vectors: The `initial_vector` of each labyrinth, shape (L, length).
+        which: The number of the labyrinth in each picture, shape (N,).
+        states: The number of the state in each, as in `dynamics.state_index`, shape (N,).
+        image_size: Pixels on each side of a picture.
+        style: The colours and the thickness of walls.
+        resize: One of `resize.RESIZES`.
+        visible: Returns, given some of `which` and the agents' cells, which cells are seen, shape
+            (n, height, width); called under partial observability alone.
+    """
+    height, width, task = shape
+    cells = height * width
+    places, hides = grid_indices(height, width), task is Task.PARTIAL_OBSERVABILITY
+    pictures = np.empty((len(states), image_size, image_size, 3), np.uint8)
+    together = max(1, min(DRAWN_BYTES // (3 * image_size**2), DRAWN_CELLS // cells))
+    for start in range(0, len(states), together):
+        own = which[start : start + together]
+        phase, agents = np.divmod(states[start : start + together], cells)
+        key_gone, door_open = phase > 0, phase > 1
+        if task is Task.KEY_AND_DOOR:  # There the agent hides it.
+            key_gone = key_gone | (places[agents] == vectors[own, 3])
+        kinds = own * (cells + 4) + (agents if hides else 2 * key_gone + door_open)
+        _, first, scene = np.unique(kinds, return_index=True, return_inverse=True)
+        seen = visible(own[first], agents[first]) if hides else None
+        scenes = Scenes(*shape, vectors[own[first]], key_gone[first], door_open[first], seen)
+        _fill(
+            pictures[start : start + together],
+            backdrops_of(scenes, image_size, style, resize),
+            scene,
+            agents,
+            phase == 1,
+        )
+    return pictures
 
 
 def _fill(
@@ -167,9 +230,3 @@ def _fill(
         some.draw(drawn, ascending[part] - first, agents[places], with_key[places])
         if not in_order:
             pictures[places] = drawn
-
-
-def _kind(labyrinth: Labyrinth) -> tuple[Any, ...]:
-    """Return what labyrinths must have in common to be drawn together."""
-    structure = labyrinth.structure
-    return structure.height, structure.width, labyrinth.task, labyrinth.look

@@ -12,11 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.grid import digits, row_and_column
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.visibility import visible_from
+from labyrinth_core.world.visibility import seen_together, visible_from
 
 OPEN, WALL, ICE = 0, 1, 2
 """The entries of the wall grid; what the agent does not see looks like a wall."""
@@ -145,3 +146,62 @@ def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
         hide(grid.reshape(2 * structure.height - 1, 2 * structure.width - 1), visible)
         grid[vector[1:3]] = OPEN
     return vector
+
+
+def vector_observations(
+    labyrinths: Labyrinths, which: NDArray[np.int64], states: NDArray[np.int64]
+) -> VectorArray:
+    """Return `vector_observation` of states given by number, shape (N, length).
+
+    Args:
+        labyrinths: Some labyrinths.
+        which: The number of the labyrinth in each vector, shape (N,).
+        states: The number of the state, as in `dynamics.state_index`, shape (N,).
+    """
+    vectors = initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ice)[which]
+    visible = None
+    if labyrinths.task is Task.PARTIAL_OBSERVABILITY:
+        visible = seen_by(labyrinths.take(which), states)
+    height, width = labyrinths.structures.height, labyrinths.structures.width
+    show_states(vectors, height, width, labyrinths.task, states, visible)
+    return vectors
+
+
+def show_states(
+    vectors: VectorArray,
+    height: int,
+    width: int,
+    task: Task,
+    states: NDArray[np.int64],
+    visible: NDArray[np.bool_] | None,
+) -> None:
+    """Turn vectors of initial states into those of other states, in place.
+
+    Args:
+        vectors: The `initial_vector` of each labyrinth, shape (N, length).
+        height: Their rows of cells.
+        width: Their columns of cells.
+        task: Their task.
+        states: The number of each state, shape (N,).
+        visible: Under partial observability which cells are seen, shape (N, height, width).
+    """
+    phase, cells = np.divmod(states, height * width)
+    vectors[:, 0] = grid_indices(height, width)[cells]
+    if task is Task.KEY_AND_DOOR:
+        vectors[:, 3][phase >= 1] = GONE
+        vectors[:, 4][phase == 2] = GONE
+    if visible is not None:
+        grids = vectors[:, tile_count(task) :]
+        # A view: splitting an axis copies nothing.
+        hide(grids.reshape(len(vectors), 2 * height - 1, 2 * width - 1), visible)
+        for tile in (1, 2):
+            np.put_along_axis(grids, vectors[:, tile, None], OPEN, axis=1)
+
+
+def seen_by(labyrinths: Labyrinths, agents: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which cells an agent in each labyrinth sees, shape (n, height, width)."""
+    structures = labyrinths.structures
+    height, width = structures.height, structures.width
+    first = height * width * np.arange(len(labyrinths))
+    moves = (structures.moves() + first[:, None, None]).reshape(-1, 4)
+    return seen_together(moves, first + agents, max(height, width)).reshape(-1, height, width)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.source import read_rows
+from labyrinth_core.data.rows import grouped, read_rows
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse, without_agent
 from labyrinth_core.world.dynamics import initial, state_index, transition_table
@@ -71,10 +70,7 @@ def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
     path = folder / shard.path
     groups = grouped(read_rows(folder, [shard], pictures=False))
     try:
-        yield from routes(
-            (rows[0].info, [row.actions for row in rows[:-1]], sum(row.rewards for row in rows))
-            for rows in groups
-        )
+        yield from routes(episode for group in groups for episode in group.each())
     except (ValueError, IndexError, DatasetError) as error:
         if str(path) in str(error):  # Of `read_rows`.
             raise

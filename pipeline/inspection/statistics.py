@@ -15,7 +15,7 @@ from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, COUNTS, Manifest
-from labyrinth_core.data.source import check_file
+from labyrinth_core.data.rows import check_file
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.world.grid import Action

@@ -1,8 +1,9 @@
-"""The pictures that are kept: the same as without, whoever else writes, dies or meddles."""
+"""The pictures that are kept: the same as without a cache, whatever other processes do."""
 
 import errno
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,29 +13,21 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from labyrinth_core.data import frame_cache, loader, selection
+from labyrinth_core.data import frame_cache
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.frame_cache import LIMIT_VARIABLE
-from labyrinth_core.data.loader import (
-    load_episodes,
-    load_transitions,
-    stream_episodes,
-    stream_transitions,
-)
+from labyrinth_core.data.loader import load_transitions
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.transitions import (
+    COLUMNS,
     Transition,
     TransitionBatch,
     Transitions,
     as_received,
     as_sent,
 )
-from labyrinth_core.language.text import parse
-from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.rollout import replay
 
 FIELDS = [field.name for field in fields(Transitions) if field.name != "optimal"]
 
@@ -61,26 +54,29 @@ def only_file(cache):
     return path
 
 
-@pytest.fixture
-def nothing_to_read(monkeypatch):
-    """Let no shard be read, so that what is loaded can only come from the cache."""
-
-    def refuse(*shards, **how):
-        raise AssertionError(f"reads {shards} {how}")
-
-    return lambda: monkeypatch.setattr(selection, "read_rows", refuse)
+def filled(count):
+    """Yield frames and columns for the cache, in two parts, noting each in a list."""
+    frames = np.arange(4 * 12, dtype=np.uint8).reshape(4, 2, 2, 3)
+    for first in (0, 2):
+        count.append(first)
+        steps = np.arange(first, first + 1)
+        yield frames[first : first + 2], {name: steps.astype(COLUMNS[name]) for name in COLUMNS}
 
 
 # What is kept.
 
 
 @pytest.mark.parametrize("split", BASE_SPLITS)
-def test_what_is_kept_is_what_was_loaded(data_dir, cache, split, nothing_to_read):
+def test_what_is_kept_is_what_was_loaded_and_no_shard_is_read_again(
+    data_dir, cache, tmp_path, split
+):
+    copy = shutil.copytree(data_dir, tmp_path / "copy")
     options = {"split": split, "image_size": 16}
-    without = load_transitions(data_dir, "3x3", cache_dir=False, **options)
-    cold = load_transitions(data_dir, "3x3", cache_dir=cache, **options)
-    nothing_to_read()
-    warm = load_transitions(data_dir, "3x3", cache_dir=str(cache), **options)
+    without = load_transitions(copy, "3x3", cache_dir=False, **options)
+    cold = load_transitions(copy, "3x3", cache_dir=cache, **options)
+    for path in (copy / "3x3").glob("*.parquet"):
+        path.unlink()
+    warm = load_transitions(copy, "3x3", cache_dir=str(cache), **options)
     assert_same(cold, without)
     assert_same(warm, without)
     assert not any(getattr(warm, name).flags.writeable for name in FIELDS)
@@ -127,19 +123,11 @@ def test_other_shards_have_another_file(data_dir, cache, build, tmp_path):
     assert len(list(cache.iterdir())) == 2
 
 
-def test_other_pixels_have_another_key(small_dataset):
-    shards = Manifest.read(small_dataset.folder).of("train")
-    spec = ObservationSpec("image", 8)
-    assert loader._key(shards, spec, PICTURES_VERSION + 1) != loader._key(shards, spec)
-
-
-def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, monkeypatch):
-    def rows(*_, **__):
-        yield from ()
-
-    monkeypatch.setattr(selection, "read_rows", rows)
-    with pytest.raises(DatasetError, match="there is no episode"):
-        load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, tmp_path):
+    copy = shutil.copytree(data_dir, tmp_path / "copy")
+    next((copy / "3x3").glob("train-*.parquet")).write_bytes(b"damaged")
+    with pytest.raises(DatasetError, match="damaged"):
+        load_transitions(copy, "3x3", image_size=8, cache_dir=cache)
     assert list(cache.iterdir()) == []
 
 
@@ -292,12 +280,11 @@ def test_a_bound_that_is_no_number_is_refused(data_dir, cache, monkeypatch, text
         load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
 
 
-def test_a_large_file_is_announced(data_dir, cache, monkeypatch):
-    monkeypatch.setattr(frame_cache, "LARGE", size_of(16, data_dir))
-    load_transitions(data_dir, "3x3", image_size=15, cache_dir=cache)
-    with pytest.warns(UserWarning, match=r"writing 0\.0 GB of pictures to .*3x3-train-16-"):
-        load_transitions(data_dir, "3x3", image_size=16, cache_dir=cache)
-    load_transitions(data_dir, "3x3", image_size=16, cache_dir=cache)
+def test_a_large_file_is_announced(cache):
+    with pytest.warns(UserWarning, match=r"writing 0\.0 GB of pictures to .*/name"):
+        frame_cache.load(cache / "name", "key", 48, lambda: filled([]), large=48)
+    frame_cache.load(cache / "name", "key", 48, lambda: filled([]), large=48)
+    frame_cache.load(cache / "other", "key", 48, lambda: filled([]), large=49)
 
 
 # Several processes.
@@ -325,57 +312,47 @@ def test_processes_that_load_at_once_all_get_it_and_leave_one_file(data_dir, cac
     assert only_file(cache).suffix == ".npy"
 
 
-def test_who_waits_takes_what_the_other_has_made(data_dir, cache, monkeypatch):
-    written = []
-    write = frame_cache._write
-    monkeypatch.setattr(frame_cache, "_write", lambda *to: (written.append(1), write(*to)))
-    found = []
+def test_who_waits_takes_what_the_other_has_made(cache):
+    written, found = [], []
 
     def load():
-        found.append(load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache))
+        found.append(frame_cache.load(cache / "name", "key", 48, lambda: filled(written)))
 
     threads = [threading.Thread(target=load) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert written == [1]
+    assert written == [0, 2]
     for transitions in found:
         assert_same(transitions, found[0])
 
 
 KILLED = """
 import os, signal, sys
-from labyrinth_core.data import loader
-gather = loader.gather
-def die(episodes, keep):
-    gather(list(episodes)[:int(sys.argv[3])], keep)
+from pathlib import Path
+import numpy as np
+from labyrinth_core.data import frame_cache
+
+def fill():
+    yield np.zeros((2, 8, 8, 3), np.uint8), {}
     os.kill(os.getpid(), signal.SIGKILL)
-loader.gather = die
+
+frame_cache.load(Path(sys.argv[1]), "key", 1, fill)
 """
 
 
-@pytest.mark.parametrize("episodes", [1, 8])
-def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(data_dir, cache, episodes):
-    killed = start(KILLED + LOAD, data_dir, cache, episodes)
+@pytest.mark.parametrize("again", ["the same file", "another"])
+def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
+    path = cache / f"name{frame_cache.SUFFIX}"
+    killed = start(KILLED, path)
     killed.communicate(timeout=120)
     assert killed.returncode == -signal.SIGKILL
     left = list(cache.iterdir())
-    assert sorted(path.suffix for path in left) == [".holder", ".lock", ".tmp"]
-    # Another split, of which the leftovers are none.
-    load_transitions(data_dir, "3x3", split="test", image_size=8, cache_dir=cache)
-    assert not any(path.exists() for path in left)
-    again = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
-    assert_same(again, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
-
-
-def test_a_leftover_of_the_same_file_is_written_over(data_dir, cache, monkeypatch):
-    killed = start(KILLED + LOAD, data_dir, cache, 8)
-    killed.communicate(timeout=120)
-    monkeypatch.setattr(frame_cache, "_remove_leftovers", lambda _: None)
-    again = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
-    assert_same(again, load_transitions(data_dir, "3x3", image_size=8, cache_dir=False))
-    assert only_file(cache).suffix == ".npy"
+    assert sorted(each.suffix for each in left) == [".holder", ".lock", ".tmp"]
+    place = path if again == "the same file" else cache / "other"
+    assert len(frame_cache.load(place, "key", 48, lambda: filled([]))) == 2
+    assert list(cache.iterdir()) == [place]
 
 
 def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(data_dir, cache):
@@ -510,54 +487,3 @@ def test_a_batch_is_the_transitions_of_its_indices(kept, indices):
         np.testing.assert_array_equal(array, expected.reshape(array.shape))
         assert array.flags.writeable
     assert batch.observation.shape == (len(each), 32, 32, 3)
-
-
-# Pictures that are drawn, and streams.
-
-
-@pytest.mark.parametrize(("split", "image_size"), [("random", 9), ("random", 64), ("s0", 600)])
-def test_drawn_pictures_are_those_that_are_decoded(data_dir, split, image_size):
-    options = {"split": split, "image_size": image_size}
-    decoded = load_episodes(data_dir, "3x3", **options)
-    drawn = load_episodes(data_dir, "3x3", draw=True, **options)
-    streamed = stream_episodes(data_dir, "3x3", draw=True, **options)
-    for one, other, another in zip(decoded, drawn, streamed, strict=True):
-        np.testing.assert_array_equal(one.observations, other.observations)
-        np.testing.assert_array_equal(one.observations, another.observations)
-
-
-@pytest.mark.parametrize("size", ["4", "3x5"])
-@pytest.mark.parametrize("task", ["partial_observability", "key_and_door", "icy_floor"])
-def test_pictures_of_every_task_are_drawn_as_they_are_decoded(build, tmp_path, task, size):
-    run = build(tmp_path / "data", task=task, size=size, labyrinths=2, random_steps=30)
-    for split in ("train", "random"):
-        options = {"split": split, "image_size": 64, "cache_dir": False}
-        decoded = load_transitions(run.data_dir, run.dataset.name, **options)
-        assert_same(load_transitions(run.data_dir, run.dataset.name, draw=True, **options), decoded)
-        episodes = load_episodes(run.data_dir, run.dataset.name, split=split)
-        expected = [
-            Painter(labyrinth).array(state, 64)
-            for episode in episodes
-            for labyrinth in [parse(episode.info)]
-            for state in replay(labyrinth, episode.actions.tolist()).states
-        ]
-        np.testing.assert_array_equal(decoded.frames, expected)
-
-
-def test_pictures_are_drawn_where_there_are_none(data_dir, tmp_path, monkeypatch):
-    monkeypatch.setattr("labyrinth_core.data.observations._remembering_decoder", None)
-    assert len(load_transitions(data_dir, "3x3", image_size=8, draw=True, cache_dir=tmp_path)) > 0
-
-
-def prefetching():
-    return [thread for thread in threading.enumerate() if "prefetch" in thread.name]
-
-
-@pytest.mark.parametrize("stream", [stream_episodes, stream_transitions])
-def test_a_stream_that_is_left_ends_its_thread(data_dir, stream):
-    streamed = stream(data_dir, "3x3", split="random", image_size=8)
-    assert prefetching() == []
-    next(streamed)
-    assert len(prefetching()) == 1
-    streamed.close()
-    assert prefetching() == []

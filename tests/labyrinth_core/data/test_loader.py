@@ -21,7 +21,6 @@ import pytest
 from datasets import load_dataset
 
 from labyrinth_core.data import columns
-from labyrinth_core.data import observations as pictures
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
     Transition,
@@ -795,13 +794,3 @@ def test_random_flips_in_a_file_never_show_a_traceback(data_dir, tmp_path, load)
         except DatasetError:
             refused += 1
     assert refused == 30
-
-
-# Memory.
-
-
-def test_remembered_pictures_take_no_more_than_a_fixed_space():
-    for image_size in (8, 64, 600, 4000):
-        remembered = pictures._remembering_decoder(image_size).cache_info().maxsize
-        assert remembered >= 1
-        assert remembered == 1 or remembered * 3 * image_size**2 <= pictures.CACHED_BYTES

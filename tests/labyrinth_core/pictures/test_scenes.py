@@ -11,7 +11,7 @@ from known_labyrinths import KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.pictures import backdrops
+from labyrinth_core.pictures.backdrops import cut, paste
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_of
 from labyrinth_core.pictures.resize import area_average
@@ -73,13 +73,14 @@ def test_cells_hardly_larger_than_a_pixel_or_smaller_are_exact(height, width, im
     assert_plain(draw(drawn, image_size), drawn)
 
 
-def test_scenes_drawn_a_few_at_a_time_are_those_drawn_at_once(monkeypatch):
+@pytest.mark.parametrize("task", Task)
+def test_many_pictures_are_those_of_each_labyrinth_alone(task):
+    """They are drawn in several turns, since they and their sums are larger than a cache."""
     rng = np.random.default_rng(0)
-    sampled = [sample_labyrinth(4, 4, Task.KEY_AND_DOOR, rng) for _ in range(3)]
-    drawn = [(each, state_at(each, number)) for each in sampled for number in range(48)]
-    at_once = draw(drawn, 32)
-    monkeypatch.setattr(backdrops, "SUMS_BYTES", 1)
-    np.testing.assert_array_equal(draw(drawn, 32), at_once)
+    sampled = [sample_labyrinth(4, 4, task, rng) for _ in range(30)]
+    each = [[(own, state_at(own, number)) for number in range(16)] for own in sampled]
+    several = draw([view for views in each for view in views], 120)
+    np.testing.assert_array_equal(several, np.concatenate([draw(views, 120) for views in each]))
 
 
 def test_a_labyrinth_without_a_pixel_for_each_cell_is_refused():
@@ -143,3 +144,16 @@ def test_sums_just_below_the_next_colour_are_rounded_down(image_size):
     assert 256 * bands.unit < 2 ** (np.finfo(dtype).nmant + 1), "sums are exact"
     assert bands.rounded((whole - 1).astype(dtype)).tolist() == list(range(255))
     assert bands.rounded(whole.astype(dtype)).tolist() == list(range(1, 256))
+
+
+def test_what_is_cut_out_of_pictures_can_be_pasted_back():
+    pictures = np.random.default_rng(0).integers(256, size=(5, 9, 9, 3), dtype=np.uint8)
+    before, places = pictures.copy(), np.array([3, 0])
+    corners = np.array([2, 6]), np.array([0, 5])
+    patches = cut(pictures, places, corners, 3)
+    np.testing.assert_array_equal(patches[1], before[0, 6:9, 5:8])
+    paste(pictures, places, corners, 255 - patches)
+    np.testing.assert_array_equal(pictures[3, 2:5, 0:3], 255 - before[3, 2:5, 0:3])
+    assert (pictures != before).any(axis=-1).sum() == 18
+    paste(pictures, places, corners, patches)
+    np.testing.assert_array_equal(pictures, before)

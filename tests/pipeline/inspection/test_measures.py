@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
-from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import read_rows
+from labyrinth_core.data.rows import grouped, read_rows
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -41,11 +40,11 @@ def rows_of(dataset, split):
     """Return the labyrinth and the action, if any, and the agent's cell of each row."""
     shards = Manifest.read(dataset).of(split)
     rows = []
-    for of in grouped(read_rows(dataset, shards, pictures=False)):
-        labyrinth = parse(of[0].info)
-        actions = [row.actions for row in of]
-        cells = [state.agent for state in replay(labyrinth, actions[:-1]).states]
-        rows += [(labyrinth, *row) for row in zip(actions, cells, strict=True)]
+    for group in grouped(read_rows(dataset, shards, pictures=False)):
+        for text, actions, _ in group.each():
+            labyrinth = parse(text)
+            cells = [state.agent for state in replay(labyrinth, actions).states]
+            rows += [(labyrinth, *row) for row in zip([*actions, -1], cells, strict=True)]
     return rows
 
 

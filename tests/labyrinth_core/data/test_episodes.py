@@ -1,0 +1,145 @@
+"""Episodes parsed, replayed and drawn together are those that are replayed and drawn one by one."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from labyrinth_core.data.episodes import replayed
+from labyrinth_core.data.loader import load_episodes, load_transitions, stream_episodes
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.rows import read_rows
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.drawing import describe
+from labyrinth_core.language.text import parse
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import optimal_actions
+from pipeline.config.dataset import DemonstrationsConfig
+
+BUILDS = {
+    "navigation": {"size": "3x5", "shifts": ["recoloured", "thin_walls"]},
+    "partial_observability": {"size": "4x3", "task": "partial_observability"},
+    "key_and_door": {"size": "4x4", "task": "key_and_door", "solutions": "all"},
+    "icy_floor": {"size": "4x5", "task": "icy_floor"},
+    "pieces": {"size": "5", "demonstrations": DemonstrationsConfig(pieces=3)},
+    "pieces with a key": {
+        "size": "4",
+        "task": "key_and_door",
+        "demonstrations": DemonstrationsConfig(pieces=2),
+    },
+    "noise": {"size": "4", "demonstrations": DemonstrationsConfig(noise=0.3)},
+}
+
+
+@pytest.fixture(scope="module", params=BUILDS)
+def run(request, build, tmp_path_factory):
+    return build(tmp_path_factory.mktemp("data"), labyrinths=5, **BUILDS[request.param])
+
+
+def splits_of(run):
+    return sorted({path.name.partition("-")[0] for path in run.folder.glob("*-of-*.parquet")})
+
+
+OBSERVED = {
+    "decoded": ({"image_size": 9}, lambda *of: Painter(of[0]).array(of[1], 9)),
+    "drawn": ({"image_size": 200, "draw": True}, lambda *of: Painter(of[0]).array(of[1], 200)),
+    "drawn in full": ({"image_size": 600, "draw": True}, lambda *of: Painter(of[0]).array(of[1])),
+    "vector": ({"observation": "vector"}, vector_observation),
+    "text": ({"observation": "text"}, describe),
+}
+
+
+@pytest.mark.parametrize("observed", OBSERVED)
+def test_what_is_observed_is_what_each_replayed_state_shows(run, observed):
+    options, observe = OBSERVED[observed]
+    for split in splits_of(run) if observed in ("drawn", "vector") else ("random",):
+        if observed == "drawn in full":
+            options = options | {"labyrinths": 1}
+        of_split = (run.data_dir, run.folder.name), {"split": split} | options
+        transitions = load_transitions(*of_split[0], **of_split[1], cache_dir=False)
+        expected, dones = [], []
+        both = (
+            load_episodes(*of_split[0], **of_split[1]),
+            stream_episodes(*of_split[0], **of_split[1]),
+        )
+        for episode, streamed in zip(*both, strict=True):
+            labyrinth = parse(episode.info)
+            again = replay(labyrinth, episode.actions.tolist())
+            own = np.array([observe(labyrinth, state) for state in again.states])
+            np.testing.assert_array_equal(episode.observations, own)
+            np.testing.assert_array_equal(streamed.observations, own)
+            assert episode.observations.dtype == own.dtype
+            assert episode.terminated == again.terminated
+            expected.append(own)
+            dones += [False] * (len(episode) - 1) + [again.terminated]
+        np.testing.assert_array_equal(transitions.frames, np.concatenate(expected))
+        assert transitions.dones.tolist() == dones
+
+
+def test_optimal_actions_are_those_of_each_state(run):
+    for split in ("train", "random"):
+        transitions = load_transitions(
+            run.data_dir, run.folder.name, split=split, observation="vector", optimal=True
+        )
+        expected = []
+        for block in replayed(rows_of(run, split)):
+            for which, state, acts in zip(block.which, block.states, block.acting, strict=True):
+                if acts:
+                    expected.append(optimal_actions(block.parsed()[which].from_start())[state])
+        np.testing.assert_array_equal(transitions.optimal, expected)
+
+
+def rows_of(run, split):
+    return read_rows(run.folder, Manifest.read(run.folder).of(split), pictures=False)
+
+
+@pytest.mark.parametrize("cells", [1, 40])
+def test_few_episodes_at_once_are_the_same_as_many(run, cells):
+    many = [one for block in replayed(rows_of(run, "random")) for one in block.parts(1)]
+    few = [one for block in replayed(rows_of(run, "random"), cells=cells) for one in block.parts(9)]
+    assert len(few) > 1
+    for name in ("states", "over"):
+        one, other = (np.concatenate([getattr(each, name) for each in of]) for of in (many, few))
+        np.testing.assert_array_equal(one, other)
+    ids = [np.concatenate([each.ids[each.which] for each in of]) for of in (many, few)]
+    np.testing.assert_array_equal(*ids)
+
+
+def test_some_labyrinths_are_a_part_of_all(run):
+    of_split = run.data_dir, run.folder.name
+    options = {"draw": True, "image_size": 8, "cache_dir": False}
+    whole = load_transitions(*of_split, **options)
+    for some in ({"labyrinths": 2}, {"where": pc.field("first_row") > 0}):
+        part = load_transitions(*of_split, **options, **some)
+        kept = np.isin(whole.labyrinth_ids, part.labyrinth_ids)
+        np.testing.assert_array_equal(part.observations, whole.observations[kept])
+
+
+def test_texts_that_are_not_canonical_are_read_too(run, tmp_path):
+    """Such as those of another writer: they describe the same labyrinths, with other words."""
+    folder = shutil.copytree(run.folder, tmp_path / run.folder.name)
+    path = next(folder.glob("train-*.parquet"))
+    table = pq.read_table(path)
+    texts = [f'"""a comment"""\n{text}' for text in table["info"].to_pylist()]
+    place = table.column_names.index("info")
+    pq.write_table(table.set_column(place, table.schema.field("info"), [texts]), path)
+    manifest = Manifest.read(folder)
+    shards = tuple(
+        replace(shard, sha256=file_sha256(path)) if shard.path == path.name else shard
+        for shard in manifest.shards
+    )
+    replace(manifest, shards=shards).write(folder)
+    options = {"draw": True, "image_size": 9, "cache_dir": False}
+    theirs = load_transitions(tmp_path, folder.name, **options)
+    ours = load_transitions(run.data_dir, folder.name, **options)
+    for name in ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids"):
+        np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
+    info = next(load_episodes(tmp_path, folder.name, observation="vector")).info
+    assert info.startswith('"""a comment"""')
