@@ -1,4 +1,4 @@
-"""The way in from a clone: `python run.py size=5` is `labyrinth-datasets size=5`."""
+"""The entry point in a clone: `python run.py size=5` is `labyrinth-datasets size=5`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The way in: `labyrinth-datasets size=5`, or `python run.py size=5` in a clone.
+"""The entry point: `labyrinth-datasets size=5`, or `python run.py size=5` in a clone.
 
 `labyrinth-datasets --help` lists the options.
 """
@@ -9,9 +9,9 @@ import sys
 
 
 def main() -> int:
-    """Run what the command line asks for, and return the exit status: 1 for a mistake."""
+    """Run what the command line asks for, and return the exit status: 1 for an error."""
     try:
-        # Imported within `try`: it takes half a second, in which somebody may press Ctrl-C.
+        # Imported within `try`: it takes half a second, in which Ctrl-C may be pressed.
         from pipeline.command import run_command
 
         return run_command()

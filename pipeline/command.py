@@ -60,11 +60,11 @@ NEXT = {
 
 
 class RunError(RuntimeError):
-    """A run that ended with a mistake, which one line has explained."""
+    """A run of a sweep that ended with an error, which one line has explained."""
 
 
 def run_command() -> int:
-    """Run what the command line asks for, and return the exit status: 1 for a mistake."""
+    """Run what the command line asks for, and return the exit status: 1 for an error."""
     if len(sys.argv) == 1:
         print(INTRODUCTION, end="")
         return 0
@@ -72,7 +72,7 @@ def run_command() -> int:
         print(f"labyrinth-datasets {__version__}")
         return 0
     threading.excepthook = _end_with_thread
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # Else somebody wants it ignored.
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # Else the caller has it ignored.
         signal.signal(signal.SIGTERM, _end)
     sys.argv[1:] = map(with_brackets, sys.argv[1:])
     register()
@@ -100,7 +100,7 @@ def perform(config: DictConfig) -> None:
         RunError: The run is one of a sweep, which goes on with the others after an exception.
         SystemExit: The run is the only one.
     """
-    reason = _mistake(config)
+    reason = _error_of(config)
     if reason is None:
         return
     _explain(reason)
@@ -109,8 +109,8 @@ def perform(config: DictConfig) -> None:
     raise SystemExit(1)  # Of an exception, Hydra would print a line of its own.
 
 
-def _mistake(config: DictConfig) -> str | None:
-    """Perform the stages of one run, and return what is wrong with it, None if nothing is."""
+def _error_of(config: DictConfig) -> str | None:
+    """Perform the stages of one run, and return the error that ends it, None if it succeeds."""
     try:
         options = options_of(config)
         run = resolve(options)

@@ -1,4 +1,4 @@
-"""Mistakes in options, each told in one line."""
+"""Errors in options, each explained in one line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 class ConfigError(ValueError):
-    """A value of the configuration that cannot be; its text is one line for the person."""
+    """A value of an option is impossible; the text is one line that says what to give."""
 
 
 def check(holds: bool, message: str) -> None:
@@ -16,5 +16,5 @@ def check(holds: bool, message: str) -> None:
 
 
 def listed(words: Iterable[object]) -> str:
-    """Return words as a list for a person."""
+    """Return words as a list for a message."""
     return f"[{', '.join(map(str, words))}]"

@@ -241,8 +241,8 @@ def register() -> None:
     wrapper = TextWrapper(100, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
     lines = []
     for heading, options in SECTIONS.items():
-        told = (wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options.items())
-        lines += [f"{heading}:", *told, ""]
+        filled = (wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options.items())
+        lines += [f"{heading}:", *filled, ""]
     help_text = _HELP.format(options="\n".join(lines))
     store.store(group="hydra/help", name="options", node={"template": help_text})
 
@@ -286,7 +286,7 @@ def options_of(config: DictConfig) -> RunConfig:
     """Return the options that Hydra composed.
 
     Raises:
-        ConfigError: There is an option that is none, added as `+name=value`.
+        ConfigError: An option that does not exist was added as `+name=value`.
         OmegaConfBaseException: A value is of another kind, or refers to what is not there.
     """
     values: Any = OmegaConf.to_container(config, resolve=True)

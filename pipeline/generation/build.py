@@ -70,12 +70,12 @@ class ShardJob:
     """The file that marks the shard as finished, and describes it."""
     facts: AnyPath
     """The file of its part of the table of labyrinths."""
-    wanted: str | None = None
+    expected: str | None = None
     """The SHA-256 that the file must have, if it is known already."""
 
 
 def run(run: Run, *, cells_per_shard: int = CELLS_PER_SHARD) -> None:
-    """Build the dataset of a run, or what is damaged or missing of the one that is there already.
+    """Build the dataset of a run, or the damaged and missing files of one that is finished.
 
     Args:
         run: The run.
@@ -83,7 +83,7 @@ def run(run: Run, *, cells_per_shard: int = CELLS_PER_SHARD) -> None:
 
     Raises:
         ConfigError: There are fewer labyrinths than asked for.
-        DatasetError: The folder holds another dataset, or other files, or what is damaged cannot be
+        DatasetError: The folder holds another dataset or other files, or a damaged file cannot be
             made again as it was.
         OSError: The folder cannot be written.
     """
@@ -123,9 +123,9 @@ def _finished(run: Run) -> Manifest | None:
             )
         return None
     manifest = Manifest.read(folder)
-    there, wanted = asdict(manifest.config), asdict(run.dataset)
+    there, asked = asdict(manifest.config), asdict(run.dataset)
     differing = [
-        f"{key}={there[key]}, not {wanted[key]}" for key in there if there[key] != wanted[key]
+        f"{key}={there[key]}, not {asked[key]}" for key in there if there[key] != asked[key]
     ]
     if differing:
         raise DatasetError(
@@ -143,17 +143,17 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, size: int) -> None
         return
     # The table follows from what all shards were made of.
     again = damaged if has_table else manifest.shards
-    wanted = {shard.path: shard.sha256 for shard in again}
+    expected = {shard.path: shard.sha256 for shard in again}
     workplace.building.mkdir(parents=True, exist_ok=True)
     jobs = (
-        replace(job, path=workplace.folder / name, wanted=wanted[name])
+        replace(job, path=workplace.folder / name, expected=expected[name])
         for job in _jobs(run.dataset, workplace, size)
-        if (name := job.path.name) in wanted
+        if (name := job.path.name) in expected
     )
     shards = ordered_map(make_shard, jobs, run.options.workers)
-    total = sum(shard.labyrinths for shard in manifest.shards if shard.path in wanted)
+    total = sum(shard.labyrinths for shard in manifest.shards if shard.path in expected)
     made = {s.path for s in tracked(((s.labyrinths, s) for s in shards), "build", total=total)}
-    if missing := [name for name in wanted if name not in made]:
+    if missing := [name for name in expected if name not in made]:
         raise DatasetError(_not_as_it_was(run.folder / missing[0]))
     names = [shard.path for shard in damaged]
     if not has_table:
@@ -205,7 +205,7 @@ def _tabulate(
     workplace: Workplace,
     folder: AnyPath,
     shards: Sequence[Shard],
-    wanted: TableFile | None = None,
+    expected: TableFile | None = None,
 ) -> TableFile:
     """Write the table of labyrinths, from what lies beside the shards' sidecars.
 
@@ -214,10 +214,10 @@ def _tabulate(
         workplace: Where it is built.
         folder: Where the table is to be.
         shards: The shards, in their order.
-        wanted: What the table must be, if it is known already.
+        expected: The table that has to come out, if that is known already.
 
     Raises:
-        DatasetError: It comes out otherwise, and is not written.
+        DatasetError: Another table comes out; it is not written.
     """
     parts = (
         (shard, read_facts(facts_path(workplace.building, shard.path), shard.labyrinths))
@@ -225,7 +225,7 @@ def _tabulate(
     )
     with new_file(folder / TABLE, workplace.building) as path:
         written = write_table(path, config, parts)
-        if wanted not in (None, written):
+        if expected not in (None, written):
             raise DatasetError(_not_as_it_was(folder / TABLE))
         return written
 
@@ -298,7 +298,7 @@ def make_shard(job: ShardJob) -> Shard:
 
     with new_file(job.path, job.sidecar.parent) as path:
         shard = write(path, split, episodes())
-        if job.wanted not in (None, shard.sha256):
+        if job.expected not in (None, shard.sha256):
             raise DatasetError(_not_as_it_was(job.path))
     found = facts.array()
     if not len(found):

@@ -139,7 +139,7 @@ def check_labyrinth(
 
 
 def _parsed(config: DatasetConfig, text: str) -> tuple[Labyrinth | None, str | None]:
-    """Return the labyrinth of a text, None if it is none of the dataset, and what is wrong."""
+    """Return the labyrinth of a text, None if the dataset cannot have it, and what is wrong."""
     try:
         labyrinth = parse(text).from_start()
     except LabyrinthSyntaxError as error:

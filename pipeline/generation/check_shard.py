@@ -190,9 +190,9 @@ def _rows(file: Any, problems: list[Problem]) -> Iterator[Row]:
 
 
 def _parents(job: CheckJob) -> tuple[dict[int, Parent] | None, list[str]]:
-    """Return the labyrinths that those of a shard are made from, and why they are unknown.
+    """Return the parents of the labyrinths of a shard by number, and why they cannot be read.
 
-    They are named by their numbers in their split; None if there are none, or they are unreadable.
+    They are None if the split has no parent, or if they cannot be read.
     """
     if job.parent is None:
         return None, []

@@ -38,11 +38,11 @@ def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str],
         return [f"{TABLE} is missing"], False
     except (OSError, pa.ArrowException) as error:
         return [f"{TABLE} cannot be read: {one_line(error)}"], False
-    wanted = sum(shard.labyrinths for shard in manifest.shards)
+    expected_rows = sum(shard.labyrinths for shard in manifest.shards)
     if not schema.equals(table_schema(), check_metadata=False):
         problems.append(f"{TABLE}: its columns are not those of a table of labyrinths")
-    elif rows != wanted:
-        problems.append(f"{TABLE}: {rows} rows, but the manifest has {wanted} labyrinths")
+    elif rows != expected_rows:
+        problems.append(f"{TABLE}: {rows} rows, but the manifest has {expected_rows} labyrinths")
     else:
         return problems, True
     return problems, False

@@ -60,45 +60,54 @@ class Effort(NamedTuple):
     """The number of structures without one that will do, after which the search ends."""
 
 
-USUAL_EFFORT = Effort()
-
-Draw = Callable[[DatasetConfig, str, Train, np.random.Generator], Iterator[Structure]]
 Problem = Callable[[Measures, Callable[[], Labyrinth], Train], str | None]
-
-
-def sampled_like_train(
-    config: DatasetConfig, _split: str, _train: Train, rng: np.random.Generator
-) -> Iterator[Structure]:
-    """Yield structures as train has them."""
-    return _sampled(config, rng, config.sampler, config.open_walls)
-
-
-def no_problem(
-    _measures: Measures, _labyrinth: Callable[[], Labyrinth], _train: Train
-) -> str | None:
-    """Return None: how its structures are drawn is all that makes the shift."""
-    return None
 
 
 @dataclass(frozen=True)
 class SelectedShift:
-    """A shift with structures of its own, which are selected to be like those of test."""
+    """A shift with structures of its own, which are selected to be like those of test.
+
+    Candidates are drawn as the structures of train are, but for what the fields say.
+    """
 
     free: tuple[str, ...]
     """The measures that the shift leaves free, and that follow those of test."""
-    draw: Draw = sampled_like_train
-    """Yields random structures, most of them with the property of the shift.
-
-    Its arguments are the configuration, the name of the shift, what train has, and the source of
-    randomness."""
-    problem: Problem = no_problem
+    problem: Problem = lambda _measures, _labyrinth, _train: None
     """Returns why a labyrinth lacks the property of the shift, None if it has it.
 
     Its arguments are the measures, a function that makes the labyrinth, which takes long, and what
     train has."""
-    effort: Effort = USUAL_EFFORT
+    sampler: str | None = None
+    open_walls: Callable[[DatasetConfig, Train], float] = lambda config, _train: config.open_walls
+    effort: Effort = Effort()  # noqa: RUF009
+    is_stretched: bool = False
+    """Whether candidates are changed until they are longer than the longest of train."""
     needs_routes: bool = False
     """Whether the routes that train demonstrates have to be known."""
+
+    def draw(
+        self, config: DatasetConfig, split: str, train: Train, rng: np.random.Generator
+    ) -> Iterator[Structure]:
+        """Yield random structures, most of them with the property of the shift."""
+
+        def in_bucket(structure: Structure) -> bool:
+            return bucket_of(config, structure) == "test"
+
+        def moves(structure: Structure) -> int:
+            measures = measures_of(config, split, structure)
+            return -1 if measures is None else measures.moves
+
+        drawn = sample_structures(
+            config.height,
+            config.width,
+            rng,
+            algorithm=self.sampler or config.sampler,
+            open_walls=self.open_walls(config, train),
+        )
+        if self.is_stretched:
+            return stretched(drawn, moves, in_bucket, train.moves, rng)
+        # It takes so long to compare routes that it is worth while to ask for the bucket first.
+        return filter(in_bucket, drawn) if self.needs_routes else drawn
 
 
 def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Measures | None:
@@ -113,52 +122,18 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
     return Measures(moves, structure.loops, structure.junctions)
 
 
-def _sampled(
-    config: DatasetConfig, rng: np.random.Generator, sampler: str, open_walls: float
-) -> Iterator[Structure]:
-    size = config.height, config.width
-    return sample_structures(*size, rng, algorithm=sampler, open_walls=open_walls)
+def _many_open_walls(config: DatasetConfig, train: Train) -> float:
+    """Return the probability of opening walls that gives about twice train's most loops.
 
-
-def _draw_longer(
-    config: DatasetConfig, split: str, train: Train, rng: np.random.Generator
-) -> Iterator[Structure]:
-    def moves(structure: Structure) -> int:
-        measures = measures_of(config, split, structure)
-        return -1 if measures is None else measures.moves
-
-    def accepts(structure: Structure) -> bool:
-        return bucket_of(config, structure) == "test"
-
-    drawn = sampled_like_train(config, split, train, rng)
-    return stretched(drawn, moves, accepts, train.moves, rng)
-
-
-def _draw_open(
-    config: DatasetConfig, _split: str, train: Train, rng: np.random.Generator
-) -> Iterator[Structure]:
-    """Yield structures with about twice the most loops of train.
-
-    Where there are not so many walls, it is the mean of train's most and of all.
+    Where there are not so many walls, it gives the mean of train's most and of all.
     """
     height, width = config.height, config.width
     edges = vertical_edges(height, width) | horizontal_edges(height, width) << height * width
     walls = edges.bit_count() - height * width + 1
-    opened = min(2 * train.loops + 1, (train.loops + walls) / 2) / walls
-    return _sampled(config, rng, config.sampler, opened)
+    return min(2 * train.loops + 1, (train.loops + walls) / 2) / walls
 
 
-def _draw_new_routes(
-    config: DatasetConfig, split: str, train: Train, rng: np.random.Generator
-) -> Iterator[Structure]:
-    """Yield structures of test; most are refused, so that it is worth while to ask first."""
-    drawn = sampled_like_train(config, split, train, rng)
-    return (structure for structure in drawn if bucket_of(config, structure) == "test")
-
-
-def _not_longer(
-    measures: Measures, _labyrinth: Callable[[], Labyrinth], train: Train
-) -> str | None:
+def _not_longer(measures: Measures, _labyrinth: object, train: Train) -> str | None:
     if measures.moves > train.moves:
         return None
     return f"its shortest route has {measures.moves} moves, and train has one of {train.moves}"
@@ -183,29 +158,22 @@ def _known_route(
     return "train demonstrates one of its shortest routes"
 
 
-def _sampled_by(sampler: str) -> SelectedShift:
-    return SelectedShift(
-        ("moves", "loops"),
-        lambda config, _split, _train, rng: _sampled(config, rng, sampler, config.open_walls),
-    )
-
-
 SELECTED_SHIFTS = {
     "longer": SelectedShift(
-        ("loops", "junctions"), _draw_longer, _not_longer, Effort(pool=8, renewed=1, patience=200)
+        ("loops", "junctions"),
+        _not_longer,
+        effort=Effort(pool=8, renewed=1, patience=200),
+        is_stretched=True,
     ),
     "trees": SelectedShift(
-        ("moves", "junctions"),
-        lambda config, _split, _train, rng: _sampled(config, rng, config.sampler, 0.0),
-        _has_loops,
+        ("moves", "junctions"), _has_loops, open_walls=lambda _config, _train: 0.0
     ),
-    "open": SelectedShift(("moves",), _draw_open, _not_more_open),
-    **{sampler: _sampled_by(sampler) for sampler in ALGORITHMS},
+    "open": SelectedShift(("moves",), _not_more_open, open_walls=_many_open_walls),
+    **{name: SelectedShift(("moves", "loops"), sampler=name) for name in ALGORITHMS},
     "test_new_routes": SelectedShift(
         Measures._fields,
-        _draw_new_routes,
         _known_route,
-        Effort(renewed=2, patience=1_000),
+        effort=Effort(renewed=2, patience=1_000),
         needs_routes=True,
     ),
 }

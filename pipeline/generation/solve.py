@@ -39,7 +39,7 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
     """Yield the episodes of each labyrinth, in order.
 
     Args:
-        config: The configuration, which says which routes are wanted.
+        config: The configuration, which says which routes are asked for.
         split: The split of the labyrinths; in `random` a random policy acts instead.
         labyrinths: The labyrinths to solve.
     """

@@ -136,8 +136,8 @@ def read_facts(path: AnyPath, labyrinths: int) -> Facts:
     """Return the facts of a shard.
 
     Raises:
-        FileNotFoundError: There are none.
-        ValueError: They are not those of so many labyrinths.
+        FileNotFoundError: The file does not exist.
+        ValueError: It holds the facts of another number of labyrinths.
     """
     facts: Facts = np.frombuffer(path.read_bytes(), FACTS)
     if len(facts) != labyrinths:

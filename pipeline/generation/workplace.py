@@ -171,7 +171,7 @@ class Workplace:
             # A worker of a killed run may still write there.
             shutil.rmtree(self.building, ignore_errors=True)
         else:
-            # The configuration goes last, since it tells what the other files belong to.
+            # The configuration goes last, since it says what the other files belong to.
             for path in sorted(self.building.iterdir(), key=lambda path: path.name == _CONFIG):
                 path.unlink(missing_ok=True)
 

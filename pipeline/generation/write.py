@@ -139,7 +139,7 @@ def text_array(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:
 
 
 def value_array(type_: pa.DataType, count: int, *content: NDArray[Any] | bytes) -> pa.Array:
-    """Return an array of some values, none of them null, from its content as Arrow has it."""
+    """Return an array of `count` values without nulls, from the buffers that Arrow would have."""
     import pyarrow as pa
 
     return pa.Array.from_buffers(type_, count, [None, *map(pa.py_buffer, content)])

@@ -12,16 +12,15 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import pytest
+from brute_force import all_structures, is_connected, passages_of
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
-from labyrinth_core.world.labyrinth import Structure
 from pipeline.command import NEXT
 from pipeline.config.run import OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
@@ -135,21 +134,8 @@ def test_no_name_of_a_folder_colours_or_clears_the_terminal(tmp_path: Path) -> N
     assert not {"\x1b", "\u202e"} & {*made.stdout, *missing.stderr}
 
 
-def connected_structures_of_3x3() -> list[Structure]:
-    edges = [(c, c + 1) for c in range(9) if c % 3 < 2] + [(c, c + 3) for c in range(6)]
-    found = []
-    for size in range(8, 13):
-        for chosen in combinations(edges, size):
-            reached = {0}
-            for _ in range(8):
-                reached |= {cell for pair in chosen if reached & set(pair) for cell in pair}
-            if len(reached) == 9:
-                found.append(Structure.from_passages(3, 3, chosen))
-    return found
-
-
 def test_more_labyrinths_than_there_are_names_how_many_there_can_be(tmp_path: Path) -> None:
-    structures = connected_structures_of_3x3()
+    structures = [s for s in all_structures(3, 3) if is_connected(3, 3, passages_of(s))]
     assert len(structures) == 431
     counts = Counter(split_of(structure, (34, 33, 33)) for structure in structures)
     error = error_of(run(tmp_path, "size=3", "labyrinths=300", "data_dir=data"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -17,16 +17,23 @@ from PIL import Image
 
 from labyrinth_core.data.columns import Row, arrow_schema
 from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.language.text import dump, without_agent
+from labyrinth_core.language.text import dump, parse, without_agent
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import shortest_routes
+from pipeline.generation.validate import validate
 
 Rows = list[dict[str, Any]]
 
 TRAIN = "train-00000-of-00001.parquet"
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of all files in a folder, by their names."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def identities(folder: Path) -> dict[str, tuple[int, int]]:
@@ -132,3 +139,23 @@ def with_a_wall_opened(labyrinth: Labyrinth) -> Labyrinth:
     )
     opened = Structure.from_passages(structure.height, width, [*passages, wall])
     return Labyrinth(opened, labyrinth.start, labyrinth.goal)
+
+
+def with_first_replaced(
+    folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]
+) -> list[str]:
+    """Return the problems of a dataset after the first labyrinth of a split was changed."""
+    with rows_of(folder, f"{split}-00000-of-00001.parquet") as rows:
+        first = [row for row in rows if row["info"] == rows[0]["info"]]
+        number = int(first[0]["obs"]["path"].split("-")[1])
+        labyrinth = change(parse(first[0]["info"]))
+        route = shortest_routes(labyrinth)[0]
+        rows[: len(first)] = episode_rows(split, number, labyrinth, route)
+    return problems(folder)
+
+
+def problems(folder: Path) -> list[str]:
+    """Return what validation finds, each problem in one short line."""
+    found = validate(folder, Manifest.read(folder))
+    assert all("\n" not in problem and len(problem) < 500 for problem in found)
+    return found

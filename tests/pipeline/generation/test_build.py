@@ -14,11 +14,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from brute_force import simple_routes, world_of
 from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
 from joblib.externals.loky import get_reusable_executor
 from PIL import Image
-from tampering import Rows, episode_starts, fingerprint, manifest_of, read_rows
+from tampering import Rows, content_of, episode_starts, fingerprint, manifest_of, read_rows
 
 from labyrinth_core.data.columns import NO_ACTION, Row, arrow_schema
 from labyrinth_core.data.errors import DatasetError
@@ -44,10 +45,6 @@ from pipeline.machinery import front_matter
 from pipeline.machinery.executor import ordered_map
 
 Build = Callable[..., Run]
-
-
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def rows_by_split(folder: Path) -> dict[str, Rows]:
@@ -388,39 +385,8 @@ def test_names_of_pictures_are_unique_and_tell_their_place(any_task: Run) -> Non
     assert len(set(seen)) == len(seen)
 
 
-def drawn(info: str) -> tuple[dict[tuple[int, int], list[tuple[int, int]]], Any, Any]:
-    """Read a drawing character by character: what joins each cell, the start, the goal."""
-    lines = info.partition("labyrinth:\n")[2].partition("\nend")[0].splitlines()[1:-1]
-    tiles, beside = {}, {}
-    for y in range(0, len(lines), 2):
-        for x in range(2, len(lines[0]) - 1, 4):
-            tiles[lines[y][x]] = (x, y)
-            beside[x, y] = [
-                (x + 2 * dx, y + dy)
-                for dx, dy in ((2, 0), (-2, 0), (0, 2), (0, -2))
-                if 0 <= y + dy < len(lines) and lines[y + dy // 2][x + dx] == " "
-            ]
-    return beside, tiles["S"], tiles["E"]
-
-
-WAYS = {(0, -2): 0, (4, 0): 1, (0, 2): 2, (-4, 0): 3}
-
-
 def every_simple_route(info: str) -> list[list[int]]:
-    beside, start, goal = drawn(info)
-    routes = []
-
-    def walk(cells: list[tuple[int, int]], actions: list[int]) -> None:
-        if cells[-1] == goal:
-            routes.append(actions)
-            return
-        x, y = cells[-1]
-        for cell in beside[x, y]:
-            if cell not in cells:
-                walk([*cells, cell], [*actions, WAYS[cell[0] - x, cell[1] - y]])
-
-    walk([start], [])
-    return routes
+    return [list(route) for route in simple_routes(world_of(parse(info)))]
 
 
 def routes_in(rows: Rows) -> Iterator[tuple[str, list[list[int]]]]:

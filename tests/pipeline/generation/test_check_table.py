@@ -14,14 +14,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tampering import TRAIN, manifest_of, read_rows, rows_of
+from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file, table_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
-from pipeline.generation.validate import validate
 
 ROW = 7
 """A row of the table in the middle: the second of `validation`, after six of train."""
@@ -38,10 +37,6 @@ def made(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) ->
 def folder(made: Path, tmp_path: Path) -> Path:
     """A copy of it, to be tampered with."""
     return Path(shutil.copytree(made, tmp_path / made.name))
-
-
-def problems(folder: Path) -> list[str]:
-    return validate(folder, Manifest.read(folder))
 
 
 def write(folder: Path, table: pa.Table, *, agree: bool = True) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from read_from_text import Cell, Drawn, Shown, shown
-from tampering import episode_rows, manifest_of, rows_of
+from tampering import manifest_of, problems, with_first_replaced
 
 from labyrinth_core import LabyrinthEnv, load_transitions
 from labyrinth_core.data.errors import DatasetError
@@ -19,12 +19,10 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
-from pipeline.generation import validate as validation
 from pipeline.generation.identity import bucket_of, split_of
 from pipeline.release import card
 
@@ -65,10 +63,6 @@ def tiny(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
 def folder(navigation: Run, tmp_path: Path) -> Path:
     """A copy of it, to be tampered with."""
     return Path(shutil.copytree(navigation.folder, tmp_path / navigation.folder.name))
-
-
-def problems(folder: Path) -> list[str]:
-    return validation.validate(folder, Manifest.read(folder))
 
 
 def ends(each: Shown) -> tuple[Cell, Cell]:
@@ -226,15 +220,9 @@ def test_a_folder_with_fixed_goals_is_not_taken_for_one_with_varied(
 
 def replaced(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]) -> list[str]:
     """Return what validation says of the first labyrinth of a split after it was changed."""
-    file = f"{split}-00000-of-00001.parquet"
-    with rows_of(folder, file) as rows:
-        first = [row for row in rows if row["info"] == rows[0]["info"]]
-        labyrinth = change(parse(first[0]["info"]))
-        number = int(first[0]["obs"]["path"].split("-")[1])
-        route = shortest_routes(labyrinth)[0]
-        rows[: len(first)] = episode_rows(split, number, labyrinth, route)
-    start = f"{file} row 0 info: "
-    return [each.removeprefix(start) for each in problems(folder) if each.startswith(start)]
+    start = f"{split}-00000-of-00001.parquet row 0 info: "
+    found = with_first_replaced(folder, split, change)
+    return [each.removeprefix(start) for each in found if each.startswith(start)]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tampering import TRAIN, identities, manifest_of
+from tampering import TRAIN, content_of, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
@@ -18,10 +18,6 @@ from pipeline.generation import build as generation
 Build = Callable[..., Run]
 
 TEST = "test-00000-of-00001.parquet"
-
-
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 @pytest.fixture

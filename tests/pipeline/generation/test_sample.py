@@ -10,6 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brute_force import (
+    Passages,
+    all_structures,
+    is_connected,
+    moves_to_go,
+    passages_of,
+    reachable,
+    world_of,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,7 +35,6 @@ from pipeline.generation.sample import check_capacity, sample
 from pipeline.generation.variants import labyrinth_of
 
 MakeRun = Callable[..., Run]
-Passages = frozenset[frozenset[tuple[int, int]]]
 
 DEFAULT_BUCKETS = (34, 33, 33)
 
@@ -36,31 +44,15 @@ def config_of(make_run: MakeRun) -> Callable[..., DatasetConfig]:
     return lambda **options: make_run(Path("nowhere"), **options).dataset
 
 
-def passages_of(structure: Structure) -> Passages:
-    width = structure.width
-    return frozenset(
-        frozenset({divmod(low, width), divmod(high, width)}) for low, high in structure.passages()
-    )
-
-
 def transposed(passages: Passages) -> Passages:
     return frozenset(frozenset((column, row) for row, column in passage) for passage in passages)
 
 
 def all_connected(height: int, width: int) -> Iterator[Structure]:
     """Yield each connected structure of a small grid, found by trying every set of passages."""
-    cells = range(height * width)
-    edges = [(c, c + 1) for c in cells if (c + 1) % width] + [
-        (c, c + width) for c in cells if c + width < height * width
-    ]
-    for size in range(len(cells) - 1, len(edges) + 1):
-        for chosen in combinations(edges, size):
-            part = list(cells)
-            for a, b in chosen:
-                joined = part[a], part[b]
-                part = [joined[0] if name == joined[1] else name for name in part]
-            if len(set(part)) == 1:
-                yield Structure.from_passages(height, width, chosen)
+    for structure in all_structures(height, width):
+        if is_connected(height, width, passages_of(structure)):
+            yield structure
 
 
 @pytest.fixture(scope="module")
@@ -361,47 +353,29 @@ def test_start_and_goal_change_as_the_split_says(
     assert [labyrinth.structure for labyrinth in by_split["s0_and_g"]] == train
 
 
-def length_of_best_route(labyrinth: Labyrinth, closed: frozenset[int] = frozenset()) -> int | None:
-    """Return the least number of moves from start to goal, whatever the task."""
-    steps = {labyrinth.start: 0}
-    frontier = [labyrinth.start]
-    passages = list(labyrinth.structure.passages())
-    while frontier:
-        cell = frontier.pop(0)
-        for pair in passages:
-            if cell in pair:
-                beside = pair[1] if pair[0] == cell else pair[0]
-                if beside not in steps and beside not in closed:
-                    steps[beside] = steps[cell] + 1
-                    frontier.append(beside)
-    return steps.get(labyrinth.goal)
-
-
 def test_sampled_ice_makes_the_way_longer_and_leaves_one(
     config_of: Callable[..., DatasetConfig],
 ) -> None:
-    for _, labyrinth in labyrinths(config_of(size="4", task="icy_floor", labyrinths=15)):
-        without_ice = length_of_best_route(labyrinth)
-        around = length_of_best_route(labyrinth, labyrinth.ice)
-        assert without_ice is not None
-        assert around is not None
-        assert around > without_ice
+    for _, its in labyrinths(config_of(size="4", task="icy_floor", labyrinths=15)):
+        around = moves_to_go(world_of(its))[divmod(its.start, 4), False, False]
+        without_ice = Labyrinth(its.structure, its.start, its.goal)
+        assert around > moves_to_go(world_of(without_ice))[divmod(its.start, 4), False, False]
 
 
 def test_a_sampled_door_is_on_every_way_and_its_key_before_it(
     config_of: Callable[..., DatasetConfig],
 ) -> None:
-    for _, labyrinth in labyrinths(config_of(size="4", task="key_and_door", labyrinths=15)):
-        assert labyrinth.door is not None
-        assert labyrinth.key is not None
-        door = frozenset({labyrinth.door})
-        assert length_of_best_route(labyrinth, door) is None
-        to_key = Labyrinth(labyrinth.structure, labyrinth.start, labyrinth.key)
-        from_key = Labyrinth(labyrinth.structure, labyrinth.key, labyrinth.goal)
-        legs = (length_of_best_route(to_key, door), length_of_best_route(from_key))
-        direct = length_of_best_route(labyrinth)
-        assert None not in (*legs, direct)
-        assert legs[0] + legs[1] > direct
+    for _, its in labyrinths(config_of(size="4", task="key_and_door", labyrinths=15)):
+        assert its.door is not None
+        assert its.key is not None
+        passages, door = passages_of(its.structure), divmod(its.door, 4)
+        start, goal, key = (divmod(cell, 4) for cell in (its.start, its.goal, its.key))
+        before_door = reachable(passages, start, {door})
+        assert goal not in before_door
+        assert key in before_door
+        plain = Labyrinth(its.structure, its.start, its.goal)
+        direct = moves_to_go(world_of(plain))[start, False, False]
+        assert moves_to_go(world_of(its))[start, False, False] > direct
 
 
 def test_no_two_structures_share_their_randomness(

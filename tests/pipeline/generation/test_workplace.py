@@ -16,7 +16,7 @@ from typing import Any
 
 import filelock
 import pytest
-from tampering import identities
+from tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
@@ -28,10 +28,6 @@ from pipeline.machinery.locks import held
 Build = Callable[..., Run]
 
 ROOT = Path(__file__).parents[3]
-
-
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 # Two runs at once.
