@@ -8,10 +8,13 @@ manifest. `rules` says which labyrinths and routes there have to be.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from itertools import chain, groupby
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import (
     Row,
@@ -31,7 +34,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.language.text import without_agent
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import moves_and_routes
-from pipeline.generation.check_rows import Problem, check_labyrinth, episodes_of
+from pipeline.generation.check_rows import EpisodeRows, Problem, check_labyrinth, episodes_of
 from pipeline.generation.check_table import table_problems
 from pipeline.generation.rules import Route, labyrinth_problems, routes_problem
 from pipeline.generation.shifts import Train
@@ -67,8 +70,9 @@ class ShardReport:
 
     shard: Shard
     problems: list[str]
-    structures: dict[str, int]
-    """Structure id -> the first row it is in."""
+    structures: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    """The id of each structure, and the first row it is in: shape (structures, 2). There may be
+    millions."""
 
 
 class Parent(NamedTuple):
@@ -78,11 +82,24 @@ class Parent(NamedTuple):
     episodes: list[list[int]]
 
 
+class Group(NamedTuple):
+    """The rows of one labyrinth, as they are read."""
+
+    number: int
+    """The number of the labyrinth in its split, or of its parent in the parent's."""
+    text: str
+    first_row: int
+    episodes: Iterator[EpisodeRows]
+    parent: Parent | None
+    """None if the split has no parent, if it cannot be read, or has no such labyrinth."""
+
+
 class CheckedRows(NamedTuple):
     """What the rows of a shard are."""
 
     problems: list[str]
     structures: dict[str, int]
+    """Structure id -> the first row it is in."""
     facts: Facts
     counts: dict[str, Any]
     """What the manifest should say of them, by name."""
@@ -96,18 +113,18 @@ def check_shard(job: CheckJob) -> ShardReport:
     try:
         with local_copy(job.folder / path) as local:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
-                return ShardReport(job.shard, [f"{path}: its columns are not the five"], {})
+                return ShardReport(job.shard, [f"{path}: its columns are not the five"])
             with open_shard(local) as file:
                 if problem := footer_problem(file, job.shard.rows):
-                    return ShardReport(job.shard, [f"{path}: {problem}"], {})
+                    return ShardReport(job.shard, [f"{path}: {problem}"])
                 problems, structures, facts, counts = _check_rows(job, file)
             counts |= {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
     except FileNotFoundError:
-        return ShardReport(job.shard, [f"{path} is missing"], {})
+        return ShardReport(job.shard, [f"{path} is missing"])
     except MemoryError:  # Of Arrow, too; nothing is wrong with the file.
         raise
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        return ShardReport(job.shard, [f"{path} cannot be read: {one_line(error)}"], {})
+        return ShardReport(job.shard, [f"{path} cannot be read: {one_line(error)}"])
     for name, value in counts.items():
         if value != (expected := getattr(job.shard, name)):
             problems.append(f"{path}: {name} {value}, but the manifest says {expected}")
@@ -115,47 +132,40 @@ def check_shard(job: CheckJob) -> ShardReport:
     if job.table_row is not None and not problems:
         split, rows = job.shard.split, (job.table_row, job.first_row)
         problems += table_problems(job.folder, job.config, split, facts, *rows)
-    return ShardReport(job.shard, problems, structures)
+    pairs = [(int(each, 16), row) for each, row in structures.items()]
+    return ShardReport(job.shard, problems, np.array(pairs, np.int64).reshape(-1, 2))
 
 
 def _check_rows(job: CheckJob, file: Any) -> CheckedRows:
     """Return what the rows of a shard are, compared with those of its parent."""
-    split, kind = job.shard.split, SPLITS[job.shard.split]
+    config, split = job.config, job.shard.split
     fingerprint, facts = Fingerprint(), FactsOfShard(split)
     problems: list[Problem] = []
     structures: dict[str, int] = {}
     lengths: list[int] = []
     labyrinths = cut = 0
-    number = job.first - 1
     parents, unreadable = _parents(job)
-    episodes = episodes_of(_rows(file, problems))
-    for text, group in groupby(episodes, lambda each: without_agent(each.rows[0].info)):
-        first, parent = next(group), None
-        number += 1
-        if parents is not None:  # Shifts leave labyrinths out; the pictures' names say which.
-            number = _number_in(first.rows[0].obs_path, split, least=number)
-            parent = parents.pop(number, None)
-            if parent is None:
-                problems.append(Problem(first.begin, "obs", f"labyrinth {number} has no parent"))
-        rest = chain([first], group)  # noqa: B031
-        found = check_labyrinth(job.config, split, number, text, rest, same_bytes=job.same_bytes)
+    for group in _grouped(job, _rows(file, problems), parents):
+        found = check_labyrinth(
+            config, split, group.number, group.text, group.episodes, same_bytes=job.same_bytes
+        )
         fingerprint.update(found.rows)
         problems += found.problems
         lengths += found.lengths
         labyrinths += 1
         if found.labyrinth is None:
             continue
-        problems += _broken_rules(job, first.begin, found.labyrinth, found.routes, parent)
-        before = structures.setdefault(found.labyrinth.structure.structure_id, first.begin)
-        if before != first.begin and not kind.new_structure:
+        if parents is not None and group.parent is None:
+            message = f"labyrinth {group.number} has no parent"
+            problems.append(Problem(group.first_row, "obs", message))
+        problems += _broken_rules(job, group, found.labyrinth, found.routes)
+        before = structures.setdefault(found.labyrinth.structure.structure_id, group.first_row)
+        if before != group.first_row and not SPLITS[split].new_structure:
             message = f"the structure is also in row {before}"
-            problems.append(Problem(first.begin, "info", message))
+            problems.append(Problem(group.first_row, "info", message))
         if found.routes:
-            actions = [list(chain.from_iterable(route)) for route in found.routes]
-            shortest, pieces = moves_and_routes(found.labyrinth), sum(map(len, found.routes))
-            origin = None if parent is None else parent.labyrinth
-            facts.add(found.labyrinth, text, shortest, actions, pieces, origin)
-            cut += job.config.is_cut(split, len(found.routes))
+            _add_facts(facts, group, found.labyrinth, found.routes)
+            cut += config.is_cut(split, len(found.routes))
     counts = {
         "rows": sum(lengths),
         "longest": max(lengths, default=1) - 1,
@@ -167,6 +177,29 @@ def _check_rows(job: CheckJob, file: Any) -> CheckedRows:
     lines = [f"{job.shard.path} row {row} {column}: {what}" for row, column, what in problems]
     lines += [*unreadable, *_left_out(job, parents or {})]
     return CheckedRows(lines, structures, facts.array(), counts)
+
+
+def _grouped(
+    job: CheckJob, rows: Iterable[Row], parents: dict[int, Parent] | None
+) -> Iterator[Group]:
+    """Yield the rows of each labyrinth; its parent is taken out of `parents`."""
+    number = job.first - 1
+    for text, group in groupby(episodes_of(rows), lambda each: without_agent(each.rows[0].info)):
+        first = next(group)
+        number += 1
+        if parents is not None:  # Shifts leave labyrinths out; the pictures' names say which.
+            number = _number_in(first.rows[0].obs_path, job.shard.split, least=number)
+        parent = None if parents is None else parents.pop(number, None)
+        yield Group(number, text, first.begin, chain([first], group), parent)  # noqa: B031
+
+
+def _add_facts(
+    facts: FactsOfShard, group: Group, labyrinth: Labyrinth, routes: list[Route]
+) -> None:
+    actions = [list(chain.from_iterable(route)) for route in routes]
+    shortest, episodes = moves_and_routes(labyrinth), sum(map(len, routes))
+    parent = None if group.parent is None else group.parent.labyrinth
+    facts.add(labyrinth, group.text, shortest, actions, episodes, parent)
 
 
 def _rows(file: Any, problems: list[Problem]) -> Iterator[Row]:
@@ -215,10 +248,10 @@ def _number_in(path: str, split: str, *, least: int) -> int:
 
 
 def _broken_rules(
-    job: CheckJob, row: int, labyrinth: Labyrinth, routes: list[Route], parent: Parent | None
+    job: CheckJob, group: Group, labyrinth: Labyrinth, routes: list[Route]
 ) -> Iterator[Problem]:
-    """Yield the rules that a labyrinth and its routes break; `row` is its first row."""
-    config, split = job.config, job.shard.split
+    """Yield the rules that a labyrinth and its routes break."""
+    config, split, row, parent = job.config, job.shard.split, group.first_row, group.parent
     origin = None if parent is None else parent.labyrinth
     for message in labyrinth_problems(config, split, labyrinth, origin, job.train):
         yield Problem(row, "info", message)

@@ -8,10 +8,8 @@ labyrinths as asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
@@ -79,12 +77,12 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         listed.add(TABLE)
     unlisted = {path.name for path in folder.glob("*.parquet")} - listed
     problems += [f"{name} is not in the manifest" for name in sorted(unlisted)]
-    places: list[Places] = []
+    own: list[ShardReport] = []
     for report in reports:
         problems += report.problems
         if SPLITS[report.shard.split].parent is None:
-            places.append(_places(report))
-    return [*problems, *_repeated(places), *_miscounted(manifest)]
+            own.append(report)
+    return [*problems, *_repeated(own), *_miscounted(manifest)]
 
 
 def _miscounted(manifest: Manifest) -> Iterator[str]:
@@ -150,31 +148,16 @@ def _train(folder: AnyPath, manifest: Manifest) -> Train:
     return train._replace(memory=RouteMemory(routes)) if needs_routes else train
 
 
-class Places(NamedTuple):
-    """Where the structures of a shard are, sixteen bytes for each, as there may be millions."""
-
-    path: str
-    ids: NDArray[np.int64]
-    """The ids of the structures."""
-    rows: NDArray[np.int64]
-    """The first row of each."""
-
-
-def _places(report: ShardReport) -> Places:
-    ids = np.array([int(each, 16) for each in report.structures], np.int64)
-    return Places(report.shard.path, ids, np.array([*report.structures.values()], np.int64))
-
-
-def _repeated(shards: Sequence[Places]) -> Iterator[str]:
+def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:
     """Yield the structures that an earlier shard has, too."""
-    ids = np.concatenate([np.empty(0, np.int64), *(shard.ids for shard in shards)])
-    begins = np.cumsum([0, *(len(shard.ids) for shard in shards)])
+    ids, rows = np.concatenate([np.empty((0, 2), np.int64), *(r.structures for r in reports)]).T
+    begins = np.cumsum([0, *(len(report.structures) for report in reports)])
     order = np.argsort(ids, kind="stable")
     ordered = ids[order]
 
     def place(index: int) -> str:
         number = int(np.searchsorted(begins, index, "right")) - 1
-        return f"{shards[number].path} row {shards[number].rows[index - begins[number]]}"
+        return f"{reports[number].shard.path} row {rows[index]}"
 
     for index in sorted(order[1:][ordered[1:] == ordered[:-1]].tolist()):
         first = int(order[np.searchsorted(ordered, ids[index])])
