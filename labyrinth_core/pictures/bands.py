@@ -68,6 +68,7 @@ class Bands:
         return np.divide(sums, self.unit, out=colours, casting="unsafe")
 
 
+# Without the cache the 25 states of a labyrinth are drawn a quarter as fast.
 @lru_cache(maxsize=16)
 def bands_of(
     height: int,

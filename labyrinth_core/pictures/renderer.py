@@ -85,6 +85,7 @@ def style_for(look: Look, height: int, width: int, wall_pixels: int | None = Non
     return _style(look, wall_pixels)
 
 
+# One object for each, since the caches below compare styles by identity.
 @lru_cache(maxsize=64)
 def _style(look: Look, wall_pixels: int | None) -> Style:
     style = RECOLOURED if look is Look.RECOLOURED else DEFAULT_STYLE

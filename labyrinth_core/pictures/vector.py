@@ -76,6 +76,7 @@ def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
     grids[..., ::2, 1::2][~(visible[..., :, :-1] | visible[..., :, 1:])] = WALL
 
 
+# Without the cache vectors are made 0.75 times as fast, pictures of a labyrinth 0.6 to 0.9 times.
 @lru_cache(maxsize=1024)
 def initial_vector(labyrinth: Labyrinth) -> VectorArray:
     """Return the vector of the initial state, nothing hidden; read-only, since it is cached."""
