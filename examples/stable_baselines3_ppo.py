@@ -18,10 +18,11 @@ def main(
     steps: int = 200_000,
     archive: str = "ppo.zip",
 ) -> Results:
-    """Train in labyrinths drawn at random, save the archive, and evaluate on all splits."""
+    """Train in labyrinths drawn at random, save and load the archive, and evaluate it."""
     model = PPO("MlpPolicy", LabyrinthEnv(size, observation="vector"), seed=0, device="cpu")
     model.learn(steps)
-    model.save(archive)  # Then also: labyrinth-datasets stages=[evaluate] policy=ppo.zip ...
+    model.save(archive)
+    model = PPO.load(archive, device="cpu")  # An archive from elsewhere is evaluated likewise.
 
     def policy(observations: np.ndarray) -> np.ndarray:
         actions, _ = model.predict(observations, deterministic=True)
