@@ -9,7 +9,7 @@ import ast
 import json
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import NamedTuple
@@ -266,8 +266,100 @@ def broken_rules(root: Path) -> list[str]:
     ]
 
 
+def circles(root: Path) -> list[list[str]]:
+    """Return the circles among files, and those among neighbours in a folder, at any depth.
+
+    Neighbours are the modules and sub-folders of one folder; an import between files in two of them
+    counts for both. Imports in functions and for type checkers count, too.
+    """
+    files: dict[str, set[str]] = {}
+    neighbours: dict[str, set[str]] = {}
+    modules = modules_of(root)
+    for importer, _, imported, _ in imports(root):
+        if imported not in modules or imported == importer:
+            continue
+        files.setdefault(importer, set()).add(imported)
+        ours, theirs = importer.split("."), imported.split(".")
+        depth = next(
+            (n for n, (a, b) in enumerate(zip(ours, theirs, strict=False)) if a != b), None
+        )
+        if depth is not None:
+            first, second = (".".join(parts[: depth + 1]) for parts in (ours, theirs))
+            neighbours.setdefault(first, set()).add(second)
+    return [*circles_of(files), *circles_of(neighbours)]
+
+
+def circles_of(graph: Mapping[str, set[str]]) -> list[list[str]]:
+    """Return the nodes that lie on circles of a graph, those of each circle together."""
+
+    def reached(start: str) -> set[str]:
+        found: set[str] = set()
+        left = [start]
+        while left:
+            new = graph.get(left.pop(), set()) - found
+            found |= new
+            left += new
+        return found
+
+    ahead = {node: reached(node) for node in graph}
+    groups = {
+        tuple(sorted(other for other in ahead[node] if node in ahead.get(other, ())))
+        for node in graph
+        if node in ahead[node]
+    }
+    return [list(group) for group in sorted(groups)]
+
+
 def test_every_import_keeps_the_rules_of_the_house():
     assert broken_rules(ROOT) == []
+
+
+def test_there_is_no_circle_among_files_or_folders_at_any_depth():
+    assert circles(ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("sources", "circle"),
+    [
+        ({"world/a": "from labyrinth_core.world import b", "world/b": "from . import a"}, "world"),
+        (
+            {
+                "world/a": "def f():\n    from labyrinth_core.world.b import x",
+                "world/b": "if TYPE_CHECKING:\n    from labyrinth_core.world.c import y",
+                "world/c": "import labyrinth_core.world.a",
+            },
+            "world",
+        ),
+        (
+            {
+                "data/near/a": "import labyrinth_core.data.far.b",
+                "data/far/c": "import labyrinth_core.data.near.d",
+                **dict.fromkeys(("data/near/d", "data/far/b"), ""),
+            },
+            "data",
+        ),
+        (
+            {
+                "data/near/a": "import labyrinth_core.data.b",
+                "data/b": "import labyrinth_core.data.near.c",
+                "data/near/c": "",
+            },
+            "data",
+        ),
+        ({"data/__init__": "import labyrinth_core.data.a", "data/a": "from . import x"}, "data"),
+    ],
+    ids=["two files", "three files, late", "folders", "a folder and a file", "a package"],
+)
+def test_a_circle_is_found_wherever_it_hides(tmp_path, sources, circle):
+    house(tmp_path, "labyrinth_core/world/grid", "")
+    assert circles(tmp_path) == []
+    for module, source in sources.items():
+        path = tmp_path / f"labyrinth_core/{module}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(source, encoding="utf-8")
+    found = circles(tmp_path)
+    assert found
+    assert all(each.startswith(f"labyrinth_core.{circle}") for names in found for each in names)
 
 
 def test_the_walk_finds_the_modules_and_imports_that_are_known():

@@ -25,8 +25,7 @@ from pipeline.export.split import Split
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.locks import held
-from pipeline.machinery.whole_folder import move_into_place, recover, wait_for_disk
+from pipeline.machinery.folders import held, move_into_place, recover, wait_for_disk
 
 RECORD = "labyrinth.json"
 """The file in the folder of each export that says where it comes from; written last."""

@@ -44,7 +44,7 @@ from pipeline.generation.write import write
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.locks import held
+from pipeline.machinery.folders import held
 from pipeline.machinery.worker import count
 
 CELLS_PER_SHARD = 400_000

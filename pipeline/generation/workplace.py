@@ -27,7 +27,7 @@ from labyrinth_core.data.storage import (
     size_and_time,
     write_text,
 )
-from pipeline.machinery.whole_folder import move_into_place, recover, wait_for_disk
+from pipeline.machinery.folders import move_into_place, recover, wait_for_disk
 
 _CONFIG = "config.json"
 _SHARD = re.compile(r"\w+-\d{5,}-of-\d{5,}\.parquet", re.ASCII)

@@ -35,15 +35,15 @@ class _Cluster:
     """The cluster that `ordered_map` runs on."""
 
     start: Callable[[ExitStack, int], Losses]
-    """Starts it with so many processes, and returns what it raises when one is lost."""
+    """Starts it with a number of processes, and returns what it raises when one is lost."""
     stack: ExitStack
-    """Ends it when it is closed."""
+    """Ends the cluster when it is closed."""
     backend: str
     processes: int = 0
     lost: Losses = ()
 
     def provide(self, workers: int) -> None:
-        """See to it that there are so many processes, or more."""
+        """Start the cluster again if it has fewer processes than `workers`."""
         if workers > self.processes:
             self.stack.close()
             self.lost = self.start(self.stack, workers)
@@ -58,13 +58,13 @@ _cluster: ContextVar[_Cluster | None] = ContextVar("cluster", default=None)
 def cluster(executor: str, workers: int, address: str | None = None) -> Iterator[None]:
     """Let `ordered_map` run on an executor within the context.
 
-    A cluster of its own is started when there is work for it, and with no more processes.
+    A new cluster is started when there is work for it, with no more processes than items of work.
 
     Args:
         executor: local, dask or ray.
-        workers: The number of processes that will be used at most.
-        address: The address of a running cluster to use instead, which has to see the same folder
-            under the same name.
+        workers: The largest number of processes that will be used.
+        address: The address of a running cluster to use instead. Its machines have to see the
+            dataset's folder under the same name.
 
     Raises:
         ConfigError: The executor is not installed, or its cluster cannot be reached.

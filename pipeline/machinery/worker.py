@@ -1,40 +1,43 @@
 """What a worker process on this machine does besides its work: it counts, and ends with its parent.
 
-A worker counts what it has done of an item, so that a progress bar moves before the item is
-finished. On a cluster nobody counts, and the bar moves with each item.
+A worker counts the finished part of an item, so that a progress bar moves before the item is
+finished. On a cluster the bar moves only when an item is finished.
 """
 
 from __future__ import annotations
 
 import os
 import threading
-from functools import lru_cache
 from typing import Any
 
 PATIENCE = 0.5
 """Seconds between two looks at whether the parent is still there."""
 
 _count: Any = None
-"""The semaphore that a worker counts in; None in other processes."""
+"""In a worker, the semaphore that it counts in."""
+_shared: Any = None
+"""In a process that has started workers, the semaphore that they count in."""
 _total = 0
 """What this process counted, and what it has taken from the semaphore of its workers."""
 _taking = threading.Lock()
 
 
-@lru_cache(maxsize=1)
 def shared_count() -> Any:
-    """Return the semaphore that the workers of this process count in; it is none for a lock."""
-    from joblib.externals.loky.backend.context import get_context
+    """Return the semaphore that the workers of this process count in; make it the first time."""
+    global _shared
+    if _shared is None:
+        from joblib.externals.loky.backend.context import get_context
 
-    return get_context("loky").Semaphore(0)
+        _shared = get_context("loky").Semaphore(0)
+    return _shared
 
 
 def begin_worker(parent: int, count: Any) -> None:
     """Prepare a worker: it counts in a semaphore, and ends when its parent has ended.
 
-    Nothing else would end it soon: joblib's workers wait five minutes for more to do, as they
-    cannot see that a parent was killed. Its tracker, which removes what is left in shared memory,
-    ends after the last of them.
+    Otherwise joblib's workers would wait five minutes for more work, since they do not see that
+    their parent was killed. joblib's tracker, which removes what is left in shared memory, ends
+    after the last worker.
     """
     global _count
     _count = count
@@ -55,7 +58,7 @@ def end_with_parent(parent: int) -> None:
 
 
 def count(amount: int) -> None:
-    """Count so much as done, in a worker or in the only process."""
+    """Count an amount as done, in a worker or in the only process."""
     global _total
     if _count is None:
         with _taking:
@@ -69,6 +72,6 @@ def counted() -> int:
     """Return what this process and its workers have counted so far."""
     global _total
     with _taking:
-        while shared_count.cache_info().currsize and shared_count().acquire(False):
+        while _shared is not None and _shared.acquire(False):
             _total += 1
         return _total

@@ -20,7 +20,7 @@ from pipeline.config.run import Run
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery import front_matter
 from pipeline.machinery.console import say
-from pipeline.machinery.locks import held
+from pipeline.machinery.folders import held
 from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.release import readme
 from pipeline.release.benchmark import eval_file

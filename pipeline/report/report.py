@@ -22,7 +22,7 @@ from labyrinth_core.version import __version__
 from pipeline.config.run import Run
 from pipeline.inspection.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
 from pipeline.machinery.console import say
-from pipeline.machinery.locks import held
+from pipeline.machinery.folders import held
 from pipeline.machinery.own_files import OwnFiles, write_list
 from pipeline.report.findings import read_results
 from pipeline.report.packing import PackedSplit, pack

@@ -23,7 +23,7 @@ from labyrinth_core.data.manifest import MANIFEST
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import workplace
-from pipeline.machinery.locks import held
+from pipeline.machinery.folders import held
 
 Build = Callable[..., Run]
 
