@@ -10,6 +10,7 @@ the sampler, without and with `splits.min_walls`.
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable
 from itertools import islice
@@ -17,7 +18,7 @@ from itertools import islice
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # Before numpy.
 
 import numpy as np
-from measuring import cpu_seconds, machine, parser_of
+from measuring import cpu_seconds, machine
 
 from labyrinth_core.world import near_twins
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -57,7 +58,9 @@ def measure(count: int) -> list[float]:
 
 def main() -> None:
     """Measure and report."""
-    arguments = parser_of(__doc__, rounds=1).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="leave out 100,000 labyrinths")
+    arguments = parser.parse_args()
     near_twins.MOST_PAIRS = 0
     print(f"{machine('numpy')}; seconds of one core")
     headings = ["labyrinths", "looked up", "all pairs", "certificate"]

@@ -49,7 +49,7 @@ def main() -> None:
     given = parser.parse_args()
     torch.set_num_threads(1)
     contestants = {name: step_of(given.encoder, given.batch, name) for name in PRECISIONS}
-    taken = take_turns(contestants, given.rounds)
+    taken = take_turns(contestants, 1 if given.quick else given.rounds)
     print(f"{machine('torch')}; {torch.backends.cpu.get_cpu_capability()}; one thread")
     print(f"{given.encoder}, {given.batch} pictures, CPU seconds of a step:", end="")
     print(*(f" {name} {median(seconds):.3f}" for name, seconds in taken.items()), sep=",")
