@@ -381,7 +381,7 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one() -> None:
         timeout=300,
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert "3 kills, executor=local, 3 with workers=1" in result.stdout
+    assert "3 kills, executor=local, workers=[1]" in result.stdout
     assert "0 datasets differ" in result.stdout
 
 
