@@ -20,7 +20,7 @@ Statistic = Callable[[Floats, Floats], Floats]
 PERMUTATIONS = 999
 """With the observed one a thousand, so that a p-value is a multiple of 0.001."""
 
-_BLOCK_BYTES = 1 << 26
+BLOCK_BYTES = 1 << 26
 """The memory for the permutations that are worked on at a time."""
 _ROUNDING = 1e-9
 """Distances that differ by less are equal but for the order of summation."""
@@ -116,6 +116,7 @@ def permutation_test(
     permutations: int = PERMUTATIONS,
     *,
     paired: bool = False,
+    block_bytes: int = BLOCK_BYTES,
 ) -> Tested:
     """Return the distances of two samples with the share of permutations that reach each.
 
@@ -130,13 +131,14 @@ def permutation_test(
         permutations: The number of permutations.
         paired: Whether a unit of one belongs to the unit of the other in the same place, and is
             exchanged with that one only.
+        block_bytes: The memory for the permutations that are worked on at a time.
     """
     units = np.concatenate([a, b]).astype(np.float64)
     total = units.sum(axis=0)
     of_a = units[: len(a)].sum(axis=0)
     observed = np.atleast_1d(statistic(of_a, total - of_a))
     reached = np.zeros(len(observed), np.int64)
-    block = max(1, _BLOCK_BYTES // units.itemsize // len(units))
+    block = max(1, block_bytes // units.itemsize // len(units))
     for first in range(0, permutations, block):
         chosen = np.zeros((min(block, permutations - first), len(units)))
         if paired:

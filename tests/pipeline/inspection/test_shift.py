@@ -130,10 +130,11 @@ def test_samples_that_are_the_same_have_a_p_value_of_1():
     assert tested.p_values.tolist() == [1]
 
 
-def test_permutations_worked_on_in_blocks_are_the_same(monkeypatch):
+def test_permutations_worked_on_in_blocks_are_the_same():
     rng = np.random.default_rng(2)
     a, b = episodes(rng, 20, [2, 1, 1, 1]), episodes(rng, 30, [1, 1, 1, 2])
-    whole = shift.permutation_test(a, b, action_shift, np.random.default_rng(3))
-    monkeypatch.setattr(shift, "_BLOCK_BYTES", 5_000)
-    cut = shift.permutation_test(a, b, action_shift, np.random.default_rng(3))
+    whole, cut = (
+        shift.permutation_test(a, b, action_shift, np.random.default_rng(3), block_bytes=size)
+        for size in (shift.BLOCK_BYTES, 5_000)
+    )
     assert cut.p_values.tolist() == whole.p_values.tolist()
