@@ -1,17 +1,19 @@
-"""A random labyrinth that holds a task."""
+"""Random labyrinths that hold a task, and labyrinths with another start or goal."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import islice
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
+from labyrinth_core.world.grid import manhattan
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import check_open_walls, default_start_and_goal, place
 
 MAX_DRAWS = 10_000
-"""Structures drawn before giving up; where a task can be held at all, hundreds are plenty."""
+"""The structures to draw before giving up; hundreds are plenty where any can hold the task."""
 
 
 def sample_labyrinth(
@@ -31,15 +33,15 @@ def sample_labyrinth(
         height: Rows.
         width: Columns.
         task: The task to hold.
-        rng: Where all randomness comes from.
+        rng: The source of all randomness.
         start: Cell of the start, None for the bottom left.
         goal: Cell of the goal, None for the top right.
-        algorithm: As in `sampling.sample_structures`, and so is `open_walls`.
+        algorithm: How the spanning tree is drawn, as for `sampling.sample_structures`.
         open_walls: Probability of opening each wall that the tree leaves.
 
     Raises:
-        LabyrinthError: No structure drawn can hold the task, or none ever could.
-        ValueError: Start and goal are the same cell, or there is no such algorithm.
+        LabyrinthError: No structure that was drawn can hold the task, or none can.
+        ValueError: Start and goal are the same cell, or the algorithm is unknown.
     """
     default_start, default_goal = default_start_and_goal(height, width)
     start = default_start if start is None else start
@@ -68,3 +70,97 @@ def check_apart(start: int, goal: int, wish: str) -> None:
     """Raise ValueError if start and goal are the same cell."""
     if start == goal:
         raise ValueError(f"{wish}: start and goal must be two different cells")
+
+
+def draw_start_and_goal(structure: Structure, task: Task, rng: np.random.Generator) -> Labyrinth:
+    """Return a labyrinth with start and goal drawn at random, far enough apart, and its tiles.
+
+    Far enough is `(width + height) // 2` moves on a grid without walls. The goal is drawn first,
+    uniformly, and then the start, uniformly among the cells that are far enough from the goal;
+    where the two cannot hold the task, others are drawn.
+
+    Raises:
+        LabyrinthError: No start and goal can hold the task.
+    """
+    goals = rng.permutation(structure.cells).tolist()
+    if task is Task.ICY_FLOOR and not structure.loops:
+        goals = []  # Each cell has one way to it; trying all pairs takes long.
+    return _moved(structure, task, goals, rng)
+
+
+def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
+    """Return the labyrinth with another start, far enough from the goal, and its tiles placed anew.
+
+    Far enough is `(width + height) // 2` moves on a grid without walls, or as far as any other
+    start can be.
+
+    Raises:
+        LabyrinthError: No other start can hold the task.
+    """
+    return _moved(labyrinth.structure, labyrinth.task, [labyrinth.goal], rng, former=labyrinth)
+
+
+def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
+    """Return the labyrinth with another goal, far enough from the start, and its tiles placed anew.
+
+    Far enough is as for `change_start`.
+
+    Raises:
+        LabyrinthError: No other goal can hold the task.
+    """
+    for goal in _ends(labyrinth.structure, labyrinth.start, labyrinth.goal, rng, nearer=True):
+        with suppress(LabyrinthError):
+            return place(labyrinth.structure, labyrinth.start, goal, labyrinth.task, rng)
+    raise LabyrinthError(f"no other goal can hold {labyrinth.task}")
+
+
+def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
+    """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
+    goals = rng.permutation(labyrinth.structure.cells).tolist()
+    goals.remove(labyrinth.goal)
+    return _moved(labyrinth.structure, labyrinth.task, goals, rng, former=labyrinth)
+
+
+def _moved(
+    structure: Structure,
+    task: Task,
+    goals: list[int],
+    rng: np.random.Generator,
+    former: Labyrinth | None = None,
+) -> Labyrinth:
+    """Return the labyrinth with the first of the goals, and a start, that hold the task.
+
+    The start differs from that of `former`; where the goal is the same, it may be nearer to the
+    goal than is far enough.
+    """
+    former_start, former_goal = (former.start, former.goal) if former is not None else (None, None)
+    for goal in goals:
+        for start in _ends(structure, goal, former_start, rng, nearer=goal == former_goal):
+            with suppress(LabyrinthError):
+                return place(structure, start, goal, task, rng)
+    other = "" if former is None else "other "
+    raise LabyrinthError(f"no {other}start or goal can hold {task}")
+
+
+def _ends(
+    structure: Structure, other: int, former: int | None, rng: np.random.Generator, *, nearer: bool
+) -> list[int]:
+    """Return the cells that start or goal may move to, in random order.
+
+    Args:
+        structure: The structure.
+        other: The cell of the other one of the two, which has to be far enough away.
+        former: The cell that is left, None if there is none.
+        rng: Draws the order.
+        nearer: Whether the farthest cells are accepted where no cell is far enough.
+    """
+    apart = {
+        cell: manhattan(cell, other, structure.width)
+        for cell in range(structure.cells)
+        if cell not in (other, former)
+    }
+    far_enough = (structure.height + structure.width) // 2
+    if nearer:
+        far_enough = min(far_enough, max(apart.values()))
+    ends = [cell for cell, moves in apart.items() if moves >= far_enough]
+    return [ends[choice] for choice in rng.permutation(len(ends))]

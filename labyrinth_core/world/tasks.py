@@ -1,4 +1,4 @@
-"""Where start, goal, key, door and ice may lie: the rules of the sampler and of the language.
+"""Where key, door and ice may lie: the rules of the sampler and of the language.
 
 The tiles of a task are placed so that they matter: fetching the key is a detour, and the ice
 lies on every shortest route, so that the best route without ice is longer.
@@ -6,15 +6,12 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 
-from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
 
 ICE_SEARCH = 500_000
-"""About how many cells to look at for a place for ice, before it is said that there is none."""
+"""About how many cells to look at for a place for ice before giving up."""
 
 
 def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
@@ -23,14 +20,14 @@ def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
 
 
 def check_open_walls(task: Task, open_walls: float) -> None:
-    """Refuse a task that no labyrinth can hold, however often one is drawn.
+    """Refuse a task that no labyrinth can hold with this share of open walls.
 
     Args:
         task: The task.
         open_walls: The probability of opening each wall that the tree leaves.
 
     Raises:
-        LabyrinthError: None of them can.
+        LabyrinthError: No labyrinth can hold the task.
     """
     wish = f"open_walls={open_walls:g} task={task}"
     if task is Task.ICY_FLOOR and open_walls == 0:
@@ -57,15 +54,15 @@ def place(
         goal: Cell of the goal.
         task: The task to hold.
         rng: Chooses among the places that are possible.
-        key: Cell of the key, if that is settled.
-        door: Cell of the door, if that is settled.
+        key: Cell of the key; None to choose it.
+        door: Cell of the door; None to choose it.
 
     Raises:
         LabyrinthError: The structure cannot hold the task.
     """
     if task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
         return Labyrinth(structure, start, goal, task)
-    Labyrinth(structure, start, goal)  # Is start, goal or the way at fault, it says which.
+    Labyrinth(structure, start, goal)  # Raises if start, goal or the way between them is at fault.
     if task is Task.KEY_AND_DOOR:
         key, door = _place_key_and_door(structure, start, goal, rng, key, door)
         return Labyrinth(structure, start, goal, task, key=key, door=door)
@@ -163,11 +160,11 @@ def _closed_until_longer(
     """Return cells of shortest routes without which the goal is farther, but within reach.
 
     Of each shortest route at least one cell has to be closed, so the search takes one of those
-    left, closes each of its cells in turn, and goes on from there; what was tried in vain stays
-    open after that. It finds such cells wherever there are any, unless it has to give up.
+    left, closes each of its cells in turn, and goes on from there; a cell that did not help stays
+    open after that. It finds such cells wherever there are any, unless it gives up.
 
     Raises:
-        LabyrinthError: There are none, or none were found in `ICE_SEARCH` steps.
+        LabyrinthError: No such cells exist, or none were found in `ICE_SEARCH` steps.
     """
     shortest = structure.distances(goal)[start]
     searches = max(20, ICE_SEARCH // structure.cells)
@@ -220,97 +217,3 @@ def tiles_matter(labyrinth: Labyrinth) -> bool:
     if labyrinth.ice:
         return labyrinth.cell_distances[start] > structure.distances(goal)[start]
     return True
-
-
-def draw_start_and_goal(structure: Structure, task: Task, rng: np.random.Generator) -> Labyrinth:
-    """Return a labyrinth with start and goal drawn at random, far enough apart; tiles placed.
-
-    Far enough is `(width + height) // 2` moves on a grid without walls. The goal is drawn first,
-    uniformly, and then the start uniformly among the cells that are far enough from it; where the
-    two cannot hold the task, others are drawn.
-
-    Raises:
-        LabyrinthError: No start and goal can hold the task.
-    """
-    goals = rng.permutation(structure.cells).tolist()
-    if task is Task.ICY_FLOOR and not structure.loops:
-        goals = []  # There is one way to each cell and no other; trying all pairs takes long.
-    return _moved(structure, task, goals, rng)
-
-
-def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with another start, far enough from the goal; tiles placed anew.
-
-    Far enough is `(width + height) // 2` moves on a grid without walls, or as far as any other
-    start can be.
-
-    Raises:
-        LabyrinthError: No other start can hold the task.
-    """
-    return _moved(labyrinth.structure, labyrinth.task, [labyrinth.goal], rng, former=labyrinth)
-
-
-def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with another goal, far enough from the start; tiles placed anew.
-
-    Far enough is as for `change_start`.
-
-    Raises:
-        LabyrinthError: No other goal can hold the task.
-    """
-    for goal in _ends(labyrinth.structure, labyrinth.start, labyrinth.goal, rng, nearer=True):
-        with suppress(LabyrinthError):
-            return place(labyrinth.structure, labyrinth.start, goal, labyrinth.task, rng)
-    raise LabyrinthError(f"no other goal can hold {labyrinth.task}")
-
-
-def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
-    goals = rng.permutation(labyrinth.structure.cells).tolist()
-    goals.remove(labyrinth.goal)
-    return _moved(labyrinth.structure, labyrinth.task, goals, rng, former=labyrinth)
-
-
-def _moved(
-    structure: Structure,
-    task: Task,
-    goals: list[int],
-    rng: np.random.Generator,
-    former: Labyrinth | None = None,
-) -> Labyrinth:
-    """Return the labyrinth with the first of the goals, and a start, that hold the task.
-
-    The start is another than the former one, if there is one; if the goal is the former one, it
-    may be nearer to it than is far enough.
-    """
-    former_start, former_goal = (former.start, former.goal) if former is not None else (None, None)
-    for goal in goals:
-        for start in _ends(structure, goal, former_start, rng, nearer=goal == former_goal):
-            with suppress(LabyrinthError):
-                return place(structure, start, goal, task, rng)
-    other = "" if former is None else "other "
-    raise LabyrinthError(f"no {other}start or goal can hold {task}")
-
-
-def _ends(
-    structure: Structure, other: int, former: int | None, rng: np.random.Generator, *, nearer: bool
-) -> list[int]:
-    """Return the cells that start or goal may move to, in random order.
-
-    Args:
-        structure: The structure.
-        other: The cell of the other one of the two, which they have to be far enough from.
-        former: The cell that it moves away from, if it has one.
-        rng: Draws the order.
-        nearer: Whether the farthest cells will do where none is far enough.
-    """
-    apart = {
-        cell: manhattan(cell, other, structure.width)
-        for cell in range(structure.cells)
-        if cell not in (other, former)
-    }
-    far_enough = (structure.height + structure.width) // 2
-    if nearer:
-        far_enough = min(far_enough, max(apart.values()))
-    ends = [cell for cell, moves in apart.items() if moves >= far_enough]
-    return [ends[choice] for choice in rng.permutation(len(ends))]

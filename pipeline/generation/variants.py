@@ -10,17 +10,15 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.rollout import replay
-from labyrinth_core.world.solver import moves_of, shortest_route
-from labyrinth_core.world.tasks import (
+from labyrinth_core.world.random_labyrinth import (
     change_goal,
     change_start,
     change_start_and_goal,
-    default_start_and_goal,
     draw_start_and_goal,
-    place,
-    tiles_matter,
 )
+from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.solver import moves_of, shortest_route
+from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
 from pipeline.generation.identity import ACTING, bucket_of, item_rng
 
 TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)

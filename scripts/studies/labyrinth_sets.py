@@ -17,8 +17,9 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.random_labyrinth import change_start_and_goal
 from labyrinth_core.world.sampling import default_open_walls, sample_structures
-from labyrinth_core.world.tasks import change_start_and_goal, default_start_and_goal, place
+from labyrinth_core.world.tasks import default_start_and_goal, place
 
 
 def labyrinth_sets(

@@ -174,10 +174,6 @@ def test_no_two_structures_of_three_by_three_share_an_id():
     assert all(len(name) == 16 and int(name, 16) < 2**63 for name in ids)
 
 
-def test_the_same_bits_in_another_shape_have_another_id():
-    assert Structure(2, 3, 0, 0).structure_id != Structure(3, 2, 0, 0).structure_id
-
-
 @given(st.text(), st.text())
 def test_an_identity_is_sixteen_digits_that_differ_with_the_text(a, b):
     assert (identity(a) == identity(b)) == (a == b)
@@ -253,30 +249,12 @@ def test_a_mirrored_structure_exchanges_left_and_right(structure):
 
 
 @given(structures())
-def test_transposing_or_mirroring_twice_changes_nothing(structure):
-    assert structure.transposed().transposed() == structure
-    assert structure.mirrored().mirrored() == structure
-
-
-@given(structures())
 def test_the_symmetries_are_the_four_turns_and_their_mirror_images(structure):
     turns = [lambda r, c, a=a, b=b: (a * r, b * c) for a in (1, -1) for b in (1, -1)]
     turns += [lambda r, c, a=a, b=b: (a * c, b * r) for a in (1, -1) for b in (1, -1)]
     images = structure.symmetries()
     assert images[0] == structure
     assert Counter(images) == Counter(image(structure, turn) for turn in turns)
-
-
-@given(structures())
-def test_the_symmetries_of_an_image_are_the_same_eight(structure):
-    images = structure.symmetries()
-    for other in images:
-        assert Counter(other.symmetries()) == Counter(images)
-
-
-def test_a_structure_without_symmetry_has_eight_different_images():
-    assert len(set(Structure(3, 3, 0b1, 0b10).symmetries())) == 8
-    assert len(set(Structure(3, 3, 0b111111, 0b011011011).symmetries())) == 1
 
 
 @given(structures())
@@ -289,12 +267,6 @@ def test_a_structure_and_its_mirror_image_on_the_diagonal_have_one_canonical_for
         assert structure.transposed().canonical() == canonical
     else:
         assert canonical == structure
-
-
-@given(connected_structures())
-def test_the_canonical_form_keeps_the_way_between_the_default_corners(structure):
-    canonical = structure.canonical()
-    assert canonical.distances(0)[-1] == structure.distances(0)[-1]
 
 
 def test_canonical_forms_pair_up_all_structures_that_are_not_their_own_mirror_image():
@@ -340,11 +312,6 @@ def test_a_labyrinth_is_refused_exactly_when_it_breaks_a_rule(task_and_world):
             labyrinth_of(world, task)
 
 
-@given(labyrinths())
-def test_a_labyrinth_that_keeps_the_rules_is_accepted(labyrinth):
-    assert keeps_the_rules(world_of(labyrinth), labyrinth.task)
-
-
 SNAKE = drawn(
     """
     -------------
@@ -381,100 +348,37 @@ DEAD_END = drawn(
 )
 """Right of the start a dead end, two places deep; the left column leads up to the goal."""
 
+LOCKED = replace(DEAD_END, key=(0, 1), door=(1, 0))
+
 
 @pytest.mark.parametrize(
-    ("world", "task", "message", "cell"),
+    ("world", "changes", "task", "message", "cell"),
     [
-        (replace(SNAKE, start=(2, 2)), Task.NAVIGATION, "the start and the goal share a cell", 8),
-        (
-            replace(SNAKE, start=(3, 0)),
-            Task.NAVIGATION,
-            "the start is outside the grid: cell 9",
-            None,
-        ),
-        (
-            replace(SNAKE, goal=(-1, 0)),
-            Task.NAVIGATION,
-            "the goal is outside the grid: cell -3",
-            None,
-        ),
-        (NO_WAY, Task.NAVIGATION, "no route leads from start to goal", 3),
-        (NO_WAY, Task.PARTIAL_OBSERVABILITY, "no route leads from start to goal", 3),
-        (
-            replace(SNAKE, key=(0, 1)),
-            Task.NAVIGATION,
-            "a key and a door belong to key_and_door",
-            None,
-        ),
-        (
-            replace(SNAKE, door=(0, 1)),
-            Task.ICY_FLOOR,
-            "a key and a door belong to key_and_door",
-            None,
-        ),
-        (SNAKE, Task.KEY_AND_DOOR, "a key and a door belong to key_and_door, both or none", None),
-        (replace(SNAKE, key=(0, 1)), Task.KEY_AND_DOOR, "both or none", None),
-        (replace(SNAKE, door=(0, 1)), Task.KEY_AND_DOOR, "both or none", None),
-        (
-            replace(SNAKE, ice=frozenset({(0, 1)})),
-            Task.NAVIGATION,
-            "ice belongs to icy_floor",
-            None,
-        ),
-        (SNAKE, Task.ICY_FLOOR, "ice belongs to icy_floor, which needs some", None),
-        (
-            replace(SNAKE, ice=frozenset({(2, 2)})),
-            Task.ICY_FLOOR,
-            "the goal and the ice share a cell",
-            8,
-        ),
-        (
-            replace(SNAKE, ice=frozenset({(3, 1)})),
-            Task.ICY_FLOOR,
-            "the ice is outside the grid: cell 10",
-            None,
-        ),
-        (
-            replace(SNAKE, ice=frozenset({(1, 1)})),
-            Task.ICY_FLOOR,
-            "no route without ice leads from start to goal",
-            8,
-        ),
-        (
-            replace(DEAD_END, key=(0, 1), door=(0, 1)),
-            Task.KEY_AND_DOOR,
-            "the key and the door share a cell",
-            1,
-        ),
-        (
-            replace(DEAD_END, key=(0, 0), door=(1, 0)),
-            Task.KEY_AND_DOOR,
-            "the start and the key share a cell",
-            0,
-        ),
-        (
-            replace(DEAD_END, key=(0, 1), door=(2, 2)),
-            Task.KEY_AND_DOOR,
-            "the goal and the door share a cell",
-            8,
-        ),
-        (
-            replace(DEAD_END, key=(0, 1), door=(0, 2)),
-            Task.KEY_AND_DOOR,
-            "a route from start to goal avoids the door",
-            2,
-        ),
-        (
-            replace(DEAD_END, key=(2, 1), door=(1, 0)),
-            Task.KEY_AND_DOOR,
-            "the key cannot be reached without passing the door",
-            7,
-        ),
+        (SNAKE, {"start": (2, 2)}, "navigation", "the start and the goal share a cell", 8),
+        (SNAKE, {"start": (3, 0)}, "navigation", "the start is outside the grid: cell 9", None),
+        (SNAKE, {"goal": (-1, 0)}, "navigation", "the goal is outside the grid: cell -3", None),
+        (NO_WAY, {}, "navigation", "no route leads from start to goal", 3),
+        (NO_WAY, {}, "partial_observability", "no route leads from start to goal", 3),
+        (SNAKE, {"key": (0, 1)}, "navigation", "a key and a door belong to key_and_door", None),
+        (SNAKE, {"door": (0, 1)}, "icy_floor", "a key and a door belong to key_and_door", None),
+        (SNAKE, {}, "key_and_door", "a key and a door belong to key_and_door, both or none", None),
+        (SNAKE, {"key": (0, 1)}, "key_and_door", "both or none", None),
+        (SNAKE, {"door": (0, 1)}, "key_and_door", "both or none", None),
+        (SNAKE, {"ice": {(0, 1)}}, "navigation", "ice belongs to icy_floor", None),
+        (SNAKE, {}, "icy_floor", "ice belongs to icy_floor, which needs some", None),
+        (SNAKE, {"ice": {(2, 2)}}, "icy_floor", "the goal and the ice share a cell", 8),
+        (SNAKE, {"ice": {(3, 1)}}, "icy_floor", "the ice is outside the grid: cell 10", None),
+        (SNAKE, {"ice": {(1, 1)}}, "icy_floor", "no route without ice leads from start to goal", 8),
+        (LOCKED, {"door": (0, 1)}, "key_and_door", "the key and the door share a cell", 1),
+        (LOCKED, {"key": (0, 0)}, "key_and_door", "the start and the key share a cell", 0),
+        (LOCKED, {"door": (2, 2)}, "key_and_door", "the goal and the door share a cell", 8),
+        (LOCKED, {"door": (0, 2)}, "key_and_door", "a route from start to goal avoids the door", 2),
+        (LOCKED, {"key": (2, 1)}, "key_and_door", "the key cannot be reached without passing", 7),
     ],
 )
-def test_a_broken_rule_is_named_with_the_cell_at_fault(world, task, message, cell):
+def test_a_broken_rule_is_named_with_the_cell_at_fault(world, changes, task, message, cell):
     with pytest.raises(LabyrinthError, match=message) as caught:
-        labyrinth_of(world, task)
+        labyrinth_of(replace(world, **changes), Task(task))
     assert caught.value.cell == cell
     assert isinstance(caught.value, ValueError)
 

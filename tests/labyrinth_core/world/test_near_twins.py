@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labyrinth_core.world import near_twins
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
 from labyrinth_core.world.sampling import sample_structures
@@ -59,29 +58,23 @@ def test_a_neighbourhood_knows_who_is_near(seed, walls, size):
     assert [near.is_near(structure) for structure in of] == expected
 
 
-def test_near_twins_are_found_among_many_whatever_their_walls(monkeypatch):
-    """With keys too short to tell structures apart, and with long ones."""
+@pytest.mark.parametrize("held", [5, 3_000])
+def test_near_twins_are_found_whatever_their_walls(held):
+    """Among few, with short keys, and among many, with long ones; and in many small steps."""
     rng = np.random.default_rng(3)
-    among = passage_table(draw(5, 5, 3_000))
-    of = among[:400].copy()
+    among = passage_table(draw(5, 5, held))
+    of = among[np.arange(400) % held].copy()
     for number, row in enumerate(of):
         row[rng.choice(40, size=number % 6, replace=False)] ^= True
     expected = [(row != among).sum(axis=1).min() for row in of]
-    monkeypatch.setattr(near_twins, "_CANDIDATES", 50)
-    for structures in (1, 10**9):
-        monkeypatch.setattr(near_twins, "_cut", lambda p, w, _, n=structures, cut=CUT: cut(p, w, n))
-        assert nearest(of, among).walls.tolist() == expected
+    assert nearest(of, among).walls.tolist() == expected
+    assert nearest(of, among, held_pairs=50).walls.tolist() == expected
 
 
-CUT = near_twins._cut
-
-
-def test_where_all_pairs_are_too_many_what_is_near_is_found_all_the_same(monkeypatch):
+def test_where_all_pairs_are_too_many_what_is_near_is_found_all_the_same():
     structures = draw(4, 4, 200)
     of, among = passage_table(structures[::2]), passage_table(structures[1::2])
-    whole = nearest(of, among)
-    monkeypatch.setattr(near_twins, "MOST_PAIRS", 0)
-    cut = nearest(of, among)
+    whole, cut = nearest(of, among), nearest(of, among, most_pairs=0)
     near = whole.walls <= JOINED_WALLS
     assert 0 < near.sum() < len(near)
     assert cut.walls.tolist() == np.where(near, whole.walls, FAR).tolist()

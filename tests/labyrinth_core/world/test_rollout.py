@@ -1,6 +1,5 @@
 """Episodes: what a route through the dynamics leaves behind."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
-from labyrinth_core.world.dynamics import State, is_terminal, step_limit, transition
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.dynamics import State, is_terminal, transition
 from labyrinth_core.world.rollout import Episode, pieces, random_episode, replay
 from labyrinth_core.world.solver import shortest_route
 
@@ -68,27 +66,10 @@ def test_an_action_after_the_end_of_the_episode_is_refused(labyrinth, more):
         replay(labyrinth, route)
 
 
-@given(labyrinths(Task.ICY_FLOOR), actions)
-def test_a_route_is_replayed_exactly_when_it_does_not_go_on_after_the_end(labyrinth, route):
-    steps = len(until_over(world_of(labyrinth), route)[1])
-    if steps == len(route):
-        assert len(replay(labyrinth, route)) == steps
-    else:
-        with pytest.raises(ValueError, match=f"^{steps} steps end the episode, but"):
-            replay(labyrinth, route)
-
-
 @pytest.mark.parametrize("action", [-1, 4, 255])
 def test_an_action_that_is_none_of_the_four_is_refused(action):
     with pytest.raises(ValueError, match=f"^action {action}: the actions are 0, 1, 2 and 3"):
         replay(ROOM, [0, action])
-
-
-def test_an_episode_of_no_action_is_the_first_state_alone():
-    episode = replay(ROOM, [])
-    assert episode.states == (State(0),)
-    assert len(episode) == 0
-    assert not episode.terminated
 
 
 def test_an_episode_keeps_its_steps_into_walls():
@@ -149,20 +130,6 @@ def test_random_episodes_take_each_action_as_often_as_the_others():
     counts = np.bincount(firsts, minlength=4)
     assert len(counts) == 4
     assert chi_square(counts.tolist(), [1000] * 4) < 5
-
-
-def test_an_agent_that_never_arrives_returns_minus_four_at_the_step_limit():
-    episode = replay(ROOM, [3] * step_limit(ROOM))
-    assert not episode.terminated
-    assert len(episode) == 160
-    assert episode.rewards.sum(dtype=np.float64) == pytest.approx(-4.0)
-
-
-def test_an_episode_that_ends_on_ice_is_terminated_far_below_zero():
-    icy = replace(world_of(ROOM), ice=frozenset({(1, 0)}))
-    episode = replay(labyrinth_of(icy, Task.ICY_FLOOR), [3, 0])
-    assert episode.terminated
-    assert episode.rewards.tolist() == pytest.approx([-0.025, -100.0])
 
 
 @given(labyrinths(), st.integers(0, 2**32 - 1), st.integers(1, 9))

@@ -15,7 +15,6 @@ from brute_force import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import (
     ALGORITHMS,
@@ -67,8 +66,7 @@ def test_of_three_by_three_cells_there_are_431_connected_structures_and_192_tree
     ],
 )
 def test_the_passages_of_a_grid_allow_as_many_structures_as_are_known(side, structures, trees):
-    everything = Structure(side, side, vertical_edges(side, side), horizontal_edges(side, side))
-    passages = list(everything.passages())
+    passages = list(Structure.without_walls(side, side).passages())
     assert count_structures(passages) == structures
     assert count_structures(passages, trees=True) == trees
 
@@ -92,9 +90,7 @@ def test_without_opened_walls_every_structure_is_a_tree(height, width, seed, alg
 
 @given(sides, sides, seeds, algorithms)
 def test_with_every_wall_opened_none_is_left(height, width, seed, algorithm):
-    everything = Structure(
-        height, width, vertical_edges(height, width), horizontal_edges(height, width)
-    )
+    everything = Structure.without_walls(height, width)
     assert draw(2, height, width, seed, algorithm=algorithm, open_walls=1) == [everything] * 2
 
 

@@ -22,20 +22,16 @@ from brute_force import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import connected_structures, labyrinths, structures
+from strategies import connected_structures, labyrinths
 
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.sampling import sample_structure
-from labyrinth_core.world.tasks import (
-    _unavoidable,
+from labyrinth_core.world.random_labyrinth import (
     change_start,
     change_start_and_goal,
-    default_start_and_goal,
     draw_start_and_goal,
-    place,
-    tiles_matter,
 )
+from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -81,10 +77,6 @@ def ice_can_matter(world):
         for count in range(1, len(candidates) + 1)
         for ice in combinations(candidates, count)
     )
-
-
-def without_walls(height, width):
-    return Structure(height, width, vertical_edges(height, width), horizontal_edges(height, width))
 
 
 def cell(world, letter):
@@ -254,7 +246,7 @@ def test_a_start_or_goal_that_cannot_be_is_named_before_anything_is_placed(task)
 
 
 def test_where_tiles_cannot_be_placed_the_reason_is_given():
-    room = without_walls(3, 3)
+    room = Structure.without_walls(3, 3)
     corridor = Structure(2, 2, 0b10, 0b0101)
     rng = np.random.default_rng(0)
     for structure, goal, task, given_tiles, message in (
@@ -267,21 +259,6 @@ def test_where_tiles_cannot_be_placed_the_reason_is_given():
     ):
         with pytest.raises(LabyrinthError, match=f"^{message}"):
             place(structure, 0, goal, task, rng, **given_tiles)
-
-
-# What the heuristics stand on.
-
-
-@given(ends(structures))
-def test_unavoidable_cells_are_those_without_which_the_goal_is_cut_off(where):
-    world = world_between(*where)
-    found, _ = _unavoidable(*where)
-    if world.goal not in reachable(world.passages, world.start):
-        assert found == {}
-        return
-    assert {divmod(each, world.width) for each in found} == unavoidable(world)
-    from_start = where[0].distances(where[1])
-    assert [from_start[each] for each in found] == sorted(from_start[each] for each in found)
 
 
 @given(labyrinths())
@@ -363,7 +340,7 @@ def test_a_start_is_only_given_up_when_no_other_can_hold_the_task(labyrinth, see
 
 
 def test_on_two_by_two_cells_where_no_other_start_is_far_a_near_one_is_taken():
-    labyrinth = Labyrinth(without_walls(2, 2), 0, 3)
+    labyrinth = Labyrinth(Structure.without_walls(2, 2), 0, 3)
     starts = {change_start(labyrinth, np.random.default_rng(seed)).start for seed in range(50)}
     assert starts == {1, 2}
     pairs = {
@@ -375,7 +352,7 @@ def test_on_two_by_two_cells_where_no_other_start_is_far_a_near_one_is_taken():
 
 
 def test_every_start_that_is_far_enough_is_equally_likely():
-    labyrinth = Labyrinth(without_walls(4, 4), 0, 15)
+    labyrinth = Labyrinth(Structure.without_walls(4, 4), 0, 15)
     allowed = [start for start in range(1, 15) if apart(labyrinth, start, labyrinth.goal) >= 4]
     rng = np.random.default_rng(22)
     counts = Counter(change_start(labyrinth, rng).start for _ in range(100 * len(allowed)))
@@ -405,7 +382,7 @@ def test_a_drawn_start_and_goal_are_far_enough_apart_and_hold_the_task(structure
 
 
 def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough():
-    structure, rng = without_walls(3, 3), np.random.default_rng(5)
+    structure, rng = Structure.without_walls(3, 3), np.random.default_rng(5)
     labyrinth = Labyrinth(structure, 0, 8)
     ways = {goal: [s for s in range(9) if apart(labyrinth, s, goal) >= 3] for goal in range(9)}
     assert ways.pop(4) == []  # Nothing is far from the middle.
@@ -414,17 +391,3 @@ def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough()
     counts = Counter((each.start, each.goal) for each in found)
     assert set(counts) == set(expected)
     assert chi_square([counts[pair] for pair in expected], expected.values()) < 5
-
-
-def test_ice_is_laid_anew_for_another_start():
-    structure = without_walls(5, 5)
-    labyrinth = place(structure, 0, 24, Task.ICY_FLOOR, np.random.default_rng(0))
-    for seed in range(20):
-        world = world_of(change_start(labyrinth, np.random.default_rng(seed)))
-        assert world.ice <= on_shortest_routes(world.without("ice"))
-
-
-def test_a_labyrinth_that_no_other_start_can_hold_says_so():
-    corridor = Labyrinth(Structure(2, 2, 0b10, 0b0101), 1, 2, Task.KEY_AND_DOOR, key=0, door=3)
-    with pytest.raises(LabyrinthError, match=r"^no other start or goal can hold key_and_door$"):
-        change_start(corridor, np.random.default_rng(0))
