@@ -24,7 +24,14 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import options_of, refusal, register, resolve, with_brackets
+from pipeline.config.run import (
+    STAGES,
+    options_of,
+    refusal,
+    register,
+    resolve,
+    with_brackets,
+)
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
 from pipeline.machinery.executor import cluster
@@ -116,7 +123,7 @@ def _error_of(config: DictConfig) -> str | None:
         run = resolve(options)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in options.stages:
-                import_module(run.module_of(stage)).run(run)
+                import_module(STAGES[stage]).run(run)
         if not options.publish.dry_run:
             say(f"Next: {NEXT[options.stages[-1]]}.")
     except OmegaConfBaseException as error:

@@ -34,8 +34,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.following import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.playing import Episodes, follow, greedy_actions
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.policies.networks.acting import NetworkPolicy

@@ -61,7 +61,7 @@ ROOMS = {
     "pipeline.report": WING,
     "pipeline.release": WING,
     "pipeline.training": WING,
-    "pipeline.evaluation": WING,
+    "pipeline.evaluation": (*WING, "pipeline.training"),  # It judges the policies of runs, too.
     "pipeline.studies": (*WING, "pipeline.training"),
     "pipeline.export": WING,
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),

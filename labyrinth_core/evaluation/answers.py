@@ -1,4 +1,4 @@
-"""What a policy answers: actions or scores, in arrays of numpy, PyTorch or JAX.
+"""How a policy is asked, and what it answers: actions or scores, of numpy, PyTorch or JAX.
 
 No library but numpy is imported: a module of PyTorch is one only if PyTorch has been imported
 already, and the arrays of the others say themselves how they become numpy's.
@@ -6,8 +6,11 @@ already, and the arrays of the others say themselves how they become numpy's.
 
 from __future__ import annotations
 
+import inspect
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,3 +137,54 @@ def as_function(policy: Any) -> Policy:
                 module.training = training
 
     return forward
+
+
+@dataclass(frozen=True)
+class Player:
+    """A policy, as it is asked."""
+
+    act: Policy
+    reset: Callable[[int], object] | None
+    """Begins so many episodes at once; None for a policy that remembers nothing."""
+    draws: bool
+    """Whether it takes a generator of random numbers."""
+    remembered: Callable[[], NDArray[Any]] | None = None
+    """Returns all that it remembers, a row for each episode; None for one that does not say it."""
+
+    @property
+    def forgets(self) -> bool:
+        """Whether its action follows from the observation, so that look-ups do for it."""
+        return self.reset is None and not self.draws
+
+    @classmethod
+    def of(cls, policy: Any, seed: int) -> Player:
+        """Return a policy as it is asked: a function, a module, or an object with reset and act.
+
+        One that takes an argument `rng` gets a generator that the seed settles.
+
+        Raises:
+            PolicyError: It is none of these.
+        """
+        remembers = hasattr(policy, "reset") and hasattr(policy, "act")
+        if isinstance(policy, type) or not (remembers or callable(policy)):
+            name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
+            what = "the class" if isinstance(policy, type) else "an object of"
+            raise PolicyError(
+                f"policy: give a function from observations to actions, or an object with "
+                f"reset(count) and act(observations), not {what} {name}"
+            )
+        begin = policy.reset if remembers else policy
+        draws = _takes_rng(begin)
+        if draws:
+            begin = partial(begin, rng=np.random.default_rng(seed))
+        if remembers:
+            remembered = None if draws else getattr(policy, "remembered", None)
+            return cls(policy.act, begin, draws, remembered)
+        return cls(begin if draws else as_function(policy), None, draws)
+
+
+def _takes_rng(function: Callable[..., Any]) -> bool:
+    try:
+        return "rng" in inspect.signature(function).parameters
+    except (TypeError, ValueError):  # Of a function that is not written in Python.
+        return False

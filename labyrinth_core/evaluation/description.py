@@ -1,10 +1,11 @@
-"""What is said of a policy beside its results: its name, who made it, what it has learnt from."""
+"""What is said of a policy beside its results: its name, its author, the run that made it."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 LONGEST = 300
 """The largest number of characters of a text."""
@@ -61,3 +62,72 @@ class Description:
                 raise ValueError(f"details: {detail!r:.60}: choose from {', '.join(DETAILS)}")
             if type(number) is not int or not 0 <= number < 10**15:
                 raise ValueError(f"details: {detail}={number!r:.60}: give a whole number from 0 on")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunName:
+    """What tells a run of training from others on the same dataset, and its name."""
+
+    method: str
+    encoder: str
+    """The network that looks at an observation; the method's name if it has one of its own."""
+    pool_stride: int
+    protocol: str
+    precision: str = "fp32"
+    memory: bool = False
+    train_labyrinths: int | None = None
+    """The number of labyrinths learnt from; None for all."""
+    seed: int
+
+    @property
+    def _others(self) -> list[str]:
+        """The choices beside method and encoder that are not the usual ones."""
+        parts = [f"stride{self.pool_stride}"] * (self.pool_stride != 1)
+        parts += [self.protocol] * (self.protocol != "default")
+        parts += [self.precision] * (self.precision != "fp32")
+        parts += ["memory"] * self.memory
+        if self.train_labyrinths is not None:
+            parts.append(f"labyrinths{self.train_labyrinths}")
+        return parts
+
+    @property
+    def setup(self) -> str:
+        """All choices but method and seed, such as `cnn` or `resnet18-paper`."""
+        return "-".join([self.encoder, *self._others])
+
+    @property
+    def of_all_seeds(self) -> str:
+        """The name without the seed, such as `bc-cnn` or `iupe-resnet18-paper`."""
+        return "-".join([*self._learner, *self._others])
+
+    @property
+    def name(self) -> str:
+        """The name of the run and of its folder, such as `iupe-resnet18-seed2-paper`."""
+        return "-".join([*self._learner, f"seed{self.seed}", *self._others])
+
+    @property
+    def _learner(self) -> list[str]:
+        return [self.method] + [self.encoder] * (self.encoder != self.method)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedRun(RunName):
+    """The run of training that made a policy, as its results tell it."""
+
+    settings: Mapping[str, Any]
+    """The settings of the method."""
+    config: str
+    """The config of the dataset that it learnt from, such as `5x5`."""
+    dataset: str
+    revision: str | None = None
+    fingerprint: str
+    """The fingerprint of that dataset."""
+    training: Mapping[str, Any]
+    """`epochs`, `seconds`, the `selected` epoch, and how it was `computed`."""
+    evaluated: Mapping[str, Any]
+    """The device and the versions of libraries, and the SHA-256 of the `weights` if it is known."""
+    references_know: str | None = None
+    """The fingerprint of the dataset whose train the references know, if it is not the one that
+    the policy is judged on."""
+    as_tried: Mapping[str, Mapping[str, float]] | None = None
+    """Split -> the figures by the rules of a protocol that has some of its own."""

@@ -9,9 +9,8 @@ results.save("results/mine.json", name="my method", url="https://example.org")
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,12 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
-from labyrinth_core.evaluation.answers import PolicyError, decide
-from labyrinth_core.evaluation.baselines import oracle_figures, random_figures
+from labyrinth_core.evaluation.answers import Player, PolicyError, decide
+from labyrinth_core.evaluation.baselines import TrainMemory, oracle_figures, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score, stepped_score
-from labyrinth_core.evaluation.stepping import Player
 from labyrinth_core.world.labyrinth import Task
 
 NOT_EVALUATED = ("random",)
@@ -78,32 +75,28 @@ def evaluate(
         revision: Branch, tag or commit on the Hub; not for folders.
 
     Raises:
-        ValueError: An argument is none of the allowed values.
-        PolicyError: The policy is no such thing, raises an error, or answers with anything but
+        ValueError: An argument has a value that is not allowed.
+        PolicyError: The policy is not one of these, raises an error, or answers with anything but
             actions.
         DatasetError: There is no such dataset or split.
     """
     if episodes is not None and (type(episodes) is not int or episodes < 1):
         raise ValueError(f"episodes={episodes}: give a whole number from 1 on, or None")
     player = Player.of(policy, seed)
-    looks_up = player.forgets and episodes is None
     manifest = Manifest.read(locate(source, config, [], revision))
-    load = partial(load_arrays, source, config, revision=revision)
-    chosen = _chosen(splits, manifest)
-    memory = TrainMemory.of(load("train", observation="vector"))
-    stepped = partial(stepped_score, episodes=episodes or 1)
-    judge = partial(_looked_up if looks_up else stepped, player)
-    scores: dict[str, Scores] = {}
-    baselines: dict[str, dict[str, dict[str, float]]] = {}
-    for split in chosen:
-        # No name is given to the arrays, so that those of one split are gone before the next ones.
-        scores[split], beside = _compared(
-            judge, memory, load(split, observation=observation, image_size=image_size)
+
+    def load(split: str, observation: str = observation) -> LabyrinthArrays:
+        return load_arrays(
+            source,
+            config,
+            split,
+            observation=observation,
+            image_size=image_size,
+            revision=revision,
         )
-        if manifest.config.task is Task.PARTIAL_OBSERVABILITY:
-            beside |= replan(load(split, observation="vector"))
-        for name, figures in beside.items():
-            baselines.setdefault(name, {})[split] = figures
+
+    chosen = _chosen(splits, manifest)
+    scores, baselines = judge(player, load, chosen, manifest.config.task, episodes=episodes)
     return Results(
         dataset=str(source),
         revision=revision,
@@ -111,12 +104,61 @@ def evaluate(
         fingerprint=manifest.fingerprint,
         observation=observation,
         image_size=image_size if observation == "image" else None,
-        way="look-ups" if looks_up else "steps",
+        way=way_of(player, episodes),
         episodes=episodes or 1,
         seed=seed,
         splits=scores,
         baselines=baselines,
     )
+
+
+def way_of(player: Player, episodes: int | None = None) -> str:
+    """Return how a policy is judged: `look-ups` if it remembers nothing, else `steps`."""
+    return "look-ups" if player.forgets and episodes is None else "steps"
+
+
+def judge(
+    player: Player,
+    load: Callable[..., LabyrinthArrays],
+    splits: Iterable[str],
+    task: Task,
+    *,
+    episodes: int | None = None,
+    learnt: LabyrinthArrays | None = None,
+    blind: bool = False,
+) -> tuple[dict[str, Scores], dict[str, dict[str, Mapping[str, float]]]]:
+    """Return the scores of a policy by split, and the figures of baselines by name and split.
+
+    Args:
+        player: The policy.
+        load: Returns the labyrinths of a split, given its name; in another observation than the
+            policy's, if that is the second argument.
+        splits: The names of the splits.
+        task: The task of the labyrinths.
+        episodes: As `evaluate` has it.
+        learnt: The labyrinths that the references know; None for those of the split train.
+        blind: Whether to add the baselines that do not look at a labyrinth.
+    """
+    memory = TrainMemory.of(load("train", "vector") if learnt is None else learnt)
+    scores: dict[str, Scores] = {}
+    baselines: dict[str, dict[str, Mapping[str, float]]] = {}
+    for split in splits:
+        arrays = load(split)
+        known, beside = memory.figures(arrays)
+        beside |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
+        if blind:
+            beside |= memory.blind_figures(arrays)
+        if way_of(player, episodes) == "look-ups":
+            found = _looked_up(player, arrays)
+        else:
+            found = stepped_score(player, arrays, episodes or 1)
+        scores[split] = replace(found, known_route=known)
+        del arrays  # So that those of one split are gone before the next ones.
+        if task is Task.PARTIAL_OBSERVABILITY:
+            beside |= replan(load(split, "vector"))
+        for name, figures in beside.items():
+            baselines.setdefault(name, {})[split] = figures
+    return scores, baselines
 
 
 def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
@@ -129,15 +171,6 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
         given = unknown[0] if unknown else "[]"
         raise DatasetError(f"split={given}: the dataset has {', '.join(held)}")
     return chosen
-
-
-def _compared(
-    judge: Callable[[LabyrinthArrays], Scores], memory: TrainMemory, arrays: LabyrinthArrays
-) -> tuple[Scores, dict[str, dict[str, float]]]:
-    """Return the scores on a split, and the figures of what needs no learning by name."""
-    known, figures = memory.figures(arrays)
-    figures |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
-    return replace(judge(arrays), known_route=known), figures
 
 
 def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:

@@ -6,7 +6,7 @@ from the column `info` and from the actions; pictures are drawn, and equal those
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.data.source import Filter, find_part
 from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
@@ -141,53 +141,66 @@ def load_arrays(
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
-    tables: dict[int, LabyrinthTables] = {}
+    held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
     part = find_part(source, config, split, revision, labyrinths, where)
     for block in replayed(part.rows(pictures=False)):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):
-            if number not in tables:
-                tables[number] = tabulate(labyrinth.from_start())
+            if number not in held:
+                held[number] = labyrinth.from_start()
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             place = ids[block.which[first]], int(block.states[first])
             episodes.append((place, rows.actions[first:last].copy()))
-    if not tables:
+    if not held:
         raise DatasetError(f"split={split}: there is no episode")
-    return _stack(tables, episodes, spec)
+    return _stack(list(held.values()), list(held), episodes, spec, spec.look_later)
+
+
+def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:
+    """Return labyrinths of one size and task as arrays, in which there are no demonstrations.
+
+    States are observed when they are indexed: of large labyrinths a policy sees few.
+    """
+    ids = [int(labyrinth_id(each), 16) for each in labyrinths]
+    return _stack(labyrinths, ids, [], spec, lambda views: Looks(spec, views))
 
 
 def _stack(
-    tables: dict[int, LabyrinthTables],
+    labyrinths: Sequence[Labyrinth],
+    ids: Sequence[int],
     episodes: Sequence[tuple[Place, NDArray[np.int64]]],
     spec: ObservationSpec,
+    observe: Callable[[Sequence[tuple[Labyrinth, State]]], NDArray[Any] | Looks],
 ) -> LabyrinthArrays:
+    tables = [tabulate(each) for each in labyrinths]
     parts: list[dict[str, NDArray[Any]]] = []
     places: dict[Place, int] = {}
     views: list[tuple[Labyrinth, State]] = []
-    for number, each in tables.items():
-        states, count = _visitable(each), len(places)
+    first: list[int] = []
+    for number, labyrinth, each in zip(ids, labyrinths, tables, strict=True):
+        states, count = _visitable(each), len(views)
         places |= {(number, state): count + place for place, state in enumerate(states)}
-        views += [(each.labyrinth, state_at(each.labyrinth, state)) for state in states]
+        views += [(labyrinth, state_at(labyrinth, state)) for state in states]
+        first.append(count + states.index(each.initial))
         part = _columns(each, states, count)
         parts.append(part | {"labyrinth": np.full(len(states), len(parts))})
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    after, demonstrated = joined["next_state"].tolist(), np.zeros((len(places), 4), np.int64)
+    after, demonstrated = joined["next_state"].tolist(), np.zeros((len(views), 4), np.int64)
     starts = [number_of(place, places) for place, _ in episodes]
     for state, (_, actions) in zip(starts, episodes, strict=True):
         for action in actions.tolist():
             demonstrated[state, action] += 1
             state = after[state][action]
-    labyrinths = tuple(each.labyrinth for each in tables.values())
     return LabyrinthArrays(
-        observations=spec.look_later(views),
+        observations=observe(views),
         demonstrated=demonstrated,
-        initial=np.array([places[number, each.initial] for number, each in tables.items()]),
-        distance=np.array([each.distances[each.initial] for each in tables.values()]),
-        labyrinth_ids=np.array(list(tables), np.int64),
+        initial=np.array(first),
+        distance=np.array([each.distances[each.initial] for each in tables]),
+        labyrinth_ids=np.array(ids, np.int64),
         routes=tuple(actions for _, actions in episodes),
         route_starts=np.array(starts, np.int64),
-        labyrinths=labyrinths,
+        labyrinths=tuple(labyrinths),
         spec=spec,
         cells=labyrinths[0].structure.cells,
         places=places,

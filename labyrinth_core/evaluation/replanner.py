@@ -11,9 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import score, summary_of
-from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
 from labyrinth_core.world.grid import Action, neighbours
 from labyrinth_core.world.labyrinth import Task

@@ -4,20 +4,42 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.schema import (
+    COUNT,
+    SHARE,
+    Each,
+    Maybe,
+    Named,
+    Number,
+    OneOf,
+    Text,
+    check,
+    read_json,
+)
+from labyrinth_core.data.splits import SPLITS, is_of_train
 from labyrinth_core.data.storage import write_text
-from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
+from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.outcomes import KnownDataset, Rules, scores_of
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.version import __version__
 
+RESULTS = "results.json"
+"""The name of the file that the stage `evaluate` leaves."""
+
 KIND = "labyrinth-results"
 FORMAT = 2
+
+LARGEST = 1 << 28
+"""The most bytes of a file that is read; five splits of 100,000 labyrinths have 16 million."""
 
 HEADINGS = ("split", "SR", "95%", "n x n", "SPL", "known / new", "AER", "failures")
 NOTE = """\
@@ -50,6 +72,12 @@ class Results:
     baselines: Mapping[str, Mapping[str, Mapping[str, float]]]
     """The figures of what needs no learning, by name and split; under partial observability also
     of the replanner with memory and without."""
+    version: str = __version__
+    """The version of this package that evaluated it."""
+    run: TrainedRun | None = None
+    """The run of `stages=[train]` that made the policy; None for any other policy."""
+    method: Description | None = None
+    """What a file that was read says of the policy."""
 
     def __str__(self) -> str:
         """Return the figures as a table, a line for each split."""
@@ -106,8 +134,66 @@ class Results:
         place.parent.mkdir(parents=True, exist_ok=True)
         write_text(place, _as_text(content))
 
+    @classmethod
+    def load(cls, path: str | Path) -> Results:
+        """Return the results in a file that `save` wrote, of whoever it is.
+
+        Every figure but accuracies and baselines is computed again from the outcomes.
+
+        Raises:
+            DatasetError: The file cannot be read, or does not add up; the message has one line.
+        """
+        place = Path(path).expanduser()
+        try:
+            if not place.is_file():
+                raise ValueError("it is not a file")
+            if place.stat().st_size > LARGEST:
+                raise ValueError(f"it has more than {LARGEST:,} bytes")
+            return cls.from_json(read_json(place))
+        except (OSError, ValueError, RecursionError) as error:
+            raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
+
+    @classmethod
+    def from_json(cls, content: Any) -> Results:
+        """Return the results that `to_json` described; ValueError if it did not."""
+        if isinstance(content, dict) and {"run", "training"} <= content.keys():
+            raise ValueError("an earlier version wrote it: stages=[evaluate] makes it anew")
+        check(content, _SHAPE)
+        about, evaluated, run = content["dataset"], content["evaluated"], content.get("run")
+        rules = Rules.of(about["config"], evaluated["way"], evaluated["episodes"])
+        splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
+        if not splits:
+            raise ValueError("it has results on no split")
+        for name, by_split in content["baselines"].items():
+            check(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
+        if run is not None:
+            check(run, _RUN, "it.run")
+            run = TrainedRun(**{name: run[name] for name in _RUN})
+        return cls(
+            dataset=about["source"],
+            revision=about["revision"],
+            config=about["config"],
+            fingerprint=about["fingerprint"],
+            **{name: evaluated[name] for name in _EVALUATED},
+            splits=splits,
+            baselines=content["baselines"],
+            run=run,
+            method=Description(
+                **{each.name: content["method"][each.name] for each in fields(Description)}
+            ),
+        )
+
+    def compare_with(self, known: KnownDataset) -> None:
+        """Check that the labyrinths are those of a dataset; ValueError if they are not."""
+        counts = {}
+        if self.run is not None and self.run.fingerprint == self.fingerprint:
+            most = self.run.train_labyrinths
+            counts = {split: most for split in self.splits if most and is_of_train(split)}
+        known.compare(self.fingerprint, self.splits, counts)
+
     def to_json(self, method: Description) -> dict[str, Any]:
         """Return what `save` writes, in plain types."""
+        run = {} if self.run is None else {"run": asdict(self.run)}
         return {
             "kind": KIND,
             "format": FORMAT,
@@ -124,21 +210,112 @@ class Results:
                 "way": self.way,
                 "episodes": self.episodes,
                 "seed": self.seed,
-                "version": __version__,
+                "version": self.version,
             },
+            **run,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }
 
 
+_WORD = Text(r"\w[\w.-]{0,99}")
+_TEXT = Text(r"(?s).*")
+_CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")
+_HASH = Text(r"[0-9a-f]{64}")
+_COUNTED = Number(1, whole=True)
+_SPLIT_NAME = Text("|".join(SPLITS))
+
+_FIGURES = {
+    "sr": SHARE,
+    "sr_within_cells": SHARE,
+    "spl": SHARE,
+    "aer": Number(-1e6, 1),
+    "aer_std": Number(0, 1e6),
+}
+"""The shape of the figures of a baseline."""
+
+_DERIVED = (
+    *_FIGURES,
+    *("sr_known_route", "sr_new_route", "sr_interval", "aer_interval", "path_efficiency"),
+    "failures",
+)
+"""The figures of a policy that are computed again, whatever a file says."""
+
+_EVALUATED = {
+    "observation": Text("image|vector|text"),
+    "image_size": Maybe(_COUNTED),
+    "way": Text("look-ups|steps"),
+    "episodes": _COUNTED,
+    "seed": Number(whole=True),
+    "version": Text(r"[\w.+-]{1,50}"),
+}
+
+_SHAPE = {
+    "kind": KIND,
+    "format": FORMAT,
+    "method": {
+        **{each.name: _TEXT for each in fields(Description)},
+        "details": Named(_TEXT, COUNT),
+    },
+    "dataset": {
+        "source": _TEXT,
+        "revision": Maybe(_TEXT),
+        "config": _CONFIG,
+        "fingerprint": _HASH,
+    },
+    "evaluated": _EVALUATED,
+    "splits": Named(
+        _SPLIT_NAME,
+        {
+            **dict.fromkeys(_DERIVED),
+            "labyrinths": _COUNTED,
+            "known_route": Maybe(Text("[01]*")),
+            "accuracy_on_demonstrations": Maybe(SHARE),
+            "accuracy_elsewhere": Maybe(SHARE),
+            "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),
+            "distance": Each(_COUNTED),
+            "step_limit": _COUNTED,
+            "outcomes": Each(Text("[slwi]*")),
+            "moves": Each(Each(_COUNTED)),
+        },
+    ),
+    "baselines": Named(Text("|".join((*BASELINES, *REFERENCES, *REPLANNERS))), None),
+}
+
+_RUN = {
+    "method": _WORD,
+    "encoder": _WORD,
+    "pool_stride": Number(1, 9, whole=True),
+    "protocol": _WORD,
+    "precision": _WORD,
+    "memory": OneOf((True, False)),
+    "train_labyrinths": Maybe(_COUNTED),
+    "seed": COUNT,
+    "settings": Named(_WORD, None),
+    "config": _CONFIG,
+    "dataset": _TEXT,
+    "revision": Maybe(_TEXT),
+    "fingerprint": _HASH,
+    "training": {
+        "epochs": COUNT,
+        "seconds": Number(0),
+        "selected": {"epoch": COUNT},
+        "computed": {"device": _WORD},
+    },
+    "evaluated": {"device": _WORD, "versions": Named(_TEXT, _TEXT), "weights": Maybe(_HASH)},
+    "references_know": Maybe(_HASH),
+    "as_tried": Maybe(Named(_SPLIT_NAME, Named(_WORD, Number()))),
+}
+"""The shape of a `TrainedRun`."""
+
+
 def _described(scores: Scores) -> dict[str, Any]:
     """Return the figures, and what they follow from: each episode in each labyrinth."""
-    outcomes = np.atleast_2d(scores.episodes.outcomes)
     return scores.figures() | {
         "labyrinth_ids": [f"{number:016x}" for number in scores.labyrinth_ids.tolist()],
         "distance": scores.distance.tolist(),
         "step_limit": scores.episodes.step_limit,
-        "outcomes": ["".join(name[0] for name in row) for row in outcomes.tolist()],
+        "outcomes": scores.episodes.letters,
         "moves": np.atleast_2d(scores.episodes.moves).tolist(),
     }
 
@@ -189,3 +366,14 @@ def _as_text(content: Mapping[str, Any]) -> str:
         return "{\n" + ",\n".join(inner) + "\n" + " " * depth + "}"
 
     return lines(content, 0) + "\n"
+
+
+def results_in(run_dir: Path) -> list[Path]:
+    """Return the files of results in the folders of a folder of runs, those of today's name first.
+
+    What an earlier version left of a run comes, too, if the run was not evaluated since; `load`
+    refuses it, and says what to do.
+    """
+    found = sorted(run_dir.glob(f"*/*/{RESULTS}"))
+    older = sorted(run_dir.glob("*/*/evaluation.json"))
+    return found + [path for path in older if path.with_name(RESULTS) not in found]

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.following import OUTCOMES, Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.evaluation.playing import (
+    OUTCOMES,
+    Episodes,
+    follow,
+    greedy_actions,
+    step_through,
+)
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits that a policy is evaluated on."""
@@ -93,6 +96,22 @@ class Scores:
             "aer_std": float(self.episodes.returns.std()),
         }
 
+    @property
+    def failed(self) -> list[str]:
+        """The ids of the labyrinths that were not solved in every episode, in hexadecimal."""
+        solved = np.atleast_2d(self.episodes.solved).all(axis=0)
+        return [f"{number:016x}" for number in self.labyrinth_ids[~solved].tolist()]
+
+    @property
+    def by_distance(self) -> dict[int, tuple[int, int]]:
+        """Moves on a shortest route -> episodes that succeed, and all, in such labyrinths."""
+        solved = np.atleast_2d(self.episodes.solved)
+        return {
+            moves: (int(solved[:, at].sum()), int(solved[:, at].size))
+            for moves in np.unique(self.distance).tolist()
+            for at in [self.distance == moves]
+        }
+
     def figures(self) -> dict[str, Any]:
         """Return the figures in plain types; intervals are over labyrinths and episodes.
 
@@ -118,25 +137,6 @@ class Scores:
             },
         }
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the figures and the results of one episode in each labyrinth in plain types.
-
-        `outcomes` has the first letter of each labyrinth's outcome, in the order of the dataset.
-        `by_distance` has the numbers of solved and of all labyrinths for each number of moves on a
-        shortest route.
-        """
-        episodes, solved = self.episodes, self.episodes.solved
-        ids = [f"{number:016x}" for number in self.labyrinth_ids[~solved].tolist()]
-        return self.figures() | {
-            "by_distance": {
-                str(moves): [int(solved[self.distance == moves].sum()), count]
-                for moves, count in sorted(Counter(self.distance.tolist()).items())
-            },
-            "outcomes": "".join(name[0] for name in episodes.outcomes.tolist()),
-            "moves": episodes.moves.tolist(),
-            "failed": ids,
-        }
-
 
 def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     """Return the scores of a policy that remembers nothing, by look-ups in all states at once.
@@ -156,36 +156,19 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     )
 
 
-def stepped_score(player: Player, arrays: LabyrinthArrays, episodes: int | None = None) -> Scores:
+def stepped_score(player: Player, arrays: LabyrinthArrays, episodes: int = 1) -> Scores:
     """Return the scores of a policy that may remember or draw at random, by steps.
-
-    Args:
-        player: The policy.
-        arrays: The labyrinths of a split.
-        episodes: How many in each labyrinth, for scores of shape (episodes, L); None for one, and
-            scores of shape (L,).
 
     Raises:
         PolicyError: It raises an error, or answers with anything but actions.
     """
-    stepped = step_through(player, arrays, episodes or 1)
-    if episodes is None:
-        stepped = replace(stepped, outcomes=stepped.outcomes[0], moves=stepped.moves[0])
+    stepped = step_through(player, arrays, episodes)
     return Scores(stepped, arrays.labyrinth_ids, arrays.distance, None, None)
 
 
 def summary_of(episodes: Episodes, arrays: LabyrinthArrays) -> dict[str, float]:
     """Return the figures of episodes in the labyrinths of a split, as `Scores.summary`."""
     return Scores(episodes, arrays.labyrinth_ids, arrays.distance, None, None).summary()
-
-
-def episodes_of(figures: Mapping[str, Any], cells: int) -> Episodes:
-    """Return the episodes that `Scores.to_json` described; raise an error for anything else."""
-    if len(figures["outcomes"]) != len(figures["moves"]):
-        raise ValueError("there are not as many outcomes as moves")
-    names = {name[0]: name for name in OUTCOMES}
-    outcomes = np.array([names[letter] for letter in figures["outcomes"]])
-    return Episodes(outcomes, np.array(figures["moves"], np.int64), cells)
 
 
 def _mean(values: NDArray[Any]) -> float | None:

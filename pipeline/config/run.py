@@ -20,6 +20,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
+from labyrinth_core.evaluation.description import RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
@@ -42,14 +43,11 @@ STAGES = {
     "publish": "pipeline.release.publish",
     "export": "pipeline.export.stage",
     "train": "pipeline.training.train",
-    "evaluate": "pipeline.training.evaluate",
-    "results": "pipeline.studies.results.stage",
+    "evaluate": "pipeline.evaluation.evaluate",
+    "results": "pipeline.studies.results.results",
     "environments": "pipeline.studies.environments.compare",
 }
 """Stage -> the module whose `run` performs it."""
-
-EVALUATE_NAMED = "pipeline.evaluation.stage"
-"""The module that performs `evaluate` where `policy` names a policy; it needs no torch."""
 
 
 @dataclass(frozen=True)
@@ -167,11 +165,6 @@ class Run:
         """Where the dataset of this run lies."""
         return self.data_dir / self.dataset.name
 
-    def module_of(self, stage: str) -> str:
-        """Return the module whose `run` performs a stage."""
-        named = stage == "evaluate" and self.options.policy
-        return EVALUATE_NAMED if named else STAGES[stage]
-
     @property
     def source(self) -> str:
         """The dataset to learn from: a folder, or an id on the Hub."""
@@ -187,23 +180,24 @@ class Run:
         return str(self.options.dataset), self.options.revision
 
     @property
-    def training_name(self) -> str:
-        """The name of what is trained, such as `bc-cnn-seed0` or `iupe-resnet18-seed2-paper`."""
+    def run_name(self) -> RunName:
+        """What tells the run of training from others on the same dataset."""
         options = self.options
-        parts = [options.method_name, f"seed{options.seed}"]
-        parts[1:1] = [options.network] * (options.network != options.method_name)
-        parts += [f"stride{options.pool_stride}"] * (options.pool_stride != 1)
-        parts += [options.protocol] * (options.protocol != "default")
-        parts += [options.precision] * (options.precision != "fp32")
-        parts += ["memory"] * options.memory
-        if options.train_labyrinths is not None:
-            parts.append(f"labyrinths{options.train_labyrinths}")
-        return "-".join(parts)
+        return RunName(
+            method=options.method_name,
+            encoder=options.network,
+            pool_stride=options.pool_stride,
+            protocol=options.protocol,
+            precision=options.precision,
+            memory=options.memory,
+            train_labyrinths=options.train_labyrinths,
+            seed=options.seed,
+        )
 
     @property
     def training_folder(self) -> Path:
         """Where the policy lies that is trained."""
-        return Path(self.options.run_dir).expanduser() / self.dataset.name / self.training_name
+        return Path(self.options.run_dir).expanduser() / self.dataset.name / self.run_name.name
 
     @property
     def local_dir(self) -> Path:

@@ -38,6 +38,9 @@ method has a network of its own, for pictures, in place of `encoder`; `memory` i
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
 
+POLICY = "policy.safetensors"
+"""The name of the file of a run's policy, in the folder of the run."""
+
 
 @dataclass(frozen=True)
 class Protocol:
@@ -124,8 +127,8 @@ class TrainingOptions:
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
     policy: str = option(
         "",
-        "policy to evaluate instead of a run's: module:name, a published one such as "
-        "user/planner-5x5@1.0.0, or a Stable-Baselines3 archive such as ppo.zip",
+        "policy to evaluate instead of a run's: module:name, or a published one such as "
+        "user/planner-5x5@1.0.0",
     )
     evaluate_on: str = option(
         "",
@@ -190,9 +193,9 @@ class EvaluationOptions:
 
 
 _POLICY = (
-    r"(?s).+\.zip|[\w.]+:[\w.]+|[\w.-]+/[\w.-]+(@[\w./-]+)?",
-    "module:name, a Stable-Baselines3 archive as a path that ends in .zip, or an id on the Hub, "
-    "with @ and a revision if it is not main",
+    r"[\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?",
+    "module:name, or a published policy: a folder, or an id on the Hub, with @ and a revision if "
+    "it is not main",
 )
 
 

@@ -1,1 +1,1 @@
-"""The stage `evaluate` for anybody's policy, which `policy=` names."""
+"""The stage `evaluate`: what a policy achieves, that of a run or any other."""

@@ -1,16 +1,95 @@
-"""Policies by name: `module:name` in Python, or what the Hub holds."""
+"""Policies by name, `policy=...`: `module:name` in Python, or one that was published.
+
+Torch is not imported here, as a policy of one's own may not need it.
+"""
 
 from __future__ import annotations
 
 import inspect
+import re
 import sys
+from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from labyrinth_core.evaluation.answers import PolicyError, asked
+from labyrinth_core import evaluate
+from labyrinth_core.evaluation.answers import Player, PolicyError, asked
+from labyrinth_core.evaluation.description import DETAILS, Description
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
 from pipeline.config.errors import ConfigError, listed
+from pipeline.config.run import Run
+from pipeline.config.training import EvaluationOptions
+from pipeline.machinery.dataset import fingerprint_of
+
+
+class Judged(NamedTuple):
+    """A policy, and what it achieves."""
+
+    about: Description
+    player: Player
+    """The policy, as it is asked."""
+    load: Callable[..., LabyrinthArrays]
+    """Returns the labyrinths of a split, as the policy observes them."""
+    results: Results
+    path: Path
+    """Where the results are kept."""
+
+
+def judge_named(run: Run) -> Judged:
+    """Return what the policy achieves that `policy` names.
+
+    Raises:
+        ConfigError: There is no such policy, or an option is impossible.
+        DatasetError: The policy or the dataset cannot be read, or a split is missing.
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    options, asked = run.options, run.options.evaluation
+    name = asked.name.strip() or Path(options.policy).name
+    fingerprint_of(run)  # Says how the dataset is made, if there is none.
+    policy = named_policy(options.policy)
+    try:
+        about = _description(name, asked)  # First, as the evaluation may take long.
+        load = partial(
+            load_arrays,
+            run.source,
+            run.dataset.name,
+            observation=options.observation,
+            image_size=asked.image_size,
+            revision=options.revision,
+        )
+        results = evaluate(
+            policy,
+            run.source,
+            run.dataset.name,
+            observation=options.observation,
+            image_size=asked.image_size,
+            episodes=asked.episodes,
+            seed=options.seed,
+            splits=asked.splits or None,
+            revision=options.revision,
+        )
+    except PolicyError:
+        raise
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    folder = Path(options.run_dir).expanduser() / run.dataset.name / _as_file_name(name)
+    return Judged(about, Player.of(policy, options.seed), load, results, folder / RESULTS)
+
+
+def _description(name: str, asked: EvaluationOptions) -> Description:
+    numbers = (asked.train_labyrinths, asked.train_steps, asked.parameters)
+    details = dict(zip(DETAILS, numbers, strict=True))
+    stated = {what: number for what, number in details.items() if number is not None}
+    return Description(name, asked.author, asked.url, asked.date, asked.budget, stated)
+
+
+def _as_file_name(name: str) -> str:
+    """Return a name without what file systems and shells do not like."""
+    return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "policy"
 
 
 def named_policy(name: str) -> Any:
@@ -18,12 +97,12 @@ def named_policy(name: str) -> Any:
 
     Args:
         name: `module:name`, a policy in a module of the working directory or an installed one, or
-            a class or a function without arguments that makes one; or an id on the Hub, such as
-            `user/planner-5x5` or `user/planner-5x5@1.0.0`.
+            a class or a function without arguments that makes one; or a published policy: a
+            folder, or an id on the Hub such as `user/planner-5x5` or `user/planner-5x5@1.0.0`.
 
     Raises:
         ConfigError: There is no such module or name.
-        DatasetError: The policy on the Hub cannot be read.
+        DatasetError: The published policy cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
     if ":" not in name:
@@ -49,10 +128,8 @@ def _imported(name: str, module: str) -> Any:
         cause = error.__cause__
         if isinstance(cause, ModuleNotFoundError) and f"{module}.".startswith(f"{cause.name}."):
             here = Path.cwd()
-            told = (
-                f"policy={name}: there is no module {cause.name}, neither in {here} nor installed"
-            )
-            raise ConfigError(told) from error
+            reason = f"there is no module {cause.name}, neither in {here} nor installed"
+            raise ConfigError(f"policy={name}: {reason}") from error
         raise
 
 

@@ -16,15 +16,7 @@ from typing import Any
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, COUNTS, Manifest
 from labyrinth_core.data.rows import check_file
-from labyrinth_core.data.storage import AnyPath, write_text
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
-from labyrinth_core.world.grid import Action
-from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
-from pipeline.inspection.counts import Content, SplitCounts, count_shard
-from pipeline.machinery import front_matter
-from pipeline.machinery.console import progress
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.schema import (
+from labyrinth_core.data.schema import (
     COUNT,
     SHARE,
     Each,
@@ -35,6 +27,14 @@ from pipeline.machinery.schema import (
     check,
     read_json,
 )
+from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
+from labyrinth_core.world.grid import Action
+from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
+from pipeline.inspection.counts import Content, SplitCounts, count_shard
+from pipeline.machinery import front_matter
+from pipeline.machinery.console import progress
+from pipeline.machinery.executor import ordered_map
 
 FORMAT = 1
 """The format of `counts.json`."""

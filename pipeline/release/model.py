@@ -5,25 +5,25 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import yaml
 from huggingface_hub import EvalResultEntry, HfApi, eval_result_entries_to_yaml
 from huggingface_hub.errors import RevisionNotFoundError
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import CONFIG, OWN, WEIGHTS, NetworkSpec, PolicySpec
 from pipeline.config.run import Run
-from pipeline.machinery.evaluation_file import EVALUATION, POLICY, check_evaluation
-from pipeline.machinery.schema import Text, check, read_json
+from pipeline.config.training import POLICY
 from pipeline.release import model_card
 from pipeline.release.eval_tasks import evaluation_task
 from pipeline.release.model_card import Trained
@@ -32,9 +32,6 @@ from pipeline.release.remote import PublishError, Remote, explained
 
 EVAL_RESULTS = ".eval_results"
 """The folder in which the Hub looks for results (https://huggingface.co/docs/hub/eval-results)."""
-
-_SHAPE = {"evaluated": {"weights": Text("[0-9a-f]{64}")}, "run": {"observation": Text("\\w+")}}
-"""What else is needed of an evaluation; earlier versions did not say of which weights it is."""
 
 
 @contextmanager
@@ -46,11 +43,11 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
         PublishError: The dataset on the Hub is not the one that it was trained on.
     """
     source = run.training_folder
-    evaluation = _evaluation(source)
+    results, made = _results(source)
     with tempfile.TemporaryDirectory(prefix="labyrinth-model-") as temporary:
         folder = Path(temporary)
-        _copy_weights(source, folder, evaluation)
-        spec = _spec(run, evaluation["run"])
+        _copy_weights(source, folder, made)
+        spec = _spec(run, made)
         write_text(folder / CONFIG, json.dumps(spec.to_json(), indent=1) + "\n")
         try:
             network = load_policy(folder).network
@@ -58,7 +55,7 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
             told = str(error).replace(str(folder / WEIGHTS), str(source / POLICY))
             raise DatasetError(told.replace(temporary, str(source))) from error
         dataset, revision = run.dataset_on_hub
-        commit, manifest = _dataset(run, api, evaluation)
+        commit, manifest = _dataset(run, api, made)
         trained = Trained(
             model=run.options.publish.model,
             version=run.options.publish.version,
@@ -67,7 +64,8 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
             dataset=dataset,
             revision=revision or commit,
             manifest=manifest,
-            evaluation=evaluation,
+            results=results,
+            run=made,
         )
         write_text(folder / "README.md", model_card.text(trained))
         (folder / EVAL_RESULTS).mkdir()
@@ -76,49 +74,45 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
         yield folder
 
 
-def _evaluation(folder: Path) -> dict[str, Any]:
-    path = folder / EVALUATION
-    try:
-        content = read_json(path)
-        check_evaluation(content)
-        check(content, _SHAPE)
-    except (FileNotFoundError, NotADirectoryError) as error:
+def _results(folder: Path) -> tuple[Results, TrainedRun]:
+    """Return the results in the folder of a run, and what they say of the run."""
+    path = folder / RESULTS
+    if not path.exists():
         made = "stages=[train,evaluate] makes one"
-        raise DatasetError(f"{folder} holds no policy that was evaluated: {made}") from error
-    except (OSError, *MALFORMED) as error:
-        again = "stages=[evaluate] makes it anew"
-        raise DatasetError(f"{path} cannot be used: {one_line(error)}; {again}") from error
-    return dict(content)
+        raise DatasetError(f"{folder} holds no policy that was evaluated: {made}")
+    results = Results.load(path)
+    if results.run is None or results.fingerprint != results.run.fingerprint:
+        raise DatasetError(f"{path} is not of this run: stages=[evaluate] makes it anew")
+    return results, results.run
 
 
-def _copy_weights(source: Path, folder: Path, evaluation: Mapping[str, Any]) -> None:
+def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
     try:
         shutil.copyfile(source / POLICY, folder / WEIGHTS)
     except FileNotFoundError as error:
         raise DatasetError(f"{source / POLICY} is not there: stages=[train] makes it") from error
-    if file_sha256(folder / WEIGHTS) != evaluation["evaluated"]["weights"]:
+    if file_sha256(folder / WEIGHTS) != made.evaluated["weights"]:
         raise DatasetError(
-            f"{source / EVALUATION} is of other weights than {POLICY}: stages=[evaluate] makes it "
-            "anew"
+            f"{source / RESULTS} is of other weights than {POLICY}: stages=[evaluate] makes it anew"
         )
 
 
-def _spec(run: Run, trained: Mapping[str, Any]) -> PolicySpec:
+def _spec(run: Run, made: TrainedRun) -> PolicySpec:
     """Return what the network of a run is made from; `load_policy` checks it."""
     size = run.dataset.height, run.dataset.width
-    encoder, settings = trained["encoder"], trained["settings"]
+    encoder, settings = made.encoder, made.settings
     of_method = OWN.get(encoder)
     own = None
     if of_method is not None:
         own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
     return PolicySpec(
-        network=NetworkSpec(encoder, trained["pool_stride"], *size, str(run.dataset.task)),
+        network=NetworkSpec(encoder, made.pool_stride, *size, str(run.dataset.task)),
         average=settings.get("average", False),
         own=own,
     )
 
 
-def _dataset(run: Run, api: HfApi, evaluation: Mapping[str, Any]) -> tuple[str, Manifest]:
+def _dataset(run: Run, api: HfApi, made: TrainedRun) -> tuple[str, Manifest]:
     """Return the commit and the manifest of the dataset on the Hub that a run was trained on."""
     repo_id, revision = run.dataset_on_hub
     with explained(repo_id):
@@ -128,11 +122,10 @@ def _dataset(run: Run, api: HfApi, evaluation: Mapping[str, Any]) -> tuple[str, 
             told = f"{repo_id} has no revision {revision}: publish the dataset first"
             raise PublishError(told) from error
         manifest = Manifest.read(locate(repo_id, run.dataset.name, [], commit))
-    of = evaluation["run"]["fingerprint"]
-    if manifest.fingerprint != of:
+    if manifest.fingerprint != made.fingerprint:
         raise PublishError(
             f"{run.training_folder} was trained on another dataset than {repo_id}: their "
-            f"fingerprints are {of:.8} and {manifest.fingerprint:.8}"
+            f"fingerprints are {made.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
     return commit, manifest
 
@@ -152,12 +145,12 @@ def eval_results(trained: Trained, commit: str) -> str:
             dataset_id=trained.dataset,
             dataset_revision=commit,
             task_id=evaluation_task(config, split),
-            value=round(100 * figures["sr"], 6),
+            value=round(100 * scores.sr, 6),
             source_url=f"https://huggingface.co/{trained.model}",
             source_name="Model card",
             notes="success rate in percent, one greedy episode a labyrinth",
         )
-        for split, figures in trained.evaluation["splits"].items()
-        if figures["labyrinths"] == sum(shard.labyrinths for shard in manifest.of(split))
+        for split, scores in trained.results.splits.items()
+        if len(scores.distance) == sum(shard.labyrinths for shard in manifest.of(split))
     ]
     return yaml.safe_dump(eval_result_entries_to_yaml(entries), sort_keys=False)

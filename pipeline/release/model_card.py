@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import MapperSpec, PlannerSpec, PolicySpec
 from pipeline.machinery import front_matter
 from pipeline.machinery.markdown import count, table
@@ -32,19 +32,15 @@ class Trained:
     revision: str
     """The revision of the dataset."""
     manifest: Manifest
-    evaluation: Mapping[str, Any]
-    """The content of `evaluation.json`."""
+    results: Results
+    """What it achieves on that dataset."""
+    run: TrainedRun
+    """The run that made it."""
 
     @property
     def config(self) -> str:
         """The config of the dataset."""
         return self.manifest.config.name
-
-    @property
-    def run(self) -> Mapping[str, Any]:
-        """What determines the weights."""
-        found: Mapping[str, Any] = self.evaluation["run"]
-        return found
 
 
 def text(trained: Trained) -> str:
@@ -71,10 +67,10 @@ def text(trained: Trained) -> str:
 def _introduction(trained: Trained) -> str:
     size = trained.spec.image_size
     sees = "vectors" if size is None else f"pictures of {size} x {size} pixels"
-    figures = trained.evaluation["splits"]["test"]
+    figures = trained.results.splits["test"].figures()
     low, high = (f"{100 * bound:.0f}" for bound in figures["sr_interval"])
     url = f"https://huggingface.co/datasets/{trained.dataset}"
-    return f"""# {trained.run["method"]} on `{trained.config}`
+    return f"""# {trained.run.method} on `{trained.config}`
 
 A policy that looks at {sees} of grid labyrinths and says where to go: up, right, down or left. It
 has learnt from demonstrations on the structures of `train` of [{trained.dataset}]({url}), and
@@ -108,17 +104,17 @@ is made from, and `model.safetensors` has its {trained.weights:,} weights."""
 
 
 def _training(trained: Trained) -> str:
-    run, training = trained.run, trained.evaluation["training"]
-    asked = run.get("train_labyrinths")
+    run, training = trained.run, trained.run.training
+    asked = run.train_labyrinths
     held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
     labyrinths = count(held if asked is None else asked, "labyrinth")
     of = "" if asked is None else f", the first of {held:,}"
     rows = [
         ("dataset", f"`{trained.config}` of `{trained.dataset}`, revision `{trained.revision}`"),
-        ("its fingerprint", f"`{run['fingerprint']}`"),
+        ("its fingerprint", f"`{run.fingerprint}`"),
         ("learnt from", f"{labyrinths} of `train`{of}"),
-        ("method", f"`{run['method']}`, encoder `{run['encoder']}`, seed {run['seed']}"),
-        ("settings", ", ".join(f"`{name}={value}`" for name, value in run["settings"].items())),
+        ("method", f"`{run.method}`, encoder `{run.encoder}`, seed {run.seed}"),
+        ("settings", ", ".join(f"`{name}={value}`" for name, value in run.settings.items())),
         (
             "budget",
             f"{count(training['epochs'], 'epoch')}, {training['seconds']:.0f} seconds on "
@@ -135,10 +131,11 @@ def _training(trained: Trained) -> str:
 
 def _results(trained: Trained) -> str:
     rows = []
-    for split, figures in trained.evaluation["splits"].items():
+    for split, scores in trained.results.splits.items():
+        figures = scores.figures()
         low, high = figures["sr_interval"]
         efficiency = figures["path_efficiency"]
-        chance = trained.evaluation["baselines"].get(split, {}).get("random")
+        chance = trained.results.baselines["random"].get(split)
         rows.append(
             (
                 f"`{split}`",

@@ -5,24 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import is_of_train
-from labyrinth_core.evaluation.following import OUTCOMES
+from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.machinery.evaluation_file import EVALUATION, check_evaluation
-from pipeline.machinery.schema import read_json
+from labyrinth_core.evaluation.results import Results, results_in
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
 
 MOST_FAILED = 2_000
 """The most labyrinths of a split that are named because a run failed on them."""
-_SOLVED = next(iter(OUTCOMES))[0]
-"""The letter of an episode that reached the goal, the first letter of its outcome."""
 
 SCORES = (
     "labyrinths",
@@ -41,87 +37,80 @@ SCORES = (
 def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
     """Return the data of the page on the methods evaluated on datasets, each with its runs.
 
-    A method is all that a run's name says but its seed, such as `bc-resnet18`.
+    A method is all that the name of a run says but its seed, such as `bc-resnet18`.
 
     Args:
         run_dir: The folder of the runs; it need not exist.
-        manifests: The manifests of the datasets; runs on others are left out.
+        manifests: The manifests of the datasets; runs on others are left out, and so are results
+            of policies that no run made.
 
     Raises:
-        DatasetError: A file cannot be read.
+        DatasetError: A file is refused.
     """
     of = {manifest.config.name: manifest for manifest in manifests}
-    methods: dict[tuple[str, str], list[_Run]] = {}
-    for path in sorted(run_dir.glob(f"*/*/{EVALUATION}")):
+    methods: dict[tuple[str, str], list[tuple[TrainedRun, Results]]] = {}
+    for path in results_in(run_dir):
+        results = Results.load(path)
+        run, manifest = results.run, of.get(results.config)
+        if run is None or manifest is None or manifest.fingerprint != results.fingerprint:
+            continue
         try:
-            run = _run(path.parent.name, of, read_json(path))
-        except (OSError, *MALFORMED) as error:
-            raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
-        if run is not None:
-            methods.setdefault((run.config, run.method), []).append(run)
-    return [_method(sorted(runs, key=lambda run: run.seed)) for runs in methods.values()]
+            _require_all(results.splits, run, manifest)
+        except ValueError as error:
+            raise DatasetError(f"{path} is refused: {error}") from error
+        methods.setdefault((results.config, run.of_all_seeds), []).append((run, results))
+    return [
+        _method(name, sorted(runs, key=lambda each: each[0].seed))
+        for (_, name), runs in methods.items()
+    ]
 
 
-class _Run(NamedTuple):
-    """One run's evaluation."""
-
-    config: str
-    """The config of the dataset, such as `5x5`."""
-    method: str
-    seed: int
-    told: Mapping[str, Any]
-    """The data of the page on this run alone."""
-    solved: Mapping[str, NDArray[np.float64]]
-    """Split -> 1 for each labyrinth that was solved, else 0, shape (labyrinths,)."""
-    failed: Mapping[str, Sequence[str]]
-    """Split -> ids of the labyrinths that were not solved."""
-    baselines: Mapping[str, Any]
-
-
-def _run(name: str, of: Mapping[str, Manifest], content: Mapping[str, Any]) -> _Run | None:
-    """Return the run of an evaluation, None if its dataset is not there."""
-    run = content["run"]
-    manifest = of.get(run["config"])
-    if manifest is None or manifest.fingerprint != run["fingerprint"]:
-        return None
-    check_evaluation(content)
-    seed, told, solved, failed = run["seed"], {}, {}, {}
+def _require_all(splits: Mapping[str, Scores], run: TrainedRun, manifest: Manifest) -> None:
+    """Raise a ValueError if scores are not of as many labyrinths as a dataset has."""
     for split in EVALUATED_SPLITS:
-        scores = content["splits"][split]
-        solved[split] = np.array([letter == _SOLVED for letter in scores["outcomes"]], np.float64)
-        failed[split] = scores["failed"]
         held = sum(shard.labyrinths for shard in manifest.of(split))
-        if is_of_train(split) and run.get("train_labyrinths") is not None:
-            held = int(run["train_labyrinths"])
-        if len(solved[split]) != held:
-            raise ValueError(f"{split} has {held} labyrinths, not {len(solved[split])}")
-        told[split] = {figure: scores[figure] for figure in SCORES} | _named(failed[split])
-    method = name.replace(f"-seed{seed}", "", 1)
-    shown = {"name": name, "splits": told}
-    return _Run(run["config"], method, seed, shown, solved, failed, content["baselines"])
+        if is_of_train(split) and run.train_labyrinths is not None:
+            held = run.train_labyrinths
+        found = len(splits[split].distance) if split in splits else 0
+        if found != held:
+            raise ValueError(f"{split} has {held} labyrinths, not {found}")
 
 
-def _method(runs: Sequence[_Run]) -> dict[str, Any]:
+def _method(name: str, runs: Sequence[tuple[TrainedRun, Results]]) -> dict[str, Any]:
     """Return the data of the page on a method: means over its runs, and each run."""
+    first = runs[0][1]
+    told = [
+        {"name": run.name, "splits": {split: _run(found[split]) for split in EVALUATED_SPLITS}}
+        for run, results in runs
+        for found in [results.splits]
+    ]
     splits = {}
     for split in EVALUATED_SPLITS:
-        told = [run.told["splits"][split] for run in runs]
-        solved = np.stack([run.solved[split] for run in runs])
-        by_all = set.intersection(*(set(run.failed[split]) for run in runs))
+        scores = [results.splits[split] for _, results in runs]
+        solved = np.concatenate([np.atleast_2d(each.episodes.solved) for each in scores])
+        by_all = set.intersection(*(set(each.failed) for each in scores))
         splits[split] = {
             "sr": float(solved.mean()),
-            "sr_interval": interval(solved),
-            "aer": mean(each["aer"] for each in told),
-            "aer_std": mean(each["aer_std"] for each in told),
-            **_named([number for number in runs[0].failed[split] if number in by_all]),
+            "sr_interval": interval(solved.astype(np.float64)),
+            "aer": mean(each.aer for each in scores),
+            "aer_std": mean(float(each.episodes.returns.std()) for each in scores),
+            **_named([number for number in scores[0].failed if number in by_all]),
         }
     return {
-        "config": runs[0].config,
-        "name": runs[0].method,
+        "config": first.config,
+        "name": name,
         "splits": splits,
-        "baselines": runs[0].baselines,
-        "runs": [run.told for run in runs],
+        "baselines": {
+            split: {each: found[split] for each, found in first.baselines.items()}
+            for split in EVALUATED_SPLITS
+        },
+        "runs": told,
     }
+
+
+def _run(scores: Scores) -> dict[str, Any]:
+    figures = scores.figures()
+    return {figure: figures[figure] for figure in SCORES} | _named(scores.failed)
 
 
 def _named(failed: Sequence[str]) -> dict[str, Any]:

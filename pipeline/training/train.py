@@ -19,17 +19,21 @@ from rich.progress import Progress as Bars
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import is_of_train
-from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions, usual_settings
+from pipeline.config.training import (
+    IMAGE_SIZE,
+    POLICY,
+    PROTOCOLS,
+    TrainingOptions,
+    usual_settings,
+)
 from pipeline.machinery.console import console, progress, say
 from pipeline.machinery.dataset import fingerprint_of
-from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.memory import memory_of, remembered, with_memory
@@ -76,7 +80,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
             report = _reporter(bars, options, learner.settings.epochs, folder)
             protocol, path = PROTOCOLS[options.protocol], folder / CHECKPOINT
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    _finish(folder, identity, run.training_name, learner, done)
+    _finish(folder, identity, run.run_name.name, learner, done)
 
 
 def choose_device(options: TrainingOptions) -> torch.device:

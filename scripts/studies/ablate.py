@@ -33,17 +33,17 @@ from labyrinth_sets import labyrinth_sets, write_results
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.following import greedy_episodes, success_rate
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.evaluation.playing import solved_by, success_rate
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import RunConfig, resolve
-from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
+from pipeline.config.training import IMAGE_SIZE, POLICY, PROTOCOLS
 from pipeline.generation import build
-from pipeline.machinery.evaluation_file import POLICY
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import fit
 from pipeline.training.methods.acting import load_steps
@@ -197,8 +197,9 @@ def run(
     about |= {"selected": done.best, "cpu_seconds": round(time.process_time() - began)}
     learner.policy.load_state_dict(done.weights)
     policy = understood(NetworkPolicy(learner.policy))
+    spec = ObservationSpec("image", IMAGE_SIZE, draw=True)
     solved = {
-        name: [each.solved for each in greedy_episodes(policy, labyrinths, IMAGE_SIZE)]
+        name: solved_by(policy, as_arrays(labyrinths, spec)).tolist()
         for name, labyrinths in sets.items()
     }
     save_policy(work / POLICY, done.weights, learner.problem.spec)

@@ -29,8 +29,9 @@ from generalise import policy_of
 from labyrinth_sets import labyrinth_sets, write_results
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.following import greedy_episodes, solved_by
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays, load_arrays
+from labyrinth_core.evaluation.playing import solved_by
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, RECOLOURED, Style, render
 from labyrinth_core.pictures.resize import area_average
@@ -169,10 +170,11 @@ def powers(
         if name not in wanted:
             continue
         side = labyrinths[0].structure.height
+        spec = ObservationSpec("image", round(IMAGE_SIZE * side / trained_side), draw=True)
+        arrays = as_arrays(labyrinths, spec)
         for power in dict.fromkeys([*given.powers, needed[side]]):
             bellman.sharpness = power
-            episodes = greedy_episodes(policy, labyrinths, round(IMAGE_SIZE * side / trained_side))
-            solved[f"{name} at {power:g}"] = [each.solved for each in episodes]
+            solved[f"{name} at {power:g}"] = solved_by(policy, arrays).tolist()
             share = np.mean(solved[f"{name} at {power:g}"])
             print(f"  {name} at {power:g}: {share:.0%}", flush=True)
             write_results(kept, about, solved)

@@ -25,9 +25,10 @@ from looks import LOOKS, Look
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from labyrinth_core.evaluation.attempts import attempts
+from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.stepping import Player
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
+from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter, Style, render
 from labyrinth_core.policies.networks.mapping import MapperPolicy
@@ -36,7 +37,7 @@ from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode
 from pipeline.config.run import RunConfig, resolve
-from pipeline.machinery.evaluation_file import POLICY
+from pipeline.config.training import POLICY
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 from pipeline.training.record import read_record
@@ -81,8 +82,8 @@ def main() -> None:
         structure = labyrinths[0].structure
         shape = (structure.height, structure.width)
         began = time.process_time()
-        drawn = Drawing(labyrinths, styles, image_size(*shape))
-        episodes = attempts(make_player(*shape), labyrinths, drawn)
+        arrays = as_arrays(labyrinths, Drawing(labyrinths, styles, image_size(*shape)))
+        episodes = attempts(make_player(*shape), arrays, range(len(labyrinths)))
         kept[name] = [episode.states[-1].agent == episode.labyrinth.goal for episode in episodes]
         solved = np.array([kept[name]], float)
         low, high = interval(solved)

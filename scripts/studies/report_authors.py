@@ -19,11 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, summary_of
 from pipeline.config.training import usual_settings
 from pipeline.machinery.markdown import table
 from pipeline.studies.methods.authors.trial import try_out
-from pipeline.studies.results.evaluations import Evaluation, Figures, read_all, summarise
+from pipeline.studies.results.figures import Figures, run_of, summarise
+from pipeline.studies.results.kept import read_runs
 from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
 
 EPISODES = 50
@@ -36,10 +38,12 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("docs/results"))
     parser.add_argument("--data-dir", type=Path, required=True)
     given = parser.parse_args()
-    runs = [each for each in read_all(given.results / "authors") if each.setup.endswith("-authors")]
+    runs = [
+        each for each in read_runs(given.results / "authors") if run_of(each).protocol == "authors"
+    ]
     usual = {
         (each.config, each.split, each.method): each
-        for each in summarise(read_all(given.results))
+        for each in summarise(read_runs(given.results))
         if each.setup == "cnn"
     }
     configs = sorted({config for config, _, _ in paper_figures()})
@@ -74,26 +78,28 @@ def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
     return rows
 
 
-def about(run: Evaluation) -> list[str]:
+def about(results: Results) -> list[str]:
     """Return which run it is, in what it differs from the script, and which epoch was kept."""
-    chosen, script = run.content["run"]["settings"], usual_settings(run.method, "authors")
+    run = run_of(results)
+    chosen, script = run.settings, usual_settings(run.method, "authors")
     changed = (f"{name} {value:,}" for name, value in chosen.items() if value != script[name])
-    kept = run.content["training"]["selected"]["epoch"]
+    kept = run.training["selected"]["epoch"]
     return [
-        f"{METHODS[run.method]}, {run.config}, seed {run.seed}",
+        f"{METHODS[run.method]}, {results.config}, seed {run.seed}",
         ", ".join(changed),
         f"epoch {kept}",
     ]
 
 
-def cells(run: Evaluation, usual: Mapping[tuple[str, str, str], Figures]) -> list[list[str]]:
+def cells(results: Results, usual: Mapping[tuple[str, str, str], Figures]) -> list[list[str]]:
     """Return a row for each cell of the paper that a run is of."""
-    rows = []
+    rows, run = [], run_of(results)
+    assert run.as_tried is not None
     for split in EVALUATED_SPLITS:
-        key = run.config, split, run.method
+        key = results.config, split, run.method
         printed = paper_figures()[key]
-        theirs = run.content["as_tried"][split]["sr"]
-        count = run.content["splits"][split]["labyrinths"]
+        theirs = run.as_tried[split]["sr"]
+        count = len(results.splits[split].distance)
         ours = usual[key].sr
         found = {"authors": fits(printed, theirs, count), "usual": fits(printed, ours, count)}
         rows.append(

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +24,18 @@ from numpy.typing import NDArray
 from report_ablation import COLOURS, STYLE, save
 from report_shifts import percent
 
+from labyrinth_core.data.schema import read_json
+from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.references import REFERENCES
+from labyrinth_core.evaluation.results import Results
 from pipeline.machinery.markdown import table
-from pipeline.machinery.schema import read_json
-from pipeline.studies.results.comparison import interquartile_mean
-from pipeline.studies.results.evaluations import Evaluation, read_all, solved_in
+from pipeline.studies.results.comparison import SPLIT, interquartile_mean, pairs_of_methods
+from pipeline.studies.results.figures import run_of, solved_in
+from pipeline.studies.results.kept import read_runs
 from pipeline.studies.results.paper import name_of
-from pipeline.studies.results.ranking import SPLIT, pairs_of_methods
 
-Groups = Mapping[str, Sequence[Evaluation]]
+Groups = Mapping[str, Sequence[Results]]
 """The runs of each method, one for each seed."""
 
 PARTS = {"known": "train demonstrates an optimal route", "new": "train demonstrates none"}
@@ -52,12 +52,13 @@ def main() -> None:
     parser.add_argument("--data-dir", type=Path, required=True, help="with the 1,000 labyrinths")
     parser.add_argument("--figures", type=Path, help="folder for the figure")
     given = parser.parse_args()
-    evaluations = read_all(given.results / "thousand")
+    found = read_runs(given.results / "thousand")
     groups = {
-        name_of(method): list(runs) for method, runs in groupby(evaluations, attrgetter("method"))
+        name_of(method): list(runs)
+        for method, runs in groupby(found, lambda each: run_of(each).method)
     }
-    parts = parts_of(evaluations[0], given.data_dir)
-    pairs = pairs_of_methods(evaluations)
+    parts = parts_of(found[0], given.data_dir)
+    pairs = pairs_of_methods(found)
     routes = (f"Of {lengths}:\n\n{by_route(groups, each)}" for lengths, each in parts.items())
     print(rates(groups), *routes, *pairs, costs(given.results), sep="\n\n")
     if given.figures is not None:
@@ -65,11 +66,11 @@ def main() -> None:
             save(draw(groups, parts), given.figures / "claims")
 
 
-def parts_of(evaluation: Evaluation, data_dir: Path) -> dict[str, Parts]:
+def parts_of(results: Results, data_dir: Path) -> dict[str, Parts]:
     """Return the parts of the labyrinths of the split: of all, and of those with usual lengths."""
-    arrays = load_arrays(data_dir, evaluation.config, SPLIT, observation="vector")
-    told = evaluation.content["splits"][SPLIT]["known_route"]
-    known = np.array([each == "1" for each in told])
+    arrays = load_arrays(data_dir, results.config, SPLIT, observation="vector")
+    known = results.splits[SPLIT].known_route
+    assert known is not None
     usual = int(np.bincount(arrays.distance).argmax())
     like = arrays.distance == usual
     return {
@@ -85,11 +86,11 @@ def rates(groups: Groups) -> str:
     for name, runs in groups.items():
         solved = solved_in(runs, SPLIT)
         middle = f"{100 * interquartile_mean([solved.mean(axis=1)]).value:.0f}"
-        spl = np.mean([each.content["splits"][SPLIT]["spl"] for each in runs])
+        spl = np.mean([each.splits[SPLIT].spl for each in runs])
         rows.append([name, str(len(runs)), _percent(solved), middle, f"{100 * spl:.0f}"])
-    references = next(iter(groups.values()))[0].content["baselines"][SPLIT]
+    references = next(iter(groups.values()))[0].baselines
     for name in (*REFERENCES, "random", "oracle"):
-        sr, spl = (f"{100 * references[name][figure]:.0f}" for figure in ("sr", "spl"))
+        sr, spl = (f"{100 * references[name][SPLIT][figure]:.0f}" for figure in ("sr", "spl"))
         rows.append([f"*{name.replace('_', ' ')}*", "", sr, "", spl])
     return table(heading, rows, "l" + "r" * (len(heading) - 1))
 
@@ -148,7 +149,7 @@ def costs(results: Path) -> str:
             key = tuple(str(content[name]) for name in ("config", "variant", "labyrinths", "seed"))
         else:
             run = content["run"]
-            seconds = content.get("training", {}).get("seconds", content.get("seconds_of_training"))
+            seconds = content.get("seconds_of_training", run.get("training", {}).get("seconds"))
             method = name_of(run["method"])
             key = (run["fingerprint"], run["seed"], seconds)  # Evaluated on several datasets.
         found.setdefault(method, {})[key] = seconds
@@ -165,7 +166,7 @@ def _kept(results: Path) -> Iterator[dict[str, Any]]:
     """Yield the content of each file that describes a run with the time that it took."""
     for path in sorted(results.rglob("*.json")):
         content = read_json(path)
-        if content.keys() & {"training", "cpu_seconds", "seconds_of_training"}:
+        if content.get("kind") or content.keys() & {"cpu_seconds", "seconds_of_training"}:
             yield content
 
 

@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 from report_ablation import STYLE, save
 
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.references import REFERENCES
+from labyrinth_core.evaluation.results import Results
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.evaluations import Evaluation, read_all
+from pipeline.studies.results.figures import run_of, solved_in
+from pipeline.studies.results.kept import read_runs
 from pipeline.studies.results.paper import METHODS
 
 CELLS = {
@@ -62,9 +64,9 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("docs/results/shifts"))
     parser.add_argument("--figures", type=Path, help="folder for the figure")
     given = parser.parse_args()
-    evaluations = read_all(given.results)
-    methods = by_method(evaluations)
-    baselines = evaluations[0].content["baselines"]
+    runs = read_runs(given.results)
+    methods = by_method(runs)
+    baselines = runs[0].baselines
     print(rates(methods, baselines))
     if set(CELLS.values()) <= set(splits_of(methods)):
         print("", effects(methods), sep="\n")
@@ -73,16 +75,17 @@ def main() -> None:
             save(draw(methods), given.figures / "shifts")
 
 
-def by_method(evaluations: Sequence[Evaluation]) -> dict[str, Solved]:
+def by_method(runs: Sequence[Results]) -> dict[str, Solved]:
     """Return what was solved by each method, over its seeds."""
-    groups: dict[str, list[Evaluation]] = {}
-    for each in evaluations:
-        groups.setdefault(METHODS.get(each.method, each.method), []).append(each)
+    groups: dict[str, list[Results]] = {}
+    for each in runs:
+        method = run_of(each).method
+        groups.setdefault(METHODS.get(method, method), []).append(each)
     return {
         name: {
-            split: np.stack([each.episodes[split].solved for each in group]).astype(np.float64)
+            split: solved_in(group, split)
             for split in SPLITS
-            if all(split in each.episodes for each in group)
+            if all(split in each.splits for each in group)
         }
         for name, group in groups.items()
     }
@@ -99,7 +102,7 @@ def rates(methods: Mapping[str, Solved], baselines: Mapping[str, Any]) -> str:
             percent(solved[split].mean(), *interval(solved[split])) for solved in methods.values()
         ]
         labyrinths = next(iter(methods.values()))[split].shape[1]
-        beside = [f"{100 * baselines[split][name]['sr']:.0f}" for name in REFERENCES]
+        beside = [f"{100 * baselines[name][split]['sr']:.0f}" for name in REFERENCES]
         rows.append([f"`{split}`", str(labyrinths), *cells, *beside])
     seeds = [str(len(solved["test"])) for solved in methods.values()]
     rows.append(["seeds", "", *seeds, *("" for _ in REFERENCES)])

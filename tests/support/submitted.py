@@ -1,25 +1,28 @@
-"""Results for tests, as anybody would save them, and small changes to them."""
+"""Results for tests, as anybody would save them or a run leaves them, and small changes to them."""
 
 from __future__ import annotations
 
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from labyrinth_core import evaluate
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.following import Episodes
+from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores, episodes_of
+from labyrinth_core.evaluation.scores import Scores
 
 
-def forgetful(height: int, width: int, share: float = 0.2) -> Any:
+def forgetful(height: int, width: int, share: float = 0.2, seed: int = 0) -> Any:
     """Return a policy that plans, but errs in a share of the states, always in the same ones."""
     planner = Replanner(height, width, memory=False)
 
     def act(observations):
-        weights = np.arange(1, observations.shape[1] + 1) ** 2
+        weights = (np.arange(1, observations.shape[1] + 1) + seed) ** 2
         drawn = (observations @ weights * 2654435761) % 2**32
         return np.where(drawn < share * 2**32, drawn % 4, planner.act(observations))
 
@@ -31,16 +34,47 @@ def results_of(source: Any, config: str, policy: Any, **options: Any) -> Results
     return evaluate(policy, source, config, observation="vector", **options)
 
 
+def of_run(results: Results, method: str = "bc", seed: int = 0, **changed: Any) -> Results:
+    """Return results as those of a run that learnt from the dataset that it is judged on."""
+    about: dict[str, Any] = {
+        "method": method,
+        "encoder": "cnn",
+        "pool_stride": 1,
+        "protocol": "default",
+        "seed": seed,
+        "settings": {"epochs": 7},
+        "config": results.config,
+        "dataset": results.dataset,
+        "fingerprint": results.fingerprint,
+        "training": {
+            "epochs": 7,
+            "seconds": 90.5,
+            "selected": {"epoch": 5},
+            "computed": {"device": "cpu"},
+        },
+        "evaluated": {"device": "cpu", "versions": {}, "weights": None},
+    }
+    return replace(results, seed=seed, run=TrainedRun(**about | changed))
+
+
+def keep(results: Results, run_dir: Path) -> Path:
+    """Leave the results of a run where the stage `evaluate` does, and return the file."""
+    assert results.run is not None
+    path = run_dir / results.config / results.run.name / "results.json"
+    results.save(path, name=results.run.name)
+    return path
+
+
 def content_of(results: Results, name: str = "mine", **about: Any) -> dict[str, Any]:
     """Return the content of the file."""
-    return results.to_json(Description(name, **about))
+    content: dict[str, Any] = deepcopy(results.to_json(Description(name, **about)))
+    return content
 
 
 def add_up(told: dict[str, Any], cells: int) -> None:
     """Make the figures of a split follow from its outcomes and moves, as a forger would."""
-    rows = zip(told["outcomes"], told["moves"], strict=True)
-    each = [episodes_of({"outcomes": row, "moves": moves}, cells) for row, moves in rows]
-    outcomes, moves = (np.stack([getattr(e, name) for e in each]) for name in ("outcomes", "moves"))
+    episodes = Episodes.of_letters(told["outcomes"], told["moves"], cells)
     distance = np.array(told["distance"])
-    scores = Scores(Episodes(outcomes, moves, cells), distance, distance, None, None)
-    told |= scores.figures()
+    marks = told["known_route"]
+    known = None if marks is None else np.array([mark == "1" for mark in marks])[: len(distance)]
+    told |= Scores(episodes, distance, distance, None, None, known).figures()

@@ -9,11 +9,12 @@ from operator import itemgetter
 from typing import Any
 
 from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.world.grid import parse_size
 from pipeline.machinery.markdown import count
-from pipeline.studies.results.evaluations import BY_METHOD, Evaluation, Figures
+from pipeline.studies.results.figures import BY_METHOD, Figures, by_method, run_of
+from pipeline.studies.results.kept import Kept
 from pipeline.studies.results.paper import METHODS
-from pipeline.studies.results.submissions import Submission
 
 RANKED_BY = "test"
 """The split whose SR decides the rank: structures that nobody learns on."""
@@ -61,45 +62,44 @@ class Entry:
 
 
 def entries_of(
-    evaluations: Sequence[Evaluation], figures: Sequence[Figures], submissions: Iterable[Submission]
+    runs: Sequence[Kept], figures: Sequence[Figures], submissions: Iterable[Kept]
 ) -> Iterator[Entry]:
-    """Yield the entries of our runs, which have a figure for each split, and of anybody's files.
+    """Yield the entries of our runs and of anyone's files.
 
     Args:
-        evaluations: Our runs, in the usual order.
+        runs: Our runs, in the usual order.
         figures: Their figures over seeds, likewise.
-        submissions: The files.
+        submissions: The results of other policies.
     """
-    by_method = zip(groupby(evaluations, BY_METHOD), groupby(figures, BY_METHOD), strict=True)
-    for (_, runs), (_, told) in by_method:
-        yield _of_runs(list(runs), told)
+    compared = {id(each.results): each.compared for each in runs}
+    groups = by_method([each.results for each in runs])
+    for group, (_, found) in zip(groups, groupby(figures, BY_METHOD), strict=True):
+        yield _of_runs(group, list(found), all(compared[id(each)] for each in group))
     yield from map(_of_submission, submissions)
 
 
-def _of_runs(runs: Sequence[Evaluation], figures: Iterable[Figures]) -> Entry:
+def _of_runs(group: Sequence[Results], figures: Iterable[Figures], compared: bool) -> Entry:
     """Return the entry of runs that differ in their seed alone."""
-    first = runs[0]
-    about, splits = first.content["run"], first.content["splits"]
-    name = METHODS.get(first.method, first.method)
+    first, run = group[0], run_of(group[0])
+    counts = {split: len(scores.distance) for split, scores in first.splits.items()}
+    name = METHODS.get(run.method, run.method)
     return Entry(
         config=first.config,
-        fingerprint=about["fingerprint"],
+        fingerprint=first.fingerprint,
         method=Description(
-            name=name if first.setup == first.method else f"{name}, {first.setup}",
+            name=name if run.setup == run.method else f"{name}, {run.setup}",
             author=AUTHOR,
-            budget=count(first.content["training"]["epochs"], "epoch"),
-            details={
-                "labyrinths": int(about.get("train_labyrinths") or splits["train"]["labyrinths"])
-            },
+            budget=count(run.training["epochs"], "epoch"),
+            details={"labyrinths": run.train_labyrinths or counts["train"]},
         ),
-        observation=_text_in(about, "observation"),
-        seeds=len(runs),
+        observation=first.observation,
+        seeds=len(group),
         episodes=1,
-        version=_text_in(first.content, "evaluated", "versions", "labyrinth-datasets"),
-        compared=True,
+        version=first.version,
+        compared=compared,
         standings={
             each.split: Standing(
-                labyrinths=splits[each.split]["labyrinths"],
+                labyrinths=counts[each.split],
                 sr=each.sr,
                 sr_interval=each.sr_interval,
                 aer=each.aer,
@@ -112,31 +112,25 @@ def _of_runs(runs: Sequence[Evaluation], figures: Iterable[Figures]) -> Entry:
     )
 
 
-def _of_submission(submission: Submission) -> Entry:
-    told = submission.evaluated
-    figures = {split: scores.figures() for split, scores in submission.scores.items()}
+def _of_submission(kept: Kept) -> Entry:
+    results = kept.results
+    assert results.method is not None  # A file always has it.
+    figures = {split: scores.figures() for split, scores in results.splits.items()}
     names = [each.name for each in fields(Standing)]
     return Entry(
-        config=submission.config,
-        fingerprint=submission.fingerprint,
-        method=submission.method,
-        observation=told["observation"],
+        config=results.config,
+        fingerprint=results.fingerprint,
+        method=results.method,
+        observation=results.observation,
         seeds=1,
-        episodes=told["episodes"],
-        version=told["version"],
-        compared=submission.compared,
+        episodes=results.episodes,
+        version=results.version,
+        compared=kept.compared,
         standings={
             split: Standing(**{name: each[name] for name in names})
             for split, each in figures.items()
         },
     )
-
-
-def _text_in(content: Any, *names: str) -> str:
-    """Return the text at a place in JSON that need not be there, empty if there is none."""
-    for name in names:
-        content = content.get(name) if isinstance(content, dict) else None
-    return content if isinstance(content, str) else ""
 
 
 def boards(entries: Iterable[Entry]) -> list[list[Entry]]:

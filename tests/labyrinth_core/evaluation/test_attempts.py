@@ -8,8 +8,8 @@ from labyrinths_of_datasets import CONFIGS
 from policies import Remembering, Rounds, Table
 
 from labyrinth_core import load_arrays
-from labyrinth_core.evaluation.attempts import attempts
-from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.playing import attempts, step_through
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
@@ -20,7 +20,7 @@ def test_an_attempt_takes_the_steps_of_the_episode_that_is_judged(datasets, conf
     for policy in (random, optimal, Remembering(random), Rounds(2)):
         player = Player.of(policy, 0)
         judged = step_through(player, arrays, 1)
-        tried = attempts(player, arrays.labyrinths, arrays.spec)
+        tried = attempts(player, arrays, range(len(arrays.labyrinths)))
         for place, episode in enumerate(tried):
             moves, outcome = judged.moves[0, place], judged.outcomes[0, place]
             assert len(episode) == min(moves, arrays.cells)

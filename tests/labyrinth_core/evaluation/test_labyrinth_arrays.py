@@ -10,7 +10,8 @@ from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays, load_arrays
+from labyrinth_core.evaluation.playing import solved_by
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
 from labyrinth_core.world.solver import shortest_routes
 
@@ -137,3 +138,16 @@ def test_what_cannot_be_loaded_is_said_in_one_line(datasets, arguments, message)
     with pytest.raises((ValueError, DatasetError), match=message) as error:
         load_arrays(**values)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+def test_labyrinths_of_no_dataset_are_the_same_arrays_but_for_demonstrations(datasets, config):
+    arrays = load_arrays(datasets, config, "test", image_size=8)
+    again = as_arrays(arrays.labyrinths, arrays.spec)
+    for name in ("initial", "next_state", "rewards", "optimal", "distance", "labyrinth_ids"):
+        assert np.array_equal(getattr(again, name), getattr(arrays, name)), name
+    assert np.array_equal(again.observations[arrays.initial], arrays.observations[arrays.initial])
+    assert not again.demonstrated.any()
+    assert solved_by(lambda seen: seen.reshape(len(seen), 4, -1).sum(axis=2), again).tolist() == (
+        solved_by(lambda seen: seen.reshape(len(seen), 4, -1).sum(axis=2), arrays).tolist()
+    )

@@ -11,9 +11,9 @@ from policies import Table
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.references import TrainMemory
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.rollout import replay

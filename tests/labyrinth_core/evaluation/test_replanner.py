@@ -10,10 +10,11 @@ from policies import Remembering
 from strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays, parse
+from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.evaluation.scores import score
-from labyrinth_core.evaluation.stepping import Player, step_through
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import State, initial, transition
 from labyrinth_core.world.grid import neighbours

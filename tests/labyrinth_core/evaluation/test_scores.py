@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +10,16 @@ from labyrinths_of_datasets import CONFIGS, labyrinths_of
 from policies import Table, mistaken
 
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation.baselines import best_route, compare, follow_route, majority_actions
-from labyrinth_core.evaluation.following import follow, greedy_actions, success_rate
+from labyrinth_core.evaluation.baselines import TrainMemory, oracle_figures, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import Scores, episodes_of, score
+from labyrinth_core.evaluation.playing import (
+    Episodes,
+    follow,
+    follow_route,
+    greedy_actions,
+    success_rate,
+)
+from labyrinth_core.evaluation.scores import Scores, score
 
 
 def roll_out(policy, labyrinth, image_size):
@@ -87,8 +92,8 @@ def test_a_success_rate_asks_the_policy_only_where_its_episodes_go(datasets, con
 
 @pytest.mark.parametrize("cells", [9, 12, 16, 25, 100, 899])
 def test_the_step_limit_costs_exactly_four(cells):
-    told = {"outcomes": "lwc", "moves": [40 * cells] * 3}
-    assert episodes_of(told, cells).returns.tolist() == [-4, -4, -4]
+    episodes = Episodes.of_letters(["lwc"], [[40 * cells] * 3], cells)
+    assert episodes.returns.tolist() == [[-4, -4, -4]]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
@@ -98,13 +103,13 @@ def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
     returns = scores.episodes.returns
     solved = returns[scores.episodes.solved].mean() if scores.sr else 0.0
     assert scores.aer == pytest.approx(scores.sr * solved + (1 - scores.sr) * -4)
-    told = scores.to_json()
+    told = scores.figures()
     assert told["aer_std"] == pytest.approx(np.sqrt(np.mean((returns - scores.aer) ** 2)))
     assert told["sr_interval"][0] <= scores.sr <= told["sr_interval"][1]
-    assert len(told["failed"]) == sum(told["failures"].values()) == round((1 - scores.sr) * 5)
-    assert sum(solved for solved, _ in told["by_distance"].values()) == round(scores.sr * 5)
-    again = episodes_of(json.loads(json.dumps(told)), arrays.cells)
-    assert again.returns.tolist() == returns.tolist()
+    assert sum(told["failures"].values()) == round((1 - scores.sr) * 5)
+    moves = np.atleast_2d(scores.episodes.moves).tolist()
+    again = Episodes.of_letters(scores.episodes.letters, moves, arrays.cells)
+    assert again.returns.tolist() == [returns.tolist()]
 
 
 def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
@@ -120,13 +125,13 @@ def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
 
 
 def test_path_efficiency_is_of_the_labyrinths_that_were_solved():
-    episodes = episodes_of({"outcomes": "ssl", "moves": [4, 8, 360]}, 9)
+    episodes = Episodes.of_letters(["ssl"], [[4, 8, 360]], 9)
     scores = Scores(episodes, np.arange(3), np.array([4, 4, 4]), None, None)
     assert scores.path_efficiency == 0.75
 
 
 def test_long_ways_and_failures_count_less_weighted_by_path_length():
-    episodes = episodes_of({"outcomes": "sssli", "moves": [4, 8, 16, 360, 4]}, 9)
+    episodes = Episodes.of_letters(["sssli"], [[4, 8, 16, 360, 4]], 9)
     known = np.array([True, True, False, False, False])
     scores = Scores(episodes, np.arange(5), np.full(5, 4), None, None, known)
     assert scores.spl == pytest.approx((1 + 0.5 + 0.25) / 5)
@@ -143,7 +148,7 @@ def test_long_ways_and_failures_count_less_weighted_by_path_length():
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
     arrays = load_arrays(datasets, config, "train", image_size=8)
-    told = compare(arrays, arrays)["random"]
+    told = random_figures(arrays)
     rng = np.random.default_rng(1)
     episodes = 1500
     state = np.tile(arrays.initial, episodes)
@@ -166,10 +171,10 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
 
 def test_the_other_baselines_are_what_they_say(datasets):
     arrays = load_arrays(datasets, "3x4", "train", image_size=8)
-    figures = compare(arrays, arrays)
-    assert figures["oracle"]["sr"] == 1
-    best = best_route(arrays)
-    solved = follow_route(arrays, best).solved.sum()
+    memory = TrainMemory.of(arrays)
+    figures = memory.blind_figures(arrays)
+    assert oracle_figures(arrays)["sr"] == 1
+    solved = follow_route(arrays, memory.best_route).solved.sum()
     assert solved >= 1
     assert all(follow_route(arrays, route).solved.sum() <= solved for route in arrays.routes)
     assert figures["fixed_path"]["sr"] == pytest.approx(solved / 5)
@@ -177,4 +182,4 @@ def test_the_other_baselines_are_what_they_say(datasets):
     for state, row in enumerate(arrays.demonstrated):
         counts[arrays.position[state]] += row
     seen = counts.any(axis=1)
-    assert (majority_actions(arrays)[seen] == counts.argmax(axis=1)[seen]).all()
+    assert (memory.majority[seen] == counts.argmax(axis=1)[seen]).all()

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from policies import Table, mistaken
 
+from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.stepping import Player, step_through
+from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.policies.remembering import PictureMemory, Remembering

@@ -265,7 +265,7 @@ def test_the_folder_of_a_run_tells_what_was_trained() -> None:
     )
     assert plain.training_folder == Path("runs/5x5/bc-cnn-seed3")
     assert other.training_folder.parent == Path.home() / "runs" / "5x5"
-    assert other.training_name == "iupe-resnet18-seed0-stride2-paper-bf16"
+    assert other.run_name.name == "iupe-resnet18-seed0-stride2-paper-bf16"
 
 
 def test_one_word_chooses_a_method_of_the_authors_and_their_protocol() -> None:

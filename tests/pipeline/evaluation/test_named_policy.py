@@ -19,7 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import EvaluationOptions
-from pipeline.evaluation import stage
+from pipeline.evaluation import evaluate as stage
 from pipeline.evaluation.named import named_policy
 
 __all__ = ["local_hub"]
@@ -146,7 +146,7 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
         ("needy:make", PolicyError, "raised ModuleNotFoundError: No module named 'not_installed"),
         ("strange:unmade", PolicyError, "raised LookupError: no weights"),
         ("strange:seven", PolicyError, "answered action 7: give 0 up, 1 right, 2 down or 3 left"),
-        ("absent.zip", DatasetError, r"absent.zip is neither an archive \(a .zip\) nor an id"),
+        ("absent", DatasetError, "absent is neither a folder nor an id such as user/planner-5x5"),
     ],
 )
 def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, policy, kind, message):
@@ -161,8 +161,9 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
     [
         (
             {"policy": "a b"},
-            "policy=a b: give module:name, a Stable-Baselines3 archive as a path",
+            "policy=a b: give module:name, or a published policy: a folder, or an id on the Hub",
         ),
+        ({"policy": "ppo.zip"}, "policy=ppo.zip: give module:name, or a published policy: a fold"),
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number, 1 or more"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),

@@ -56,7 +56,8 @@ TOY = {"epochs": 1, "pictures": 64, "channels": 8, "iterations": 9, "average": F
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The run of a small planner that was trained and evaluated; not to be changed."""
-    from pipeline.training import evaluate, train
+    from pipeline.evaluation import evaluate
+    from pipeline.training import train
 
     place = tmp_path_factory.mktemp("trained")
     make(place / "labyrinth", "3x3", labyrinths=6, random_steps=5)

@@ -27,17 +27,18 @@ from publishing import (
     publish,
     published,
 )
+from submitted import add_up
 
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
+from pipeline.evaluation import evaluate as evaluate_stage
 from pipeline.release import model
 from pipeline.release.model import staged_policy
 from pipeline.release.remote import PublishError, Remote
 from pipeline.release.space import staged_report
 from pipeline.report.report import write_report
-from pipeline.training import evaluate as evaluate_stage
 from pipeline.training import train
 
 MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
@@ -113,7 +114,7 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
         return local_hub.content(repo, path, "1.0.0", kind).decode()
 
     card = text(MODEL, "README.md", "model")
-    evaluation = json.loads((trained.training_folder / "evaluation.json").read_bytes())
+    evaluation = json.loads((trained.training_folder / "results.json").read_bytes())
     for split, scores in evaluation["splits"].items():
         assert re.search(rf"\| `{split}` \|.*\| 6 \| {scores['sr']:.1%} \|", card)
     assert yaml.safe_load(card.split("---\n")[1])["datasets"] == [REPO]
@@ -163,7 +164,7 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
         scores = evaluation["splits"][split]
         for name in ("sr", "aer", "aer_std", "path_efficiency", "sr_interval"):
             assert first[split][name] == steps[split][name] == scores[name]
-        assert first[split]["moves"] == steps[split]["moves"] == [scores["moves"]]
+        assert first[split]["moves"] == steps[split]["moves"] == [scores["moves"][0]]
     assert results["sdk"] == "static"
     assert set(results["files"]) == {*there, ".gitattributes"}
 
@@ -249,14 +250,18 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
 ) -> None:
     runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     run = of_hub(trained, run_dir=str(runs))
-    path = run.training_folder / "evaluation.json"
+    path = run.training_folder / "results.json"
     content = json.loads(path.read_bytes())
     content["run"]["train_labyrinths"] = 5
     for name in ("train", "s0"):
         split = content["splits"][name]
-        split |= {"labyrinths": 5, "outcomes": split["outcomes"][:5], "moves": split["moves"][:5]}
-        split["known_route"] = split["known_route"][:5]
-        split["by_distance"] = {"4": [0, 5]}
+        accuracies = {figure: split[figure] for figure in split if figure.startswith("accuracy")}
+        for part in ("labyrinth_ids", "distance", "known_route"):
+            split[part] = split[part][:5]
+        for part in ("outcomes", "moves"):
+            split[part] = [each[:5] for each in split[part]]
+        add_up(split, 9)
+        split |= accuracies
     path.write_text(json.dumps(content), encoding="utf-8")
     with staged_policy(run, HfApi()) as folder:
         card = (folder / "README.md").read_text(encoding="utf-8")
@@ -274,7 +279,7 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(trained: Run, tmp_pa
     run = replace(trained, options=replace(trained.options, method=method, run_dir=str(tmp_path)))
     train.run(run)
     evaluate_stage.run(run)
-    content = json.loads((run.training_folder / "evaluation.json").read_bytes())
+    content = json.loads((run.training_folder / "results.json").read_bytes())
     with staged_policy(of_hub(run), HfApi()) as folder:
         card = (folder / "README.md").read_text(encoding="utf-8")
         results = evaluate(load_policy(folder), run.source, "3x3", image_size=600)
@@ -298,16 +303,17 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     run = replace(trained, options=replace(trained.options, run_dir=str(runs)))
     folder = run.training_folder
     (folder / "policy.safetensors").write_bytes(b"others")
-    told = f"{folder}/evaluation.json is of other weights than policy.safetensors: stages=[evaluate"
+    told = f"{folder}/results.json is of other weights than policy.safetensors: stages=[evaluate"
     assert refused(run).startswith(told)
-    content = json.loads((folder / "evaluation.json").read_bytes())
-    content["evaluated"]["weights"] = hashlib.sha256(b"others").hexdigest()
-    (folder / "evaluation.json").write_text(json.dumps(content), encoding="utf-8")
+    content = json.loads((folder / "results.json").read_bytes())
+    content["run"]["evaluated"]["weights"] = hashlib.sha256(b"others").hexdigest()
+    (folder / "results.json").write_text(json.dumps(content), encoding="utf-8")
     assert refused(run).startswith(f"{folder}/policy.safetensors holds no weights: ")
-    del content["evaluated"]["weights"]
-    (folder / "evaluation.json").write_text(json.dumps(content), encoding="utf-8")
-    told = f"{folder}/evaluation.json cannot be used: it.evaluated is "
-    assert refused(run).startswith(told)
+    del content["run"]
+    (folder / "results.json").write_text(json.dumps(content), encoding="utf-8")
+    assert (
+        refused(run) == f"{folder}/results.json is not of this run: stages=[evaluate] makes it anew"
+    )
     (folder / "policy.safetensors").unlink()
     other = replace(run, options=replace(run.options, seed=1))
     told = "planner-seed1 holds no policy that was evaluated: stages=[train,evaluate] makes one"

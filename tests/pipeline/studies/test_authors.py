@@ -19,9 +19,10 @@ from labyrinth_core.world.solver import moves_of, simple_routes
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import CONF, PROTOCOLS
+from pipeline.evaluation import evaluate
 from pipeline.studies.methods.authors import bco, iupe, sqil, trial
 from pipeline.studies.methods.authors.learner import AuthorsLearner
-from pipeline.training import evaluate, train
+from pipeline.training import train
 from pipeline.training.loop import fit
 from pipeline.training.methods.method import Learner, Problem, find
 from pipeline.training.record import CHECKPOINT, RECORD
@@ -429,9 +430,9 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     assert run.training_folder.name == "sqil-cnn-seed0-authors"
     assert {"validation_accuracy", "train_return"} <= record["selected"].keys()
     evaluate.run(run)
-    content = json.loads((run.training_folder / "evaluation.json").read_text())
-    assert content["as_tried"].keys() == content["splits"].keys()
-    assert 0 <= content["as_tried"]["test"]["sr"] <= 1
+    content = json.loads((run.training_folder / "results.json").read_text())
+    assert content["run"]["as_tried"].keys() == content["splits"].keys()
+    assert 0 <= content["run"]["as_tried"]["test"]["sr"] <= 1
     assert "As the code of protocol=authors tries a policy: train" in capsys.readouterr().out
 
 

@@ -11,8 +11,10 @@ import pytest
 import torch
 from method_settings import settings_of
 
-from labyrinth_core.evaluation.following import greedy_episodes, success_rate
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.evaluation.playing import attempts, solved_by, success_rate
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import as_input
@@ -161,9 +163,10 @@ def test_the_search_takes_a_shortest_way_where_the_walls_are_seen(
         monkeypatch.setattr(
             network, "walls", lambda image, seen=seen: seen.expand(len(image), -1, -1, -1)
         )
-        (episode,) = greedy_episodes(NetworkPolicy(network), [labyrinth], 64)
-        assert episode.solved
-        assert len(episode.states) - 1 == labyrinth.structure.least_moves(0, 24)
+        arrays = as_arrays([labyrinth], ObservationSpec("image", 64, draw=True))
+        (episode,) = attempts(Player.of(NetworkPolicy(network), 0), arrays, [0])
+        assert episode.states[-1].agent == labyrinth.goal
+        assert len(episode) == labyrinth.structure.least_moves(0, 24)
 
 
 def test_a_classifier_of_walls_solves_labyrinths_never_seen_and_larger_ones(
@@ -176,7 +179,8 @@ def test_a_classifier_of_walls_solves_labyrinths_never_seen_and_larger_ones(
     policy = NetworkPolicy(learner.policy)
     assert success_rate(policy, load_arrays(small_dataset.data_dir, "3x3", "test")) >= 0.75
     size = walls.Method.image_size(learner.problem.spec, learner.settings, 6, 6)
-    assert np.mean([each.solved for each in greedy_episodes(policy, fresh(6, 10), size)]) >= 0.7
+    larger = as_arrays(fresh(6, 10), ObservationSpec("image", size, draw=True))
+    assert solved_by(policy, larger).mean() >= 0.7
 
 
 def test_walls_are_all_that_stops_the_agent_of_the_search() -> None:

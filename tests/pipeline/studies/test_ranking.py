@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.studies.results.comparison import Estimate, improvement, interquartile_mean
-from pipeline.studies.results.evaluations import read
-from pipeline.studies.results.ranking import across_sizes, pairs_of_methods
+from labyrinth_core.evaluation.results import Results
+from pipeline.studies.results.comparison import (
+    Estimate,
+    across_sizes,
+    improvement,
+    interquartile_mean,
+    pairs_of_methods,
+)
 
 PUBLISHED = Path(__file__).parents[3] / "docs/results/runs"
 
@@ -74,7 +78,7 @@ def test_seeds_of_each_method_and_labyrinths_of_both_are_resampled():
 
 def test_no_ranking_is_printed_where_none_is_significant():
     names = [f"{method}-cnn-seed{seed}" for method in ("bc", "sqil") for seed in range(3)]
-    runs = [read(PUBLISHED / "5x5" / f"{name}.json") for name in names]
+    runs = [Results.load(PUBLISHED / "5x5" / f"{name}.json") for name in names]
     _, table, conclusion = pairs_of_methods(runs)
     assert "| BC |  | 52 |" in table
     assert "| SQIL | 48 |  |" in table
@@ -83,14 +87,15 @@ def test_no_ranking_is_printed_where_none_is_significant():
 
 
 def test_what_is_significant_is_said():
-    (planner,) = (read(path) for path in PUBLISHED.glob("5x5/planner-seed0.json"))
-    (bc,) = (read(path) for path in PUBLISHED.glob("5x5/bc-cnn-seed0.json"))
-    *_, conclusion = pairs_of_methods([bc, replace(planner, setup=bc.setup)])
+    bc, planner = (
+        Results.load(PUBLISHED / f"5x5/{run}-seed0.json") for run in ("bc-cnn", "planner")
+    )
+    *_, conclusion = pairs_of_methods([bc, planner])
     assert conclusion.endswith(": planner than BC.")
 
 
 def test_sizes_are_put_together_where_there_are_several():
-    runs = [read(path) for path in sorted(PUBLISHED.glob("*/bc-cnn-seed[0-9].json"))]
+    runs = [Results.load(path) for path in sorted(PUBLISHED.glob("*/bc-cnn-seed[0-9].json"))]
     (text,) = [part for part in across_sizes(runs) if part.startswith("| setup")]
     assert "| cnn | BC | 3x3, 4x4, 5x5 | 9 | " in text
     assert list(across_sizes(runs[:3])) == []

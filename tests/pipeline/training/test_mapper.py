@@ -14,8 +14,9 @@ import torch
 from method_settings import settings_of
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.attempts import attempts
-from labyrinth_core.evaluation.stepping import Player
+from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
+from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, masks_of, scene_of, slots_of
@@ -26,7 +27,8 @@ from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.training import evaluate, train
+from pipeline.evaluation import evaluate
+from pipeline.training import train
 from pipeline.training.methods import mapper
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.method import Problem
@@ -76,7 +78,9 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
     won = [
         each.states[-1].agent == each.labyrinth.goal
         and len(each.actions) == len(shortest_route(each.labyrinth, np.random.default_rng(0)))
-        for each in attempts(Player.of(policy, 0), labyrinths, drawing)
+        for each in attempts(
+            Player.of(policy, 0), as_arrays(labyrinths, drawing), range(len(labyrinths))
+        )
     ]
     return float(np.mean(won))
 
@@ -212,7 +216,7 @@ def test_both_stages_run_it_in_pictures_of_flat_colours(
     )
     train.run(run)
     evaluate.run(run)
-    content = json.loads((run.training_folder / "evaluation.json").read_text(encoding="utf-8"))
+    content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["splits"]["test"]["sr"] >= 0.75
     assert content["splits"]["s0_and_g"]["sr"] >= 0.75
 

@@ -14,7 +14,7 @@ import yaml
 from learning import equal_weights
 from torch import nn
 
-from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import abilities_of
 from pipeline.training.methods.acting import Steps

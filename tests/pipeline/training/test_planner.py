@@ -16,8 +16,9 @@ from policies import RELEASED, Remembering
 from torch import nn
 
 from labyrinth_core import evaluate
-from labyrinth_core.evaluation.following import greedy_episodes, success_rate
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.evaluation.playing import solved_by, success_rate
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman, Planner
@@ -27,7 +28,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.machinery.evaluation_file import POLICY
+from pipeline.config.training import POLICY
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
 from pipeline.training.policy import read_policy
@@ -215,7 +216,8 @@ def test_the_released_policy_solves_fresh_labyrinths() -> None:
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
-    assert np.mean([each.solved for each in greedy_episodes(policy, labyrinths, 64)]) >= 0.9
+    pictures = ObservationSpec("image", 64, draw=True)
+    assert solved_by(policy, as_arrays(labyrinths, pictures)).mean() >= 0.9
 
 
 def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_refused() -> None:

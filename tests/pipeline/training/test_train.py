@@ -19,7 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.machinery.evaluation_file import POLICY
+from pipeline.config.training import POLICY
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.following import Episodes
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.playing import Episodes, play
 from pipeline.training.methods.acting import draw
 
 VISITS = 5
@@ -66,25 +66,12 @@ def try_out(
     Returns:
         The results, and all steps, as rows of s, a, s', shape (N, 3).
     """
-    limit = arrays.step_limit
-    acted = np.zeros(len(arrays.terminal), np.int64)
-    last = arrays.initial.copy()
-    moves = np.full(len(arrays.initial), limit)
-    running, state = np.arange(len(arrays.initial)), arrays.initial
     taken = [np.zeros((0, 3), np.int64)]
-    for step in range(1, limit + 1):
-        acted[state] += 1  # Each state is of one labyrinth, with one agent in it.
-        actions = draw(probabilities[state], rng)
-        after = arrays.next_state[state, actions]
-        taken.append(np.stack([state, actions, after], axis=1))
-        ended = arrays.terminal[after]
-        last[running] = after
-        moves[running[ended]] = step
-        going = ~ended
-        if visits is not None:
-            going &= acted[after] < visits
-        running, state = running[going], after[going]
-        if not running.size:
-            break
-    outcomes = np.select([arrays.goal[last], arrays.terminal[last]], ["solved", "ice"], "loop")
-    return Episodes(outcomes, moves, arrays.cells), np.concatenate(taken)
+
+    def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
+        here = state[running]
+        actions = draw(probabilities[here], rng)
+        taken.append(np.stack([here, actions, arrays.next_state[here, actions]], axis=1))
+        return actions
+
+    return play(arrays, choose, visits=visits), np.concatenate(taken)

@@ -42,10 +42,10 @@ class Maybe:
 
 
 @dataclass(frozen=True)
-class Newer:
-    """What may be missing in an object, since older files do not have it; else it has a shape."""
+class OneOf:
+    """One of some values."""
 
-    of: Any
+    values: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -114,14 +114,17 @@ def check(value: Any, shape: Any, place: str = "it") -> None:
         for name, item in value.items():
             check(name, shape.name, f"a name in {place}")
             check(item, shape.of, f"{place}.{name}")
-    elif isinstance(shape, Newer) or (isinstance(shape, Maybe) and value is not None):
+    elif isinstance(shape, Maybe) and value is not None:
         check(value, shape.of, place)
 
 
 def _unmet(value: Any, shape: Any) -> str | None:
     """Return what a value has to be and is not, whatever it holds; None if it is."""
-    if shape is None or isinstance(shape, (Maybe, Newer)):
+    if shape is None or isinstance(shape, Maybe):
         return None
+    if isinstance(shape, OneOf):
+        allowed = [each for each in shape.values if type(each) is type(value)]
+        return None if value in allowed else f"one of {shape.values}"
     if isinstance(shape, Number):
         number = type(value) is int or (type(value) is float and not shape.whole)
         kind = "a whole number" if shape.whole else "a number"
@@ -131,9 +134,8 @@ def _unmet(value: Any, shape: Any) -> str | None:
         matches = isinstance(value, str) and re.fullmatch(shape.like, value, re.ASCII)
         return None if matches else f"a text like {shape.like}"
     if isinstance(shape, dict):
-        needed = [name for name, of in shape.items() if not isinstance(of, Newer)]
-        holds = isinstance(value, dict) and set(needed) <= value.keys()
-        return None if holds else f"an object with {', '.join(needed)}"
+        holds = isinstance(value, dict) and shape.keys() <= value.keys()
+        return None if holds else f"an object with {', '.join(shape)}"
     if isinstance(shape, Named):
         return None if isinstance(value, dict) else "an object"
     if isinstance(shape, tuple):

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from labyrinths_of_datasets import CONFIGS
 from policies import Rounds
-from submitted import add_up, content_of, forgetful, results_of
+from submitted import add_up, content_of, forgetful, keep, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.outcomes import KnownDataset
+from labyrinth_core.evaluation.results import LARGEST, Results, results_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.studies.results.known import AtHand
-from pipeline.studies.results.submissions import LARGEST, read_submission
 
 
 @pytest.fixture(scope="module")
@@ -30,54 +30,50 @@ def content(results):
 
 
 @pytest.fixture(scope="module")
-def at_hand(small_dataset):
-    return AtHand(small_dataset)
-
-
-@pytest.fixture
-def elsewhere(make_run, tmp_path):
-    """What is at hand in a folder without datasets."""
-    return AtHand(make_run(tmp_path / "nothing"))
+def known(small_dataset):
+    return KnownDataset.read(str(small_dataset.data_dir), "3x3")
 
 
 @pytest.fixture(scope="module")
 def read(tmp_path_factory):
-    """A function that reads content from a file."""
-    path = tmp_path_factory.mktemp("submissions") / "mine.json"
+    """A function that reads content from a file, and compares it with a dataset if one is given."""
+    path = tmp_path_factory.mktemp("results") / "mine.json"
 
-    def read_content(content, at_hand):
+    def read_content(content, known=None):
         path.write_text(json.dumps(content), encoding="utf-8")
-        return read_submission(path, at_hand)
+        results = Results.load(path)
+        if known is not None:
+            results.compare_with(known)
+        return results
 
     return read_content
 
 
-def refused(read, content, at_hand, why):
+def refused(read, content, known, why):
     """Check that content is refused in one line that says why."""
-    with pytest.raises(DatasetError) as error:
-        read(content, at_hand)
-    assert re.fullmatch(rf"\S*mine\.json is refused: {why}", str(error.value)), str(error.value)
+    with pytest.raises((DatasetError, ValueError)) as error:
+        read(content, known)
+    assert re.fullmatch(rf"(\S*mine\.json is refused: )?{why}", str(error.value)), str(error.value)
 
 
 # What is believed.
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
-def test_what_evaluate_saves_is_believed_and_gives_the_same_figures_to_the_digit(
-    datasets, make_run, read, config
-):
-    run = make_run(datasets)
+def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
     policies = {"planner": (forgetful(3, 4), {}), "rounds": (Rounds(2), {"episodes": 2})}
     for policy, options in policies.values():
         results = results_of(datasets, config, policy, **options)
-        found = read(content_of(results), AtHand(run))
-        assert found.compared
-        assert list(found.scores) == list(EVALUATED_SPLITS)
-        for split, scores in results.splits.items():
-            figures = scores.figures()
-            again = found.scores[split].figures()
-            for name in again.keys() - {"accuracy_on_demonstrations", "accuracy_elsewhere"}:
-                assert again[name] == figures[name]
+        if policy is not policies["rounds"][0]:
+            results = of_run(results, references_know="1" * 64, memory=True)
+        results.save(tmp_path / "mine.json", name="mine", details={"steps": 7})
+        found = Results.load(tmp_path / "mine.json")
+        assert list(found.splits) == list(EVALUATED_SPLITS)
+        assert found.method.details == {"steps": 7}
+        assert found.run == results.run
+        assert str(found) == str(results)
+        assert found.to_json(found.method) == results.to_json(found.method)
+        found.compare_with(KnownDataset.read(str(datasets), config))
 
 
 def test_the_policies_of_these_tests_fail_and_succeed(content):
@@ -85,18 +81,40 @@ def test_the_policies_of_these_tests_fail_and_succeed(content):
     assert {"s", "l", "w"} == set(letters)
 
 
-def test_without_the_dataset_only_what_the_file_tells_is_checked(content, elsewhere, read):
-    content["dataset"]["fingerprint"] = "1" * 64
-    assert not read(content, elsewhere).compared
-    reason = elsewhere.missing["3x3"]
-    assert reason.endswith("nothing/3x3 holds no dataset")
-    content["splits"]["test"]["sr"] /= 2
-    refused(read, content, elsewhere, "test: sr is .*, but .* follows from the outcomes")
+def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(results, known, read):
+    some = content_of(of_run(results, train_labyrinths=3))
+    for split in ("train", "s0", "s0_and_g"):
+        told = some["splits"][split]
+        for name in ("labyrinth_ids", "distance", "known_route"):
+            told[name] = told[name][:3]
+        for name in ("outcomes", "moves"):
+            told[name] = [each[:3] for each in told[name]]
+        accuracies = {name: told[name] for name in told if name.startswith("accuracy")}
+        add_up(told, 9)
+        told |= accuracies
+    assert len(read(some, known).splits["s0"].distance) == 3
+    some["run"]["train_labyrinths"] = 4
+    refused(read, some, known, "train: 3 labyrinths, but .*/3x3 has 4")
 
 
-def test_some_splits_are_enough(content, at_hand, read):
+def test_what_an_earlier_version_left_of_a_run_is_refused_with_the_command_that_makes_it_anew(
+    results, tmp_path
+):
+    path = keep(of_run(results), tmp_path)
+    older = path.with_name("evaluation.json")
+    older.write_text(json.dumps({"format": 1, "run": {}, "training": {}, "splits": {}}))
+    assert results_in(tmp_path) == [path]
+    path.unlink()
+    assert results_in(tmp_path) == [older]
+    with pytest.raises(DatasetError, match=r"evaluation\.json is refused: an earlier version"):
+        Results.load(older)
+
+
+def test_some_splits_are_enough(content, known, read):
     content["splits"] = {"test": content["splits"]["test"]}
-    assert list(read(content, at_hand).scores) == ["test"]
+    for by_split in content["baselines"].values():
+        del by_split["train"]
+    assert list(read(content, known).splits) == ["test"]
 
 
 # What is not.
@@ -132,7 +150,7 @@ def change(content, path):
 
 
 @given(data=st.data())
-def test_one_change_to_whatever_is_told_of_a_split_is_found(results, at_hand, read, data):
+def test_one_change_to_whatever_is_told_of_a_split_is_found(results, known, read, data):
     content = content_of(results)
     split = data.draw(st.sampled_from(sorted(content["splits"])))
     told = content["splits"][split]
@@ -141,7 +159,7 @@ def test_one_change_to_whatever_is_told_of_a_split_is_found(results, at_hand, re
     if not places:
         return
     change(content, data.draw(st.sampled_from(places)))
-    refused(read, content, at_hand, rf".*\b{split}\b.*")
+    refused(read, content, known, rf".*\b{split}\b.*")
 
 
 FIRST = r"labyrinth [0-9a-f]{16} has"
@@ -215,25 +233,25 @@ def easier(told):
     ],
 )
 def test_a_forgery_that_adds_up_is_refused_for_what_cannot_be(
-    content, at_hand, elsewhere, read, forge, why, without_dataset
+    content, known, read, forge, why, without_dataset
 ):
     told = content["splits"]["test"]
     forge(told)
     add_up(told, 9)
-    refused(read, content, at_hand, f"test: {why}")
+    refused(read, content, known, f"test: {why}")
     if without_dataset:
-        refused(read, content, elsewhere, f"test: {why}")
+        refused(read, content, None, f"test: {why}")
     else:
-        read(content, elsewhere)
+        read(content)
 
 
-def test_of_several_episodes_the_message_names_the_one(small_dataset, at_hand, read):
+def test_of_several_episodes_the_message_names_the_one(small_dataset, known, read):
     results = results_of(small_dataset.data_dir, "3x3", Rounds(1), episodes=3)
     content = content_of(results)
     told = content["splits"]["s0"]
     told["moves"][2][0] = 361
     add_up(told, 9)
-    refused(read, content, at_hand, "s0: episode 3, labyrinth .* more moves than the limit .*")
+    refused(read, content, known, "s0: episode 3, labyrinth .* more moves than the limit .*")
 
 
 @pytest.mark.parametrize(
@@ -264,9 +282,16 @@ def test_of_several_episodes_the_message_names_the_one(small_dataset, at_hand, r
         (("splits", "exam"), {}, "a name in it.splits is 'exam', not .*"),
         (("splits", "test", "sr"), float("nan"), "NaN is no number of JSON"),
         (("splits", "test", "aer"), float("inf"), "Infinity is no number of JSON"),
-        (("splits", "test", "aer"), -(10**400), "it.splits.test.aer is -1000.*"),
-        (("splits", "test", "sr"), "1.0", "it.splits.test.sr is '1.0', not a number .*"),
-        (("splits", "test", "sr"), True, "it.splits.test.sr is True, not a number .*"),
+        (("splits", "test", "aer"), -(10**400), "test: aer is -1000.*"),
+        (("splits", "test", "sr"), "1.0", "test: sr is '1.0', but .* follows from the outcomes"),
+        (("splits", "test", "sr"), True, "test: sr is True, but .*"),
+        (("splits", "test", "sr_interval"), [0.5], r"test: sr_interval is \[0.5\], but .*"),
+        (("splits", "test", "accuracy_elsewhere"), 1.5, "it.splits.test.accuracy_elsewhere .*"),
+        (("baselines",), [], r"it.baselines is \[\], not an object"),
+        (("baselines", "oracle", "test"), {}, "it.baselines.oracle.test is .*, not an object .*"),
+        (("baselines", "oracle", "test", "aer"), float("nan"), "NaN is no number of JSON"),
+        (("baselines", "stranger"), {}, "a name in it.baselines is 'stranger', not .*"),
+        (("baselines", "random", "test", "spl"), -0.1, "it.baselines.random.test.spl is -0.1, .*"),
         (("splits", "test", "moves", 0, 3), 2.5, r"it.splits.test.moves\[0\]\[3\] is 2.5, not .*"),
         (("splits", "test", "moves", 0, 3), 0, r"it.splits.test.moves\[0\]\[3\] is 0, not .*"),
         (("splits", "test", "moves", 0, 3), 10**12, ".*more moves than the limit .*"),
@@ -276,16 +301,16 @@ def test_of_several_episodes_the_message_names_the_one(small_dataset, at_hand, r
         (("splits", "test", "moves"), [], "test: moves are of 0 episodes in each .*, not 1"),
         (("splits", "test", "outcomes", 0), "c" * 8, r"it.splits.test.outcomes\[0\] is 'cccc.*"),
         (("splits", "test", "step_limit"), 10**9, "test: step_limit is 1000000000, not 360"),
-        (("splits", "test", "failures"), {"bored": 1}, "a name in it.splits.test.failures .*"),
+        (("splits", "test", "failures"), {"bored": 1}, "test: failures is .*"),
     ],
 )
-def test_what_is_no_result_is_refused_in_one_line(content, at_hand, read, place, value, why):
+def test_what_is_no_result_is_refused_in_one_line(content, known, read, place, value, why):
     *way, last = place
     inner = content
     for key in way:
         inner = inner[key]
     inner[last] = value
-    refused(read, content, at_hand, why)
+    refused(read, content, known, why)
 
 
 @pytest.mark.parametrize(
@@ -296,23 +321,58 @@ def test_what_is_no_result_is_refused_in_one_line(content, at_hand, read, place,
         ("[]", "it is .*, not an object with kind, .*"),
         ('{"kind": 1, "kind": 2}', "'kind' is there twice in one object"),
         ("\udcff", ".*codec can't decode.*"),
-        (" " * (LARGEST + 1), f"it has more than {LARGEST:,} bytes"),
     ],
 )
-def test_a_file_that_is_no_json_is_refused_in_one_line(at_hand, tmp_path, text, why):
+def test_a_file_that_is_no_json_is_refused_in_one_line(tmp_path, text, why):
     path = tmp_path / "mine.json"
     path.write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(DatasetError, match=rf"\A\S*mine\.json is refused: {why}\Z"):
-        read_submission(path, at_hand)
+        Results.load(path)
 
 
-def test_a_folder_is_no_file(at_hand, tmp_path):
+def test_a_huge_file_is_not_read(tmp_path):
+    path = tmp_path / "mine.json"
+    with path.open("wb") as file:
+        file.truncate(LARGEST + 1)
+    with pytest.raises(DatasetError, match=rf"is refused: it has more than {LARGEST:,} bytes"):
+        Results.load(path)
+
+
+def test_a_folder_is_no_file(tmp_path):
     (tmp_path / "mine.json").mkdir()
-    with pytest.raises(DatasetError, match=r"mine\.json is refused: it is no file"):
-        read_submission(tmp_path / "mine.json", at_hand)
+    with pytest.raises(DatasetError, match=r"mine\.json is refused: it is not a file"):
+        Results.load(tmp_path / "mine.json")
 
 
-def test_nothing_is_changed_by_reading(content, at_hand, read):
+def test_nothing_is_changed_by_reading(content, known, read):
     before = copy.deepcopy(content)
-    read(content, at_hand)
+    read(content, known)
     assert content == before
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("method",), r"\input{/etc/passwd}"),
+        (("encoder",), "<script>alert(1)</script>"),
+        (("protocol",), "a|b"),
+        (("config",), "3x3\n# Mine"),
+        (("settings",), []),
+        (("memory",), 1),
+        (("train_labyrinths",), 0),
+        (("seed",), [0]),
+        (("training", "seconds"), -1),
+        (("training", "computed", "device"), {}),
+        (("training", "selected"), None),
+        (("evaluated", "weights"), "<b>"),
+        (("as_tried",), {"test": {"sr": "1"}}),
+    ],
+)
+def test_what_is_no_run_is_refused_in_one_line(results, read, place, value):
+    content = content_of(of_run(results))
+    *way, last = place
+    inner = content["run"]
+    for key in way:
+        inner = inner[key]
+    inner[last] = value
+    refused(read, content, None, r"(it|a name in it)\.run\..* is .*, not .*")

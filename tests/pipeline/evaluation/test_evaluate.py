@@ -10,17 +10,18 @@ from policies import Remembering
 from labyrinth_core import evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.following import success_rate
+from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.references import TrainMemory
+from labyrinth_core.evaluation.outcomes import KnownDataset
+from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.evaluation.replanner import Replanner
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.evaluation_file import check_evaluation
+from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
-from pipeline.studies.results import stage as results
-from pipeline.studies.results.evaluations import read_all
-from pipeline.training import evaluate as stage
+from pipeline.studies.results import results
+from pipeline.studies.results.kept import read_runs
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.methods.method import find
@@ -48,20 +49,23 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     printed = capsys.readouterr().out
     assert all(split in printed for split in EVALUATED_SPLITS)
     folder = trained.training_folder
-    text = (folder / "evaluation.json").read_text(encoding="utf-8")
+    text = (folder / "results.json").read_text(encoding="utf-8")
     content = json.loads(text)
-    assert list(content["splits"]) == list(content["baselines"]) == list(EVALUATED_SPLITS)
-    assert content["run"]["fingerprint"]
-    assert content["run"]["seed"] == 0
+    assert list(content["splits"]) == list(content["baselines"]["fixed_path"])
+    assert list(content["splits"]) == list(EVALUATED_SPLITS)
+    assert content["run"]["fingerprint"] == content["dataset"]["fingerprint"]
+    assert content["run"]["seed"] == content["evaluated"]["seed"] == 0
     assert set(content["splits"]["train"]["known_route"]) == {"1"}
-    assert content["baselines"]["train"]["route_memory"]["spl"] == 1
-    check_evaluation(content)
+    assert content["baselines"]["route_memory"]["train"]["spl"] == 1
+    results = Results.load(folder / "results.json")
+    assert results.run.name == folder.name == results.method.name == "bc-cnn-seed0"
+    results.compare_with(KnownDataset.read(str(trained.data_dir), "3x3"))
     policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == success_rate(policy, arrays)
     stage.run(trained)
-    assert (folder / "evaluation.json").read_text(encoding="utf-8") == text
+    assert (folder / "results.json").read_text(encoding="utf-8") == text
 
 
 def test_a_policy_that_remembers_is_stepped_in_training_and_in_evaluation(
@@ -90,11 +94,11 @@ def test_a_policy_that_remembers_is_stepped_in_training_and_in_evaluation(
     assert counts[2:] == [8] * len(EVALUATED_SPLITS)
     records, evaluations = (
         [json.loads((each.training_folder / name).read_bytes()) for each in (trained, run)]
-        for name in ("run.json", "evaluation.json")
+        for name in ("run.json", "results.json")
     )
     del records[0]["history"][0]["seconds"], records[1]["history"][0]["seconds"]
     assert records[0]["history"] == records[1]["history"]
-    check_evaluation(evaluations[1])
+    Results.load(run.training_folder / "results.json")
     for split in EVALUATED_SPLITS:
         looked_up, stepped = (each["splits"][split] for each in evaluations)
         for name in ("accuracy_on_demonstrations", "accuracy_elsewhere"):
@@ -119,7 +123,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
 ):
     stage.run(trained)
     folder = trained.training_folder
-    before = (folder / "evaluation.json").read_bytes()
+    before = (folder / "results.json").read_bytes()
     policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4"), (datasets, "3x4-icy_floor")):
@@ -127,17 +131,16 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
         # The dataset that it was trained on need not be there.
         run = make_run(tmp_path / "gone", **options, evaluate_on=f"{data_dir}/{name}")
         stage.run(run)
-        (path,) = folder.glob(f"evaluation-{name}-*.json")
+        (path,) = folder.glob(f"results-{name}-*.json")
         content = json.loads(path.read_bytes())
         fingerprint = Manifest.read(data_dir / name).fingerprint
-        assert path.stem == f"evaluation-{name}-{fingerprint[:8]}"
-        assert content["evaluated"]["fingerprint"] == fingerprint
-        assert content["run"]["config"] == "3x3"
-        assert "train_test_gap" not in content
+        assert path.stem == f"results-{name}-{fingerprint[:8]}"
+        assert content["dataset"]["fingerprint"] == fingerprint
+        assert (content["dataset"]["config"], content["run"]["config"]) == (name, "3x3")
         for split in EVALUATED_SPLITS:
             arrays = load_arrays(data_dir, name, split)
             assert content["splits"][split]["sr"] == success_rate(policy, arrays)
-    assert (folder / "evaluation.json").read_bytes() == before
+    assert (folder / "results.json").read_bytes() == before
 
 
 def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
@@ -150,16 +153,16 @@ def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
     def evaluated(data_dir):
         stage.run(make_run(data_dir, **options, evaluate_on=evaluate_on))
         fingerprint = Manifest.read(longer.data_dir / longer.dataset.name).fingerprint
-        name = f"evaluation-{longer.dataset.name}-{fingerprint:.8}.json"
+        name = f"results-{longer.dataset.name}-{fingerprint:.8}.json"
         return json.loads((trained.training_folder / name).read_bytes())
 
     found = evaluated(trained.data_dir)
     memory = TrainMemory.of(load_arrays(trained.data_dir, "3x3", "train"))
     known, _ = memory.figures(load_arrays(longer.data_dir, "3x3", "test"))
     assert found["splits"]["test"]["known_route"] == "".join(map(str, known.astype(int)))
-    assert found["evaluated"]["references_know"] == found["run"]["fingerprint"]
+    assert found["run"]["references_know"] == found["run"]["fingerprint"]
     gone = evaluated(tmp_path / "gone")
-    assert gone["evaluated"]["references_know"] == gone["evaluated"]["fingerprint"]
+    assert gone["run"]["references_know"] is None
     assert gone["splits"]["train"]["sr_known_route"] == gone["splits"]["train"]["sr"]
     assert found["splits"]["train"]["known_route"] != gone["splits"]["train"]["known_route"]
 
@@ -196,9 +199,9 @@ def test_under_partial_observability_the_replanner_stands_beside_the_policy(
     )
     train.run(run)
     stage.run(run)
-    content = json.loads((run.training_folder / "evaluation.json").read_bytes())
+    content = json.loads((run.training_folder / "results.json").read_bytes())
     own = evaluate(Replanner(3, 4), datasets, run.dataset.name, observation="vector")
-    assert content["baselines"]["test"]["replanner"] == own.splits["test"].summary()
+    assert content["baselines"]["replanner"]["test"] == own.splits["test"].summary()
     assert "without" in capsys.readouterr().out
 
 
@@ -213,14 +216,14 @@ def test_a_run_with_memory_is_another_run_and_is_stepped(build, make_run, tmp_pa
     train.run(run)
     stage.run(run)
     assert run.training_folder.name.endswith("-seed0-memory")
-    content = json.loads((run.training_folder / "evaluation.json").read_bytes())
-    check_evaluation(content)
+    content = json.loads((run.training_folder / "results.json").read_bytes())
     assert content["run"]["memory"] is True
+    assert content["evaluated"]["way"] == "steps"
     for figures in content["splits"].values():
         assert figures["accuracy_on_demonstrations"] is figures["accuracy_elsewhere"] is None
     results.run(run)
-    (read,) = read_all(tmp_path / "results")
-    assert read.setup == f"{run.options.network}-memory"
+    (read,) = read_runs(tmp_path / "results")
+    assert read.run.setup == f"{run.options.network}-memory"
     without = make_run(tmp_path, **options)
     _, settings = find(method, without.options.method)
     assert "memory" not in train.identify(without, settings)
@@ -270,7 +273,7 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     )
     train.run(run)
     stage.run(run)
-    content = json.loads((run.training_folder / "evaluation.json").read_text(encoding="utf-8"))
+    content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}

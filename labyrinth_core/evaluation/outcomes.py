@@ -1,4 +1,7 @@
-"""Whether the outcomes that a file tells can be, and whether its figures follow from them."""
+"""Whether the outcomes in a file of results are possible, and whether its figures follow from them.
+
+A file may come from anyone, so that nothing in it is used before it was checked.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.following import Episodes
-from labyrinth_core.evaluation.scores import Scores, episodes_of
+from labyrinth_core.data.labyrinth_table import TABLE, table_rows
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import locate
+from labyrinth_core.evaluation.playing import Episodes
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
-from pipeline.studies.results.known import KnownDataset
 
 _EXACT = 1e-12
 """The largest difference of two figures that are the same; another processor may round the last of
@@ -52,45 +57,101 @@ class Rules:
         return self.cells * (3 if self.task is Task.KEY_AND_DOOR else 1)
 
 
-def scores_of(
-    split: str, told: Mapping[str, Any], rules: Rules, known: KnownDataset | None
-) -> Scores:
+@dataclass(frozen=True, eq=False)
+class KnownDataset:
+    """The labyrinths of a dataset, with which results are compared."""
+
+    place: str
+    """Folder, or id on the Hub, and the config."""
+    fingerprint: str
+    splits: Mapping[str, Mapping[str, int]]
+    """Split -> labyrinth id -> moves on a shortest route, in the order of the dataset."""
+
+    @classmethod
+    def read(cls, source: str, config: str, revision: str | None = None) -> KnownDataset:
+        """Return the labyrinths of a dataset in a folder or on the Hub.
+
+        Raises:
+            ValueError: A folder is given with a revision.
+            DatasetError: There is no such dataset.
+        """
+        folder = locate(source, config, [TABLE], revision)
+        manifest = Manifest.read(folder)
+        splits: dict[str, dict[str, int]] = {}
+        for row in table_rows(folder, manifest):
+            splits.setdefault(row["split"], {})[row["labyrinth_id"]] = row["moves"]
+        return cls(f"{source}/{config}", manifest.fingerprint, splits)
+
+    def compare(
+        self, fingerprint: str, scores: Mapping[str, Scores], counts: Mapping[str, int]
+    ) -> None:
+        """Check that scores are of these labyrinths, in their order.
+
+        Args:
+            fingerprint: The fingerprint of the dataset that they are said to be of.
+            scores: The scores by split.
+            counts: The number of labyrinths, the first ones, for each split of which not all
+                labyrinths were evaluated.
+
+        Raises:
+            ValueError: They are not; the message says where.
+        """
+        if fingerprint != self.fingerprint:
+            raise ValueError(
+                f"it is of another dataset than {self.place}: their fingerprints are "
+                f"{fingerprint:.16} and {self.fingerprint:.16} (dataset= names another one)"
+            )
+        for split, found in scores.items():
+            refuse(split, self._other_labyrinths(split, found, counts.get(split)))
+
+    def _other_labyrinths(self, split: str, scores: Scores, count: int | None) -> Iterator[str]:
+        """Yield what differs from the labyrinths of the dataset."""
+        if split not in self.splits:
+            yield f"{self.place} has no such split"
+            return
+        right = list(self.splits[split].items())[:count]
+        if len(scores.distance) != len(right):
+            yield f"{len(scores.distance)} labyrinths, but {self.place} has {len(right)}"
+            return
+        for place, (name, moves) in enumerate(right):
+            found = f"{scores.labyrinth_ids[place]:016x}"
+            if found != name:
+                yield f"labyrinth {place + 1} is {found}, but {name} in {self.place}"
+            elif scores.distance[place] != moves:
+                yield (
+                    f"labyrinth {name} has a shortest route of {scores.distance[place]} moves, but "
+                    f"of {moves} in {self.place}"
+                )
+
+
+def scores_of(split: str, told: Mapping[str, Any], rules: Rules) -> Scores:
     """Return the scores that follow from the outcomes that a file tells of a split.
 
     Args:
         split: The name of the split.
         told: What the file says of it, of the right shape.
         rules: What holds for its episodes.
-        known: The dataset; None if it is not at hand.
 
     Raises:
         ValueError: Something is impossible, or a figure does not follow; the message says what.
     """
-    _refuse(split, _miscounted(told, rules.episodes))
-    if known is not None:
-        _refuse(split, _other_labyrinths(split, told, known))
-    rows = [
-        episodes_of({"outcomes": letters, "moves": moves}, rules.cells)
-        for letters, moves in zip(told["outcomes"], told["moves"], strict=True)
-    ]
-    outcomes, moves = (np.stack([getattr(r, name) for r in rows]) for name in ("outcomes", "moves"))
-    ids = np.array([int(each, 16) for each in told["labyrinth_ids"]], np.int64)
-    distance = np.array(told["distance"], np.int64)
+    refuse(split, _miscounted(told, rules.episodes))
+    episodes = Episodes.of_letters(told["outcomes"], told["moves"], rules.cells)
     marks = told["known_route"]
     scores = Scores(
-        Episodes(outcomes, moves, rules.cells),
-        ids,
-        distance,
-        accuracy_on_demonstrations=None,
-        accuracy_elsewhere=None,
+        episodes,
+        np.array([int(each, 16) for each in told["labyrinth_ids"]], np.int64),
+        np.array(told["distance"], np.int64),
+        told["accuracy_on_demonstrations"],
+        told["accuracy_elsewhere"],
         known_route=None if marks is None else np.array([mark == "1" for mark in marks]),
     )
-    _refuse(split, _impossible(told, scores, rules))
-    _refuse(split, _other_figures(told, scores))
+    refuse(split, _impossible(told, scores, rules))
+    refuse(split, _other_figures(told, scores))
     return scores
 
 
-def _refuse(split: str, problems: Iterator[str]) -> None:
+def refuse(split: str, problems: Iterator[str]) -> None:
     """Raise a ValueError for the first problem, if there is one."""
     problem = next(problems, None)
     if problem is not None:
@@ -113,29 +174,6 @@ def _miscounted(told: Mapping[str, Any], episodes: int) -> Iterator[str]:
     if len(set(ids)) < len(ids):
         twice, _ = Counter(ids).most_common(1)[0]
         yield f"labyrinth {twice} is there twice"
-
-
-def _other_labyrinths(split: str, told: Mapping[str, Any], known: KnownDataset) -> Iterator[str]:
-    """Yield what differs from the labyrinths of the dataset."""
-    if split not in known.splits:
-        yield f"{known.place} has no such split"
-        return
-    there = known.splits[split]
-    if told["labyrinths"] != len(there.labyrinth_ids):
-        yield f"{told['labyrinths']} labyrinths, but {known.place} has {len(there.labyrinth_ids)}"
-        return
-    here = zip(told["labyrinth_ids"], told["distance"], strict=True)
-    right = zip(there.labyrinth_ids, there.distance, strict=True)
-    for number, ((name, moves), (right_name, right_moves)) in enumerate(
-        zip(here, right, strict=True), start=1
-    ):
-        if name != right_name:
-            yield f"labyrinth {number} is {name}, but {right_name} in {known.place}"
-        elif moves != right_moves:
-            yield (
-                f"labyrinth {name} has a shortest route of {moves} moves, but of {right_moves} in "
-                f"{known.place}"
-            )
 
 
 def _impossible(told: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterator[str]:
@@ -167,13 +205,14 @@ def _impossible(told: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterat
 def _other_figures(told: Mapping[str, Any], scores: Scores) -> Iterator[str]:
     """Yield the figures that do not follow from the outcomes."""
     for name, right in scores.figures().items():
-        if not name.startswith("accuracy") and not _equal(told[name], right):
-            yield f"{name} is {told[name]}, but {right} follows from the outcomes"
+        if not _equal(told[name], right):
+            yield f"{name} is {told[name]!r:.60}, but {right} follows from the outcomes"
 
 
 def _equal(one: Any, other: Any) -> bool:
-    if isinstance(one, list):
-        return all(map(_equal, one, other))
-    if isinstance(one, float | int) and isinstance(other, float | int):
-        return abs(one - other) <= _EXACT
-    return bool(one == other)
+    if isinstance(other, list):
+        same = isinstance(one, list) and len(one) == len(other)
+        return same and all(_equal(*pair) for pair in zip(one, other, strict=True))
+    if type(one) in (int, float) and type(other) in (int, float):
+        return bool(-1e15 < one < 1e15 and abs(one - other) <= _EXACT)
+    return type(one) is type(other) and bool(one == other)

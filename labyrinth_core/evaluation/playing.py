@@ -1,0 +1,267 @@
+"""Episodes in `LabyrinthArrays`: one loop, `play`, in which all agents take a step at a time.
+
+Everything that acts goes through it: policies with memory and without, the baselines, and trials in
+training.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.evaluation.answers import Player, Policy, asked, decide
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.world.dynamics import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY
+from labyrinth_core.world.rollout import Episode, replay
+
+OUTCOMES = {
+    "solved": "the goal is reached",
+    "loop": "the agent goes round between cells until the episode is cut",
+    "wall": "the agent walks into a wall or a locked door until the episode is cut",
+    "ice": "the agent steps on ice",
+    "cut": "a fixed route ends elsewhere than on the goal",
+}
+"""Outcome of an episode -> what happens."""
+
+SEEN_TOGETHER = 256
+"""The largest number of states that a policy sees at once; a ResNet-18 takes a megabyte each."""
+
+TOGETHER = 1024
+"""The largest number of episodes in which a policy that may remember acts at once."""
+
+Choose = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]
+"""From the state of each of N agents, and the M agents that still act, to the M actions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """The results of one episode in each of L labyrinths, or of E; then shapes are (E, L)."""
+
+    outcomes: NDArray[np.str_]
+    """Keys of `OUTCOMES`, shape (L,)."""
+    moves: NDArray[np.int64]
+    """Numbers of steps, those into walls included, shape (L,)."""
+    cells: int
+    """The number of cells of a labyrinth."""
+
+    @classmethod
+    def of_letters(
+        cls, letters: Sequence[str], moves: Sequence[Sequence[int]], cells: int
+    ) -> Episodes:
+        """Return E episodes in each of L labyrinths, of E texts such as `letters` returns."""
+        names = {name[0]: name for name in OUTCOMES}
+        outcomes = np.array([[names[letter] for letter in row] for row in letters])
+        return cls(outcomes, np.array(moves, np.int64), cells)
+
+    @property
+    def letters(self) -> list[str]:
+        """A text for each of E episodes: of each labyrinth the first letter of its outcome."""
+        return ["".join(name[0] for name in row) for row in np.atleast_2d(self.outcomes).tolist()]
+
+    @property
+    def step_limit(self) -> int:
+        """The number of steps after which an episode is cut."""
+        return STEP_LIMIT * self.cells
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Whether the goal was reached, shape (L,)."""
+        solved: NDArray[np.bool_] = self.outcomes == "solved"
+        return solved
+
+    @property
+    def returns(self) -> NDArray[np.float64]:
+        """Sums of the rewards, shape (L,); exactly -4 for an episode that is cut.
+
+        Computed as a product, since a sum of many small penalties gathers rounding errors.
+        """
+        ends = np.select([self.solved, self.outcomes == "ice"], [GOAL_REWARD, ICE_REWARD])
+        returns: NDArray[np.float64] = ends - STEP_PENALTY * (self.moves - (ends != 0)) / self.cells
+        return returns
+
+
+def play(
+    arrays: LabyrinthArrays,
+    choose: Choose,
+    *,
+    start: NDArray[np.int64] | None = None,
+    limit: int | None = None,
+    visits: int | None = None,
+    remembered: Callable[[], NDArray[Any]] | None = None,
+) -> Episodes:
+    """Return the results of one episode of each agent.
+
+    Args:
+        arrays: The labyrinths.
+        choose: Returns the actions.
+        start: The state in which each of N agents begins, shape (N,), no two in one labyrinth;
+            None for the initial state of every labyrinth.
+        limit: The number of steps after which an episode is cut; None for the step limit.
+        visits: An episode is over, and counts like one that was cut, where its agent comes to a
+            state in which it has acted that often: 1 for a policy without memory, which repeats
+            itself from there on. None to go on.
+        remembered: Returns all that a policy remembers, a row for each agent. An episode is over,
+            too, where state and memory are as they were before.
+    """
+    state = (arrays.initial if start is None else start).copy()
+    limit = arrays.step_limit if limit is None else limit
+    moves = np.full(len(state), limit)
+    moved = np.zeros(len(state), np.int64)  # The last step in which the agent left its state.
+    acted = np.zeros(len(arrays.terminal), np.int64)
+    first: dict[tuple[int, int, bytes], int] = {}
+    running = np.arange(len(state))
+    for step in range(1, limit + 1):
+        here = state[running]
+        after = arrays.next_state[here, choose(state, running)]
+        state[running] = after
+        moved[running[after != here]] = step
+        ended = arrays.terminal[after]
+        moves[running[ended]] = step
+        going = ~ended
+        if visits is not None:
+            acted[here] += 1
+            going &= acted[after] < visits
+            moved[running[~going & ~ended & (after != here)]] = limit
+        running = running[going]
+        if remembered is not None:
+            held = asked(remembered)
+            situations = [(each, state[each], held[each].tobytes()) for each in running.tolist()]
+            begun = np.array([first.setdefault(each, step) for each in situations], np.int64)
+            # What has happened since then will happen again and again, until the end.
+            moved[running[(begun < step) & (moved[running] > begun)]] = limit
+            running = running[begun == step]
+        if not running.size:
+            break
+    # An agent that stays somewhere without memory has come there within as many steps as there
+    # are states, long before half of the steps are over.
+    ends = [arrays.goal[state], arrays.terminal[state], moved < arrays.step_limit / 2]
+    return Episodes(np.select(ends, ["solved", "ice", "wall"], "loop"), moves, arrays.cells)
+
+
+# Policies that remember nothing.
+
+
+def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
+    """Return the action of a policy in each state, shape (S,); 0 in terminal states.
+
+    Raises:
+        PolicyError: It raises an error, or answers with anything but actions.
+    """
+    actions = np.zeros(len(arrays.terminal), np.int64)
+    acting = np.flatnonzero(~arrays.terminal)
+    actions[acting] = _decisions(policy, arrays, acting)
+    return actions
+
+
+def _decisions(
+    policy: Policy, arrays: LabyrinthArrays, states: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the action of a policy in each of some states, at least one."""
+    parts = [states[begin:][:SEEN_TOGETHER] for begin in range(0, len(states), SEEN_TOGETHER)]
+    return np.concatenate([decide(policy, arrays.observations[part]) for part in parts])
+
+
+def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
+    """Return the results of the episodes of a policy with one action a state, shape (S,)."""
+    return play(arrays, lambda state, running: actions[state[running]], visits=1)
+
+
+def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
+    """Return the results of the episodes in which the agent takes one route in every labyrinth.
+
+    After the last action it stays where it is until the episode is cut.
+    """
+    steps = iter(route)
+    walked = play(arrays, lambda _, running: np.full(len(running), next(steps)), limit=len(route))
+    ended = np.isin(walked.outcomes, ["solved", "ice"])
+    return replace(
+        walked,
+        outcomes=np.where(ended, walked.outcomes, "cut"),
+        moves=np.where(ended, walked.moves, arrays.step_limit),
+    )
+
+
+def solved_by(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
+    """Return which labyrinths a policy, acting greedily, solves, shape (L,).
+
+    The policy is asked only in the states that it visits, at 5x5 about a third of all.
+    """
+    return play(
+        arrays, lambda state, running: _decisions(policy, arrays, state[running]), visits=1
+    ).solved
+
+
+def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
+    """Return the share of labyrinths that a policy, acting greedily, solves; see `solved_by`."""
+    return float(solved_by(policy, arrays).mean())
+
+
+# Any policy.
+
+
+def step_through(
+    player: Player, arrays: LabyrinthArrays, episodes: int, together: int = TOGETHER
+) -> Episodes:
+    """Return the results of some episodes in each of L labyrinths, shape (episodes, L).
+
+    Args:
+        player: The policy. If it remembers, it is still shown the episodes that are over, as they
+            ended, and what it answers there is not looked at.
+        arrays: The labyrinths.
+        episodes: The number of episodes in each.
+        together: The largest number of labyrinths in which it acts at once.
+
+    Raises:
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    starts = [
+        arrays.initial[begin:][:together] for begin in range(0, len(arrays.initial), together)
+    ]
+    rows = [
+        [
+            play(
+                arrays, _begun(player, arrays, len(each)), start=each, remembered=player.remembered
+            )
+            for each in starts
+        ]
+        for _ in range(episodes)
+    ]
+    return Episodes(
+        np.stack([np.concatenate([each.outcomes for each in row]) for row in rows]),
+        np.stack([np.concatenate([each.moves for each in row]) for row in rows]),
+        arrays.cells,
+    )
+
+
+def attempts(player: Player, arrays: LabyrinthArrays, which: Sequence[int]) -> list[Episode]:
+    """Return the episode in each of some labyrinths, cut after as many steps as there are cells.
+
+    Raises:
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    choose = _begun(player, arrays, len(which))
+    taken: list[list[int]] = [[] for _ in which]
+
+    def noted(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
+        actions = choose(state, running)
+        for agent, action in zip(running.tolist(), actions.tolist(), strict=True):
+            taken[agent].append(action)
+        return actions
+
+    play(arrays, noted, start=arrays.initial[list(which)], limit=arrays.cells)
+    return [
+        replay(arrays.labyrinths[place], actions)
+        for place, actions in zip(which, taken, strict=True)
+    ]
+
+
+def _begun(player: Player, arrays: LabyrinthArrays, count: int) -> Choose:
+    """Return how a policy acts in `count` episodes, which it is told to begin."""
+    if player.reset is None:
+        return lambda state, running: decide(player.act, arrays.observations[state[running]])
+    asked(player.reset, count)
+    return lambda state, running: decide(player.act, arrays.observations[state], running)

@@ -1,0 +1,150 @@
+"""The policy of a run, judged on all splits but `random`: of its own dataset, or of another one."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from functools import partial
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import locate
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.evaluate import judge, way_of
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.results import RESULTS, Results
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.pictures.vector import tile_count
+from pipeline.config.errors import check
+from pipeline.config.run import Run
+from pipeline.config.training import POLICY, PROTOCOLS
+from pipeline.evaluation.named import Judged
+from pipeline.machinery.console import say, tracked
+from pipeline.machinery.dataset import manifest_of
+from pipeline.training.memory import memory_of, with_memory
+from pipeline.training.methods.method import find
+from pipeline.training.policy import read_policy
+from pipeline.training.record import current_versions, read_record
+from pipeline.training.train import choose_device, loader_of, spec_of
+
+
+def judge_trained(run: Run) -> Judged:
+    """Return what the policy of a run achieves, on its own dataset or on `evaluate_on`.
+
+    Raises:
+        ConfigError: There is no such device, a folder is given with a revision, or the policy
+            cannot see the labyrinths of `evaluate_on`.
+        DatasetError: There is no finished run, it was trained on another dataset than the one that
+            exists now, or a dataset or a split is missing.
+    """
+    folder, options = run.training_folder, run.options
+    record = read_record(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
+    device, about = choose_device(options), record["run"]
+    method, settings = find(about["method"], about["settings"], about["protocol"])
+    spec = spec_of(run)
+    make = partial(method.make, settings=settings)
+    policy = read_policy(folder / POLICY, spec, device, make)
+    judged_on = elsewhere(run) if options.evaluate_on else run
+    manifest = manifest_of(judged_on)
+    config, fingerprint = manifest.config, manifest.fingerprint
+    if judged_on is run and fingerprint != about["fingerprint"]:
+        raise DatasetError(
+            f"{folder} was trained on another dataset than {run.source}: their fingerprints "
+            f"are {about['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={run.source}/"
+            f"{config.name} evaluates it there all the same"
+        )
+    size = method.image_size(spec, settings, config.height, config.width)
+    shape = replace(spec, height=config.height, width=config.width)
+    acting = with_memory(method.player(policy, shape, settings), memory_of(run, config, size))
+    player, load = Player.of(acting, options.seed), loader_of(judged_on, size)
+    learnt = None if judged_on is run else learnt_from(run, about["fingerprint"], config)
+    splits = (*EVALUATED_SPLITS, *config.shifts)
+    scores, baselines = judge(
+        player,
+        load,
+        tracked(((1, split) for split in splits), "evaluate", len(splits)),
+        config.task,
+        learnt=learnt,
+        blind=True,
+    )
+    as_tried = None
+    if PROTOCOLS[options.protocol].methods:
+        as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
+        rates = (f"{split} {figures['sr']:.0%}" for split, figures in as_tried.items())
+        say(f"As the code of protocol={options.protocol} tries a policy: {', '.join(rates)}")
+    made = TrainedRun(
+        **asdict(run.run_name),
+        settings=about["settings"],
+        config=run.dataset.name,
+        dataset=about["dataset"],
+        revision=about["revision"],
+        fingerprint=about["fingerprint"],
+        training={name: record[name] for name in ("epochs", "seconds", "selected", "computed")},
+        evaluated={
+            "device": device.type,
+            "versions": current_versions(),
+            "weights": file_sha256(folder / POLICY),
+        },
+        references_know=None if learnt is None else about["fingerprint"],
+        as_tried=as_tried,
+    )
+    results = Results(
+        dataset=judged_on.source,
+        revision=judged_on.options.revision,
+        config=config.name,
+        fingerprint=fingerprint,
+        observation=options.observation,
+        image_size=size if options.observation == "image" else None,
+        way=way_of(player),
+        episodes=1,
+        seed=options.seed,
+        splits=scores,
+        baselines=baselines,
+        run=made,
+    )
+    path = folder / RESULTS
+    if judged_on is not run:
+        path = path.with_stem(f"{path.stem}-{config.name}-{fingerprint:.8}")
+    return Judged(Description(made.name), player, load, results, path)
+
+
+def elsewhere(run: Run) -> Run:
+    """Return the run with the dataset of `evaluate_on` in place of the one that it was trained on.
+
+    Raises:
+        ConfigError: The policy sees vectors, which have another meaning there.
+        DatasetError: There is no such dataset.
+    """
+    source, _, name = run.options.evaluate_on.rpartition("/")
+    config, trained_on = Manifest.read(locate(source, name, [])).config, run.dataset
+
+    def vectors(of: DatasetConfig) -> tuple[int, int, int]:
+        return of.height, of.width, tile_count(of.task)
+
+    check(
+        run.options.observation != "vector" or vectors(config) == vectors(trained_on),
+        f"evaluate_on={run.options.evaluate_on}: observation=vector has other vectors at {name} "
+        f"than at {trained_on.name}, where the policy was trained",
+    )
+    options = replace(run.options, dataset=source, revision=None, train_labyrinths=None)
+    return replace(run, options=options, dataset=config)
+
+
+def learnt_from(run: Run, fingerprint: str, config: DatasetConfig) -> LabyrinthArrays | None:
+    """Return the labyrinths that a policy learnt from; None if they are not available.
+
+    None, too, if those of `config` have another size or task, where nothing can be remembered.
+    """
+    trained_on = run.dataset
+    for name in ("height", "width", "task"):
+        if getattr(config, name) != getattr(trained_on, name):
+            return None
+    try:
+        available = manifest_of(run).fingerprint == fingerprint
+    except DatasetError:
+        return None
+    return loader_of(run)("train", "vector") if available else None

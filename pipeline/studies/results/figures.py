@@ -1,0 +1,127 @@
+"""The figures of methods over their seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.splits import SHIFTS
+from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+
+FAILURES = ("loop", "wall", "ice")
+AVERAGED = (
+    "sr_within_cells",
+    "spl",
+    "sr_known_route",
+    "sr_new_route",
+    "path_efficiency",
+    "accuracy_on_demonstrations",
+    "accuracy_elsewhere",
+)
+"""Figures of `Scores` of which the mean over seeds is told."""
+
+BY_METHOD = attrgetter("config", "setup", "method")
+
+
+def run_of(results: Results) -> TrainedRun:
+    """Return the run that made the policy of results, which are those of a run."""
+    assert results.run is not None  # Results of other policies are kept apart.
+    return results.run
+
+
+def by_method(results: Sequence[Results]) -> list[list[Results]]:
+    """Return results in the usual order as a list for each config, setup and method."""
+
+    def key(each: Results) -> tuple[str, str]:
+        return each.config, run_of(each).of_all_seeds
+
+    return [list(group) for _, group in groupby(results, key)]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The figures of a method on a split, over its seeds."""
+
+    config: str
+    """The config of the dataset, such as `5x5`."""
+    setup: str
+    """All other choices but method and seed, such as `cnn` or `resnet18-paper`."""
+    method: str
+    split: str
+    seeds: int
+    sr: float
+    sr_interval: tuple[float, float]
+    """The interval over seeds and labyrinths."""
+    aer: float
+    aer_std: float
+    """The standard deviation over labyrinths, averaged over seeds."""
+    aer_interval: tuple[float, float]
+    failures: dict[str, float]
+    """The share of all labyrinths with each of `FAILURES`."""
+    averages: dict[str, float | None]
+    """The mean of each of `AVERAGED`; None if it is not defined for any seed."""
+    by_distance: dict[int, str]
+    """By moves on a shortest route: how many episodes succeed, such as `3 of 5`."""
+
+
+def summarise(results: Sequence[Results]) -> list[Figures]:
+    """Return the figures of each method, setup and split, for results in the usual order."""
+    groups = by_method(results)
+    return [_over_seeds(group, split) for group in groups for split in _splits_of(group)]
+
+
+def _splits_of(group: Sequence[Results]) -> list[str]:
+    """Return the splits that all of some runs were evaluated on: the usual ones, then shifts."""
+    shared = set.intersection(*(set(each.splits) for each in group))
+    return [*EVALUATED_SPLITS, *(shift for shift in SHIFTS if shift in shared)]
+
+
+def _over_seeds(group: Sequence[Results], split: str) -> Figures:
+    scores = [each.splits[split] for each in group]
+    run, solved = run_of(group[0]), solved_in(group, split)
+    returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
+    outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
+    counted = [each.by_distance for each in scores]
+    return Figures(
+        config=group[0].config,
+        setup=run.setup,
+        method=run.method,
+        split=split,
+        seeds=len(group),
+        sr=float(solved.mean()),
+        sr_interval=interval(solved),
+        aer=float(returns.mean()),
+        aer_std=float(returns.std(axis=1).mean()),
+        aer_interval=interval(returns),
+        failures={name: float((outcomes == name).mean()) for name in FAILURES},
+        averages={name: _mean(getattr(each, name) for each in scores) for name in AVERAGED},
+        by_distance={
+            moves: " of ".join(str(sum(each[moves][part] for each in counted)) for part in (0, 1))
+            for moves in counted[0]
+        },
+    )
+
+
+def gap(group: Sequence[Results]) -> tuple[float, float, float]:
+    """Return the difference of the SR on train and on test, over seeds, and its interval."""
+    train, test = (solved_in(group, split) for split in ("train", "test"))
+    return float(train.mean() - test.mean()), *interval(train, test)
+
+
+def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
+    """Return 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths)."""
+    solved = [np.atleast_2d(each.splits[split].episodes.solved) for each in group]
+    return np.concatenate(solved).astype(np.float64)
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return sum(defined) / len(defined) if defined else None
