@@ -24,7 +24,7 @@ from pipeline.release.remote import (
     reasons,
     repeated,
 )
-from pipeline.release.verification import verified
+from pipeline.release.verify import verified
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
 """What a tag of a release looks like."""

@@ -1,44 +1,134 @@
-"""Verification of a release: `python -m pipeline.release.verify REPO COMMIT FOLDER KIND`.
+"""The verification of a release: downloaded again by its commit, with an empty cache.
 
-Runs in a process of its own, so that its empty cache is the only one there is: the client falls
-back silently to what it has. Everything is asked for by the commit, and compared with the
-manifests, or the files, of the folder that was published.
+The clients of the Hub fall back silently on what they have cached, so that the verification runs
+in a process of its own, whose cache is the only one it sees:
+`python -m pipeline.release.verify REPO COMMIT FOLDER KIND`.
 """
 
 from __future__ import annotations
 
-import io
 import os
+import re
+import subprocess
 import sys
-from collections.abc import Iterable, Mapping
-from functools import lru_cache, partial
-from itertools import zip_longest
+import tempfile
+import time
+from contextlib import suppress
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from huggingface_hub import HfApi, hf_hub_download
+from huggingface_hub import HfApi, get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
-from labyrinth_core.data.columns import Row
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import opened
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import load_policy
 from pipeline.machinery import front_matter
+from pipeline.machinery.console import progress, say
 from pipeline.machinery.worker import end_with_parent
 from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan
 from pipeline.release.published import files_of
-from pipeline.release.remote import Remote, repeated
+from pipeline.release.remote import PublishError, Remote, repeated
 
-TOLD = 100
-"""The number of rows after which it is told how far the verification is."""
+CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
+"""The names of environment variables that move the caches of the Hub's clients."""
+
+PATIENCE = 180.0
+"""Seconds without a byte from the Hub, or another file or split, after which it is given up.
+
+The clients repeat what fails for many minutes: a call ends after ten seconds without a byte, and is
+made five times.
+"""
+REFRESH = 0.5
+"""Seconds between two looks at what has come."""
+
+ROWS_COMPARED = 500
+"""The most rows compared of a table of labyrinths; shards have as many in a row group."""
+
+
+def verified(
+    repo_id: str, commit: str, folder: Path, kind: Kind, patience: float = PATIENCE
+) -> str:
+    """Verify a release in a process with an empty cache, and return a line that says so.
+
+    Raises:
+        PublishError: The Hub gives anything else than was published, or gives nothing.
+    """
+    say(f"verifying {commit[:12]} from an empty cache ...")
+    failed = f"the verification of {commit[:12]} failed, so it is not tagged"
+    command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
+    command += [str(folder.resolve()), kind.name]
+    total = sum(path.stat().st_size for path in files_of(kind, folder).values())
+    with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as home:
+        output = Path(home, "output.txt")
+        with (
+            output.open("w") as file,
+            subprocess.Popen(
+                command,
+                env=_environment(home),
+                cwd=Path(__file__).parents[2],
+                stdout=file,
+                stderr=subprocess.STDOUT,
+            ) as process,
+        ):
+            try:
+                _watch(process, output, total, patience)
+            except TimeoutError as error:
+                raise PublishError(f"{failed}: {error}") from error
+            finally:
+                process.kill()
+        said = _last_line(output)
+    if process.returncode:
+        raise PublishError(f"{failed}: {said or f'it ended with {process.returncode}'}")
+    return said
+
+
+def _watch(process: subprocess.Popen[bytes], output: Path, total: int, patience: float) -> None:
+    """Show how many bytes have come and what is awaited, until a verification ends.
+
+    Raises:
+        TimeoutError: Nothing has changed for as long as the patience lasts.
+    """
+    seen, since = (-1, -1, ""), time.monotonic()
+    with progress() as bars:
+        bar = bars.add_task("verify", total=total)
+        while process.poll() is None:
+            downloaded, what = _bytes_in(output.parent / "hub"), _last_line(output)
+            now = downloaded, _bytes_in(output.parent / "datasets"), what
+            if now != seen:
+                seen, since = now, time.monotonic()
+            elif time.monotonic() > since + patience:
+                waiting = f"nothing came from the Hub in {patience:g} seconds"
+                raise TimeoutError(f"{waiting}, waiting for {what}")
+            bars.update(bar, completed=min(downloaded, total), description=f"verify {what}")
+            time.sleep(REFRESH)
+
+
+def _last_line(output: Path) -> str:
+    return output.read_text(errors="replace").strip().rpartition("\n")[2]
+
+
+def _bytes_in(folder: Path) -> int:
+    size = 0
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # Renamed or removed meanwhile.
+            size += path.lstat().st_size
+    return size
+
+
+def _environment(home: str) -> dict[str, str]:
+    """Return the environment of a process whose caches are empty."""
+    kept = {name: value for name, value in os.environ.items() if not CACHES.fullmatch(name)}
+    own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
+    return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.
 
 
 def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
-    """Return a line that says what was verified.
+    """Compare a commit with a folder, file by file, and load it; return what was verified.
 
     Raises:
         DatasetError: The Hub gives anything else than was published, or does not give it.
@@ -49,137 +139,76 @@ def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
     except HTTPError as error:
         raise DatasetError(f"its files cannot be listed: {one_line(error)}") from error
     if not plan.is_done:
-        path = [*plan.add, *plan.delete][0]
-        raise DatasetError(f"{path} on the Hub is not what was published")
-    if kind is not DATASET:
-        return _verified_files(repo_id, commit, files, kind)
-    rows = 0
-    for manifest in front_matter.finished(folder):
-        rows += _verified_rows(repo_id, commit, manifest, rows, folder)
-    return f"verified {commit[:12]}: {rows:,} rows, plain and streaming, are those published."
-
-
-def _verified_files(repo_id: str, commit: str, files: Mapping[str, Path], kind: Kind) -> str:
-    """Download all files, and load the policy of a model; return what was verified."""
-    read = 0
+        differing = [*plan.add, *plan.delete][0]
+        raise DatasetError(f"{differing} on the Hub is not what was published")
     for name, path in files.items():
-        _tell(read, name)
+        _tell(name)
+        download = partial(hf_hub_download, repo_id, name, repo_type=kind.name, revision=commit)
         try:
-            there = repeated(partial(_downloaded, repo_id, commit, name, kind))
+            there = Path(repeated(download))
         except (OSError, HTTPError) as error:
             raise DatasetError(f"{name} cannot be downloaded: {one_line(error)}") from error
         if file_sha256(there) != file_sha256(path):
             raise DatasetError(f"{name} is not the one that was published")
-        read += path.stat().st_size
-    _tell(read, "what was read")
+    told = f"verified {commit[:12]}: {len(files)} files are those published"
+    if kind is DATASET:
+        from datasets.exceptions import DatasetsError
+
+        faults = (OSError, ValueError, HTTPError, DatasetsError)
+        for manifest in front_matter.finished(folder):
+            check = partial(check_config, repo_id, commit, manifest, folder)
+            try:
+                repeated(check, faults, lambda _: True)
+            except faults as error:
+                reason = one_line(error.__cause__ or error)
+                raise DatasetError(f"{manifest.config.name} cannot be loaded: {reason}") from error
+        return f"{told}, and every config loads, plain and streaming."
     if kind is MODEL:
         load_policy(repo_id, revision=commit)
-    loads = ", and the policy loads" if kind is MODEL else ""
-    return f"verified {commit[:12]}: {len(files)} files are those published{loads}."
+        return f"{told}, and the policy loads."
+    return f"{told}."
 
 
-def _downloaded(repo_id: str, commit: str, name: str, kind: Kind) -> Path:
-    return Path(hf_hub_download(repo_id, name, repo_type=kind.name, revision=commit))
+def _tell(what: str) -> None:
+    """Tell the process that watches what is asked for now."""
+    print(what, flush=True)  # noqa: T201
 
 
-def _tell(read: int, what: str) -> None:
-    """Tell the process that watches how many rows, or bytes, were read, and what is read now."""
-    print(f"{read}\t{what}", flush=True)  # noqa: T201
-
-
-def _verified_rows(repo_id: str, commit: str, manifest: Manifest, before: int, folder: Path) -> int:
-    """Return the number of rows of a config, loaded again after any fault."""
-    from datasets.exceptions import DatasetsError
-
-    faults = (OSError, ValueError, HTTPError, DatasetsError)
-
-    def load() -> int:
-        if manifest.labyrinths is not None:
-            _tell(before, table_config(manifest.config.name))
-            _check_table(repo_id, commit, manifest, folder)
-        return _load(repo_id, commit, manifest, before)
-
-    try:
-        return repeated(load, faults, lambda _: True)
-    except faults as error:
-        reason = one_line(error.__cause__ or error)
-        raise DatasetError(f"{manifest.config.name} cannot be loaded: {reason}") from error
-
-
-def _load(repo_id: str, commit: str, manifest: Manifest, before: int) -> int:
-    """Load a config in every way, and return the number of its rows, each way counted.
+def check_config(source: str, commit: str | None, manifest: Manifest, folder: Path) -> None:
+    """Load a config and its table of labyrinths, plain and streaming, and compare the first rows.
 
     Args:
-        repo_id: The dataset on the Hub.
-        commit: The commit to load.
+        source: The dataset on the Hub, or a folder.
+        commit: The commit of a dataset on the Hub.
         manifest: The manifest of the config, as it was published.
-        before: The number of rows of the configs before it.
+        folder: The folder of datasets that was published.
+
+    Raises:
+        DatasetError: What loads is not what was published.
     """
     from datasets import Image, load_dataset
 
-    name, rows = manifest.config.name, 0
-    _tell(before, name)
-    remote = hf_hub_download(repo_id, f"{name}/{MANIFEST}", repo_type="dataset", revision=commit)
-    if Manifest.read(Path(remote).parent) != manifest:
-        raise DatasetError(f"{name}/{MANIFEST} is not the one that was published")
+    name, expected = manifest.config.name, {}
     for split in manifest.config.splits:
+        shards = manifest.of(split)
+        with opened(folder / name, shards[0]) as file:
+            first = file.read_row_group(0).to_pylist()
+        expected[name, split] = sum(shard.rows for shard in shards), first
+    if manifest.labyrinths is not None:
+        rows = sum(shard.labyrinths for shard in manifest.shards)
+        first = list(islice(table_rows(folder / name, manifest), ROWS_COMPARED))
+        expected[table_config(name), SPLIT] = rows, first
+    for (config, split), (rows, first) in expected.items():
         for streaming in (False, True):
-            what = f"{name} {split}{', streaming' if streaming else ''}"
-            _tell(before + rows, what)
-            dataset = load_dataset(repo_id, name, split=split, revision=commit, streaming=streaming)
-            dataset = dataset.cast_column("obs", Image(decode=False))
-            rows += _check_rows(dataset, manifest.of(split), what, before + rows)
-    return rows
-
-
-def _check_table(repo_id: str, commit: str | None, manifest: Manifest, folder: Path) -> None:
-    """Compare the table of labyrinths of a config, loaded in every way, with that of the folder."""
-    from datasets import load_dataset
-
-    name = table_config(manifest.config.name)
-    for streaming in (False, True):
-        table = load_dataset(repo_id, name, split=SPLIT, revision=commit, streaming=streaming)
-        published = table_rows(folder / manifest.config.name, manifest)
-        for number, (row, right) in enumerate(zip_longest(table, published)):
-            if row != right:
-                raise DatasetError(f"{name}: row {number} is not the one that was published")
-
-
-def _check_rows(rows: Iterable[dict[str, Any]], shards: list[Shard], what: str, before: int) -> int:
-    """Compare the fingerprints of rows with those of their shards, and return their number."""
-    iterator = iter(rows)
-    seen = 0
-    for shard in shards:
-        fingerprint = Fingerprint()
-        for _ in range(shard.rows):
-            row = next(iterator, None)
-            if row is None:
-                raise DatasetError(f"{what}: it ends after {seen} rows")
-            fingerprint.update([_row(row)])
-            seen += 1
-            if seen % TOLD == 0:
-                _tell(before + seen, what)
-        if fingerprint.hexdigest() != shard.fingerprint:
-            raise DatasetError(f"{what}: the rows of {shard.path} are not those published")
-    if next(iterator, None) is not None:
-        raise DatasetError(f"{what}: there are more than {seen} rows")
-    _tell(before + seen, what)
-    return seen
-
-
-def _row(row: dict[str, Any]) -> Row:
-    png, path = row["obs"]["bytes"], row["obs"]["path"]
-    numbers = row["actions"], row["rewards"], row["episode_starts"]
-    return Row(png, path, *numbers, row["info"], _digest(png))
-
-
-@lru_cache(maxsize=100_000)
-def _digest(png: bytes) -> bytes:
-    """Return the digest of a picture; each comes at least twice, plain and streaming."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(png), formats=["PNG"]) as image:
-        return decoded_picture_digest(np.array(image))
+            what = f"{config} {split}{', streaming' if streaming else ''}"
+            _tell(what)
+            loaded = load_dataset(source, config, split=split, revision=commit, streaming=streaming)
+            if "obs" in loaded.features:
+                loaded = loaded.cast_column("obs", Image(decode=False))
+            if list(islice(loaded, len(first))) != first:
+                raise DatasetError(f"{what}: the first rows are not those that were published")
+            if not streaming and len(loaded) != rows:
+                raise DatasetError(f"{what}: there are {len(loaded)} rows instead of {rows}")
 
 
 def main() -> None:
@@ -188,12 +217,10 @@ def main() -> None:
     end_with_parent(os.getppid())
     status = 0
     try:
-        print(verify(repo_id, commit, Path(folder), KINDS[kind]))  # noqa: T201
+        _tell(verify(repo_id, commit, Path(folder), KINDS[kind]))
     except DatasetError as error:
-        print(error, file=sys.stderr)  # noqa: T201
+        _tell(str(error))
         status = 1
-    sys.stdout.flush()
-    sys.stderr.flush()
     # At once: pyarrow's threads may abort an interpreter that ends after streaming
     # (https://github.com/apache/arrow/issues/45214), as if the verification had failed.
     os._exit(status)

@@ -25,9 +25,9 @@ from publishing import (
     wait_for,
 )
 
-from pipeline.release import verification
 from pipeline.release.plan import DATASET
 from pipeline.release.remote import PublishError
+from pipeline.release.verify import verified
 
 pytestmark = pytest.mark.slow
 
@@ -92,8 +92,11 @@ def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releas
     done = verify(local_hub, commit, releasable)
     assert done.returncode == 0, done.stderr
     *progress, verdict = done.stdout.splitlines()
-    assert verdict.startswith(f"verified {commit[:12]}: 150 rows, plain and streaming, are ")
-    assert progress[-1].endswith("\t2x3 s0_and_g, streaming")
+    assert verdict == (
+        f"verified {commit[:12]}: 20 files are those published, and every config loads, plain and "
+        "streaming."
+    )
+    assert progress[-1] == "2x3-labyrinths labyrinths, streaming"
     assert [rule for rule in rules if not rule.reached.is_set()] == []
 
 
@@ -136,13 +139,12 @@ def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
     rule = local_hub.faults.hold("GET|HEAD", "/resolve/.*parquet", times=UNLIMITED)
     for name, value in environment(local_hub).items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(verification, "PATIENCE", 15.0)
     with pytest.raises(PublishError) as caught:
-        verification.verified(REPO, commit, releasable, DATASET)
+        verified(REPO, commit, releasable, DATASET, patience=5)
     assert rule.reached.is_set()
     assert str(caught.value) == (
         f"the verification of {commit[:12]} failed, so it is not tagged: nothing came from the Hub "
-        "in 15 seconds, waiting for 2x3-labyrinths"
+        "in 5 seconds, waiting for 2x3/train-00000-of-00001.parquet"
     )
 
 
@@ -288,21 +290,19 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
     assert local_hub.refs(REPO)["refs/tags/1.0.0"] == commit
 
 
-def test_other_bytes_than_were_sent_are_not_tagged(
-    local_hub: LocalHub, releasable: Path, other_shard: Path
-) -> None:
+def test_other_bytes_than_were_sent_are_not_tagged(local_hub: LocalHub, releasable: Path) -> None:
     local_hub.restart("lfs-basic")
     shard = "2x3/random-00000-of-00001.parquet"
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
     with publishing(local_hub, releasable) as process:
         wait_for(rule, process)
         blob = local_hub.folder / "blobs" / built(releasable)[shard]
-        shutil.copy(other_shard / shard, blob)
+        blob.write_bytes(blob.read_bytes()[:-1] + b"0")
         local_hub.faults.release()
         process.wait()
         assert process.stderr is not None
         error = process.stderr.read().splitlines()[-1]
-    assert "failed, so it is not tagged: 2x3 " in error
+    assert f"failed, so it is not tagged: {shard} is not the one that was published" in error
     assert "refs/tags/1.0.0" not in local_hub.refs(REPO)
     shutil.copy(releasable / shard, blob)
     assert "tagged 1.0.0" in published(local_hub, releasable)

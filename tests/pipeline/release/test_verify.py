@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,21 +11,27 @@ from planting import DEFAULT
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from pipeline.release.verify import _check_table
+from pipeline.release.verify import check_config
 
 
-@pytest.mark.parametrize(("seed", "labyrinths", "row"), [(1, 7, 0), (0, 6, 6)])
-def test_a_table_of_labyrinths_that_is_not_the_published_one_is_found(
+@pytest.mark.parametrize(
+    ("seed", "labyrinths", "message"),
+    [
+        (1, 7, "{0} train: the first rows are not those that were published"),
+        (0, 6, "{0} train: there are 35 rows instead of 30"),
+    ],
+)
+def test_rows_that_are_not_the_published_ones_are_found(
     carded: Path,
     build_dataset: Callable[..., Path],
     tmp_path: Path,
     seed: int,
     labyrinths: int,
-    row: int,
+    message: str,
 ) -> None:
-    _check_table(str(carded), None, Manifest.read(carded / DEFAULT), carded)
+    check_config(str(carded), None, Manifest.read(carded / DEFAULT), carded)
     options = {"labyrinths": labyrinths, "random_steps": 25, "seed": seed}
     other = build_dataset(tmp_path, DEFAULT, **options)
     with pytest.raises(DatasetError) as error:
-        _check_table(str(carded), None, Manifest.read(other), tmp_path)
-    assert str(error.value) == f"{DEFAULT}-labyrinths: row {row} is not the one that was published"
+        check_config(str(carded), None, Manifest.read(other), tmp_path)
+    assert str(error.value) == message.format(DEFAULT)
