@@ -1,4 +1,5 @@
-"""A Hub on loopback: a real server for the real `huggingface_hub` and `datasets` clients.
+"""A Hub on loopback that answers the real clients, as far as a release and its readers need.
 
-Tests take the fixture `local_hub` of `hub.fixture`; people start `scripts/local_hub`.
+Contents come by LFS in one piece: the client's other protocol, Xet, has to be switched off
+(`HF_HUB_DISABLE_XET=1`).
 """

@@ -1,126 +1,188 @@
-"""All that a Hub keeps: repositories, contents, collections, the log; and how to find it."""
+"""What the Hub on loopback keeps: accounts, repositories as git has them, contents, collections."""
 
 from __future__ import annotations
 
 import hashlib
-import hmac
 import json
-import shutil
 import threading
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from uuid import uuid4
 
-from hub.accounts import Account
-from hub.blobs import Blobs
 from hub.faults import Faults
-from hub.repositories import MAIN, Commit, Entry, Repository, regular_entry, write_whole
 from hub.request_log import RequestLog
 
-MODES = ("xet", "lfs-basic", "lfs-multipart")
-GITATTRIBUTES = b"".join(
-    b"*.%b filter=lfs diff=lfs merge=lfs -text\n" % suffix
-    for suffix in (b"gz", b"jpg", b"npz", b"parquet", b"png", b"safetensors", b"tar", b"zip")
-)
-"""What the Hub puts into every new repository, in short."""
-TEMPLATE = {
-    "README.md": b"---\ntitle: New\nsdk: static\n---\n",
-    "index.html": b"<h1>Welcome to your static Space!</h1>\n",
-    "style.css": b"body { padding: 2rem; }\n",
-}
+MAIN = "refs/heads/main"
+SHORTEST_COMMIT = 7
+LFS_SUFFIXES = (".parquet", ".png", ".safetensors")
+GITATTRIBUTES = "".join(f"*{suffix} filter=lfs -text\n" for suffix in LFS_SUFFIXES).encode()
+TEMPLATE = {"style.css": b"body { padding: 2rem; }\n"}
 """What the Hub puts into a new static Space, in short."""
-SOMEBODY_ELSE = "somebody-else"
+TOKENS = {
+    "write": "hf_loopbackTokenThatMayWrite",
+    "read": "hf_loopbackTokenThatMayRead",
+    "stranger": "hf_loopbackTokenOfAnotherUser",
+    "rejected": "hf_loopbackTokenThatTheHubRejects",
+}
+"""All tokens by their labels; the Hub does not know the last one."""
+
+
+@dataclass(frozen=True)
+class Account:
+    """What a token stands for: a user, and what the token lets them do."""
+
+    label: str
+    user: str
+    organizations: tuple[str, ...]
+    role: str
+    """`write` or `read`."""
+
+    def owns(self, repository: str) -> bool:
+        """Return whether a repository is the user's or that of one of their organizations."""
+        return repository.split("/")[0] in (self.user, *self.organizations)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A file of a tree."""
+
+    oid: str
+    """SHA-1 of git's blob: the content or, for LFS, the pointer to it."""
+    sha256: str
+    """SHA-256 of the content, under which it is stored."""
+    size: int
+    is_lfs: bool = False
+
+
+@dataclass(frozen=True)
+class Commit:
+    """A commit, with the whole of its tree."""
+
+    oid: str
+    parent: str | None
+    tree: Mapping[str, Entry]
+    title: str
 
 
 @dataclass
+class Repository:
+    """A repository: its commits, and the refs that point at some."""
+
+    kind: str
+    name: str
+    private: bool = False
+    refs: dict[str, str] = field(default_factory=dict)
+    commits: dict[str, Commit] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, saved: dict[str, Any]) -> Repository:
+        """Return the repository that `asdict` turned into plain values."""
+        for oid, commit in saved["commits"].items():
+            commit["tree"] = {path: Entry(**entry) for path, entry in commit["tree"].items()}
+            saved["commits"][oid] = Commit(**commit)
+        return cls(**saved)
+
+    def commit(self, ref: str, tree: Mapping[str, Entry], title: str) -> Commit:
+        """Return a new commit on top of what the ref points at, which now points at it."""
+        parent = self.refs.get(ref)
+        content = f"{parent} {title} {sorted(tree.items())}".encode()
+        commit = Commit(git_oid(content), parent, tree, title)
+        self.commits[commit.oid] = commit
+        self.refs[ref] = commit.oid
+        return commit
+
+    def find(self, revision: str) -> Commit:
+        """Return the commit that a branch, a tag, a full ref or a commit's name means.
+
+        Raises:
+            LookupError: There is none.
+        """
+        for ref in (revision, f"refs/heads/{revision}", f"refs/tags/{revision}"):
+            if ref in self.refs:
+                return self.commits[self.refs[ref]]
+        if len(revision) >= SHORTEST_COMMIT:
+            for oid, commit in self.commits.items():
+                if oid.startswith(revision):
+                    return commit
+        raise LookupError(f"Invalid rev id: {revision}")
+
+    def history(self, commit: Commit) -> Iterator[Commit]:
+        """Yield a commit and all before it, newest first."""
+        yield commit
+        while commit.parent is not None:
+            commit = self.commits[commit.parent]
+            yield commit
+
+
+def git_oid(content: bytes) -> str:
+    """Return the SHA-1 that git gives a blob."""
+    return hashlib.sha1(b"blob %d\0%b" % (len(content), content)).hexdigest()
+
+
 class HubState:
-    """The state of a Hub in a folder, and how it is set to behave."""
+    """The state of a Hub in a folder; a Hub that was there before goes on."""
 
-    folder: Path
-    mode: str
-    """How contents are uploaded: `xet`, `lfs-basic` or `lfs-multipart`."""
-    accounts: tuple[Account, ...]
-    part_size: int
-    """Bytes of a part in `lfs-multipart`."""
-    faults: Faults = field(default_factory=Faults)
-    url: str = ""
-    """Where the Hub listens."""
-    cdn_url: str = ""
-    """Where contents are uploaded to and downloaded from: another origin, as on the real Hub."""
-
-    def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise ValueError(f"mode is {self.mode!r}; allowed are {', '.join(MODES)}")
-        self.folder.mkdir(parents=True, exist_ok=True)
+    def __init__(self, folder: Path, user: str, organizations: tuple[str, ...]) -> None:
+        self.folder = folder
+        self.blobs = folder / "blobs"
+        self.blobs.mkdir(parents=True, exist_ok=True)
+        self.url = ""
         self.lock = threading.RLock()
-        self.log = RequestLog(self.folder / "log.ndjson")
-        self.blobs = Blobs(self.folder)
-        saved = (self.folder / "repositories").glob("*/*/*/repository.json")
-        loaded = [Repository.load(path.parent) for path in saved]
-        self._repositories = {(each.kind, each.name): each for each in loaded}
-        path = self.folder / "collections.json"
+        self.faults = Faults()
+        self.log = RequestLog()
+        self.accounts = {
+            TOKENS["write"]: Account("write", user, organizations, "write"),
+            TOKENS["read"]: Account("read", user, organizations, "read"),
+            TOKENS["stranger"]: Account("stranger", "stranger", (), "write"),
+        }
+        self.repositories: dict[tuple[str, str], Repository] = {}
         self.collections: dict[str, dict[str, Any]] = {}
-        if path.exists():
-            self.collections = json.loads(path.read_text(encoding="utf-8"))
+        if (file := folder / "state.json").exists():
+            saved = json.loads(file.read_text(encoding="utf-8"))
+            self.collections = saved["collections"]
+            for repository in map(Repository.load, saved["repositories"]):
+                self.repositories[repository.kind, repository.name] = repository
 
-    def account(self, token: str | None) -> Account | None:
-        """Return whose token it is, None if nobody's."""
-        return next((account for account in self.accounts if account.token == token), None)
+    def save(self) -> None:
+        """Write what there is, so that it is there wholly or not at all."""
+        repositories = [asdict(repository) for repository in self.repositories.values()]
+        saved = {"repositories": repositories, "collections": self.collections}
+        unfinished = self.folder / "state.json.unfinished"
+        unfinished.write_text(json.dumps(saved), encoding="utf-8")
+        unfinished.replace(self.folder / "state.json")
 
-    def repository(self, kind: str, name: str) -> Repository | None:
-        """Return a repository, None if there is none."""
-        return self._repositories.get((kind, name))
+    def create(self, kind: str, name: str, private: bool) -> None:
+        """Make a repository with its first commit."""
+        repository = self.repositories[kind, name] = Repository(kind, name, private)
+        files = {".gitattributes": GITATTRIBUTES} | (TEMPLATE if kind == "space" else {})
+        tree = {path: self.regular_entry(content) for path, content in files.items()}
+        repository.commit(MAIN, tree, "initial commit")
+        self.save()
 
-    def repositories(self) -> list[Repository]:
-        """Return all repositories."""
-        return list(self._repositories.values())
+    def regular_entry(self, content: bytes) -> Entry:
+        """Return the entry of a file that is in git itself, and store its content."""
+        sha256 = hashlib.sha256(content).hexdigest()
+        (self.blobs / sha256).write_bytes(content)
+        return Entry(git_oid(content), sha256, len(content))
 
-    def create_repository(self, kind: str, name: str, private: bool, author: str) -> Repository:
-        """Return a new repository with its first commit."""
-        folder = self.folder / "repositories" / kind / name
-        repository = Repository(folder, kind, name, private)
-        self.blobs.add(GITATTRIBUTES)
-        tree = {".gitattributes": regular_entry(GITATTRIBUTES)}
-        for path, content in TEMPLATE.items() if kind == "space" else ():
-            self.blobs.add(content)
-            tree[path] = regular_entry(content)
-        repository.commit(MAIN, tree, "initial commit", "", author)
-        self._repositories[kind, name] = repository
-        return repository
+    def lfs_entry(self, sha256: str) -> Entry:
+        """Return the entry of a stored content of which git holds a pointer."""
+        size = (self.blobs / sha256).stat().st_size
+        version = "https://git-lfs.github.com/spec/v1"
+        pointer = f"version {version}\noid sha256:{sha256}\nsize {size}\n".encode()
+        return Entry(git_oid(pointer), sha256, size, is_lfs=True)
 
-    def delete_repository(self, repository: Repository) -> None:
-        """Remove a repository; contents stay."""
-        del self._repositories[repository.kind, repository.name]
-        shutil.rmtree(repository.folder)
-
-    def commit_as_somebody_else(
-        self, repository: Repository, path: str = "NEWS.md", content: bytes | None = None
-    ) -> Commit:
-        """Return a new commit on `main` that no client asked for."""
-        if content is None:
-            content = f"after {repository.refs[MAIN]}\n".encode()
-        self.blobs.add(content)
-        tree = {**repository.find("main").tree, path: regular_entry(content)}
-        return repository.commit(MAIN, tree, f"Change {path}", "", SOMEBODY_ELSE)
-
-    def save_collections(self) -> None:
-        """Write the collections."""
-        write_whole(self.folder / "collections.json", json.dumps(self.collections, indent=1))
-
-    def content(self, entry: Entry) -> bytes:
-        """Return the content of a file."""
-        return self.blobs.read(entry.sha256)
-
-    def sign(self, method: str, path: str) -> str:
-        """Return a URL of the CDN that works without a token, for that method only."""
-        return f"{self.cdn_url}{quote(path)}?X-Signature={self._signature(method, path)}"
-
-    def is_signed(self, method: str, path: str, signature: str) -> bool:
-        """Return whether a URL was made by `sign`; who may GET may HEAD."""
-        expected = self._signature("GET" if method == "HEAD" else method, path)
-        return hmac.compare_digest(expected, signature)
-
-    def _signature(self, method: str, path: str) -> str:
-        secret = hashlib.sha256(str(self.folder).encode()).digest()
-        return hmac.new(secret, f"{method} {path}".encode(), "sha256").hexdigest()
+    def receive(self, sha256: str, chunks: Iterable[bytes]) -> bool:
+        """Store a content that comes in pieces; return whether it has the hash announced."""
+        found, unfinished = hashlib.sha256(), self.blobs / f"{uuid4().hex}.part"
+        with unfinished.open("wb") as file:
+            for chunk in chunks:
+                found.update(chunk)
+                file.write(chunk)
+        if found.hexdigest() == sha256:
+            unfinished.replace(self.blobs / sha256)
+            return True
+        unfinished.unlink()
+        return False

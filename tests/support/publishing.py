@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import pytest
 from hub.faults import Rule
 from hub.local_hub import LocalHub
 from hub.request_log import Exchange
@@ -21,6 +22,14 @@ SECONDS = 120
 MADE_BY_THE_HUB = ".gitattributes"
 STRICT = ("-W", "error", "-W", "ignore:Use 'content=<...>':DeprecationWarning")
 """The client's own uploads through LFS deserve the second warning."""
+
+
+@pytest.fixture
+def local_hub(tmp_path: Path) -> Iterator[LocalHub]:
+    """Yield a Hub on loopback that is new and empty; the test fails if the server itself does."""
+    with LocalHub(tmp_path / "hub") as hub:
+        yield hub
+    assert not hub.failures, "\n".join(hub.failures)
 
 
 def command(data_dir: Path, version: str, *options: str, repo: str = REPO) -> list[str]:
@@ -145,10 +154,6 @@ def held(
 def large(hub: LocalHub, revision: str = "main") -> set[str]:
     """Return the SHA-256 of the contents that are not in git itself."""
     return {entry.sha256 for entry in hub.tree(REPO, revision).values() if entry.is_lfs}
-
-
-def is_there(hub: LocalHub, repo: str = REPO) -> bool:
-    return (hub.folder / "repositories" / "dataset" / repo / "repository.json").exists()
 
 
 def changes(hub: LocalHub, since: int = 0) -> list[Exchange]:

@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from hub.fixture import local_hub
 from making import make
 from PIL import Image
-from publishing import REPO, environment, published
+from publishing import REPO, environment, local_hub, published
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError

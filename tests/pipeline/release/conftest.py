@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hub.fixture import local_hub
 from making import make
+from publishing import local_hub
 
 from pipeline.config.run import Run, RunConfig, resolve
 

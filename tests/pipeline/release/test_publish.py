@@ -22,7 +22,6 @@ from publishing import (
     environment,
     error_of,
     held,
-    is_there,
     large,
     publish,
     published,
@@ -205,7 +204,6 @@ def test_the_command_that_releases_ends_at_the_first_failure(
 def test_a_release_that_adds_a_config_sends_it_alone_and_leaves_the_first_as_it_was(
     local_hub: LocalHub, releasable: Path, with_one_more: Path, tmp_path: Path
 ) -> None:
-    local_hub.restart("lfs-basic")
     local_hub.faults.set_page_size(3)
     published(local_hub, releasable)
     first, known, asked = held(local_hub, "1.0.0"), large(local_hub), len(local_hub.log)
@@ -215,7 +213,7 @@ def test_a_release_that_adds_a_config_sends_it_alone_and_leaves_the_first_as_it_
     shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
     published(local_hub, releasable, "1.1.0")
     assert held(local_hub) == held(local_hub, "1.1.0") == built(releasable)
-    sent = [call.path.rpartition("/")[2] for call in local_hub.log.uploaded(asked)]
+    sent = local_hub.log.uploaded(asked)
     paths = [path for path, digest in held(local_hub).items() if digest in sent]
     assert sorted(sent) == sorted(large(local_hub) - known)
     assert {Path(path).parent.name for path in paths} == {"3x3-icy_floor", "pictures"}
@@ -281,7 +279,7 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
         return sorted(line.split()[1] for line in lines if line.startswith(f"  {word:6} "))
 
     lines = dry()
-    assert not is_there(local_hub)
+    assert not local_hub.has(REPO)
     assert lines[-1].startswith(f"{REPO} (to be created), branch main: 20 files to add (0.3")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
     assert len(plan(lines, "add")) == 20
@@ -329,12 +327,11 @@ def test_a_private_release_joins_its_collection_once_and_only_its_owner_loads_it
     published(local_hub, releasable, "1.0.0", "publish.private=true")
     assert fresh(local_hub, EXISTS, REPO, token="stranger") == "False\n"
     assert fresh(local_hub, EXISTS, REPO, token="read") == "True\n"
-    collections = local_hub.folder / "collections.json"
     for _ in range(2):  # Also where nothing else was left to be done.
         options = ("publish.private=true", 'publish.collection="Mazes & labyrinths"')
         printed = published(local_hub, releasable, "1.0.0", *options)
         assert f"{REPO} is in the collection Mazes & labyrinths." in printed
-        (collection,) = json.loads(collections.read_text(encoding="utf-8")).values()
+        (collection,) = local_hub.collections
         assert collection["title"] == "Mazes & labyrinths"
         assert collection["private"] is True
         assert [item["id"] for item in collection["items"]] == [REPO]
@@ -353,7 +350,7 @@ def test_a_pull_request_is_tagged_once_it_is_merged(local_hub: LocalHub, releasa
         assert held(local_hub, repo=repo) == {}
         assert held(local_hub, "refs/pr/1", repo) == built(releasable)
     proposed = local_hub.refs(REPO)["refs/pr/1"]
-    local_hub._repository(REPO, "dataset").point("refs/heads/main", proposed)
+    assert local_hub.merge(REPO, 1) == proposed
     assert "tagged 1.0.0" in published(local_hub, releasable, "1.0.0", "publish.create_pr=true")
     assert local_hub.refs(REPO)["refs/tags/1.0.0"] == proposed
     assert local_hub.refs(theirs).keys() == {"refs/heads/main", "refs/pr/1"}

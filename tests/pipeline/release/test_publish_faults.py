@@ -18,7 +18,6 @@ from publishing import (
     environment,
     error_of,
     held,
-    is_there,
     publish,
     published,
     publishing,
@@ -32,12 +31,6 @@ from pipeline.release.verify import verified
 pytestmark = pytest.mark.slow
 
 R = "/api/datasets/user/labyrinth"
-SENDING = {
-    "xet": [("GET", "/xet-write-token/")],
-    "lfs-basic": [("POST", "/objects/batch"), ("PUT", "^/lfs/"), ("POST", "/lfs/verify")],
-    "lfs-multipart": [("PUT", "^/parts/"), ("POST", "/complete-multipart/")],
-}
-"""The calls that send contents, by mode."""
 WRITING = [
     ("GET", "/whoami-v2"),
     ("GET", f"{R}$"),
@@ -45,6 +38,9 @@ WRITING = [
     ("GET", f"{R}/revision/main"),
     ("GET", f"{R}/tree/"),
     ("POST", "/preupload/"),
+    ("POST", "/objects/batch"),
+    ("PUT", "^/lfs/"),
+    ("POST", "/lfs/verify"),
     ("POST", "/validate-yaml"),
     ("POST", "/commit/"),
     ("GET", f"{R}/refs"),
@@ -60,7 +56,6 @@ READING = [
     ("GET", f"{R}/tree/.*/2x3"),
     ("HEAD", "/resolve/.*parquet"),
     ("GET", "/resolve/.*parquet"),
-    ("GET", "^/lfs/"),
 ]
 """The calls of the verification."""
 
@@ -68,23 +63,14 @@ READING = [
 def test_a_fault_of_each_call_that_writes_is_got_over(
     local_hub: LocalHub, releasable: Path
 ) -> None:
-    rules = [local_hub.faults.fail(*call) for call in WRITING + SENDING["xet"]]
+    rules = [local_hub.faults.fail(*call) for call in WRITING]
     published(local_hub, releasable, "1.0.0", "publish.collection=Mazes")
     assert [rule for rule in rules if not rule.reached.is_set()] == []
     assert held(local_hub, "1.0.0") == held(local_hub) == built(releasable)
     assert len(local_hub.history(REPO)) == 2
 
 
-@pytest.mark.parametrize("local_hub", ["lfs-basic", "lfs-multipart"], indirect=True)
-def test_a_fault_of_each_call_that_sends_is_got_over(local_hub: LocalHub, releasable: Path) -> None:
-    rules = [local_hub.faults.fail(*call) for call in SENDING[local_hub.mode]]
-    published(local_hub, releasable)
-    assert [rule for rule in rules if not rule.reached.is_set()] == []
-    assert held(local_hub, "1.0.0") == built(releasable)
-
-
 def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releasable: Path) -> None:
-    local_hub.restart("lfs-basic")
     published(local_hub, releasable)
     commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
     rules = [local_hub.faults.drop(*call) for call in READING[::2]]
@@ -133,7 +119,6 @@ def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
 def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
     local_hub: LocalHub, releasable: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    local_hub.restart("lfs-basic")
     published(local_hub, releasable)
     commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
     rule = local_hub.faults.hold("GET|HEAD", "/resolve/.*parquet", times=UNLIMITED)
@@ -241,7 +226,7 @@ def test_a_token_that_does_not_do_has_its_own_line(
     assert error_of(done).startswith(message)
     assert len(done.stderr.splitlines()) == 1
     assert changes(local_hub) == []
-    assert is_there(local_hub, repo) == exists
+    assert local_hub.has(repo) == exists
     assert built(releasable) == before
 
 
@@ -259,7 +244,6 @@ print(load_dataset(sys.argv[1], "2x3", split="test", revision=sys.argv[2]).num_r
 def test_a_stale_cache_is_never_taken_for_a_verification(
     local_hub: LocalHub, releasable: Path, tmp_path: Path
 ) -> None:
-    local_hub.restart("lfs-basic")
     home = str(tmp_path / "home")
     caches = {"HF_HOME": home, "HF_HUB_CACHE": f"{home}/hub", "HF_DATASETS_CACHE": f"{home}/data"}
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
@@ -275,7 +259,7 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
                 check=True,
             )
             assert warm.stdout == "12\n"
-            local_hub.faults.fail("GET|HEAD", "/resolve|^/lfs/", status=501, times=UNLIMITED)
+            local_hub.faults.fail("GET|HEAD", "/resolve", status=501, times=UNLIMITED)
         rule.released.set()
         process.wait()
         assert process.stderr is not None
@@ -291,12 +275,11 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
 
 
 def test_other_bytes_than_were_sent_are_not_tagged(local_hub: LocalHub, releasable: Path) -> None:
-    local_hub.restart("lfs-basic")
     shard = "2x3/random-00000-of-00001.parquet"
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
     with publishing(local_hub, releasable) as process:
         wait_for(rule, process)
-        blob = local_hub.folder / "blobs" / built(releasable)[shard]
+        blob = local_hub.blob(built(releasable)[shard])
         blob.write_bytes(blob.read_bytes()[:-1] + b"0")
         local_hub.faults.release()
         process.wait()
@@ -330,5 +313,5 @@ def test_a_damaged_shard_is_found_before_anything_is_sent(
         error = error_of(publish(local_hub, releasable, "1.0.0", option))
         assert error.startswith(f"{shard} ")
     assert changes(local_hub) == []
-    assert not is_there(local_hub)
+    assert not local_hub.has(REPO)
     assert built(releasable) == before

@@ -1,0 +1,463 @@
+"""The calls that the Hub on loopback answers, and how it refuses.
+
+A refusal is what the client's `hf_raise_for_status` reads. The client maps some errors by the
+header `X-Error-Code` alone where it speaks plain http.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from email.message import Message
+from pathlib import PurePosixPath
+from typing import Any
+from urllib.parse import parse_qs, unquote, urlencode
+
+from hub.card import errors_of, read_front_matter
+from hub.state import (
+    LFS_SUFFIXES,
+    Account,
+    Commit,
+    Entry,
+    HubState,
+    Repository,
+)
+
+NAME = re.compile(r"[\w.-]{1,96}")
+RANGE = re.compile(r"bytes=(\d*)-(\d*)")
+PREFIXES = {"dataset": "datasets/", "space": "spaces/", "model": ""}
+HEAD_MOVED = "A commit has happened since. Please refresh and try again."
+NOT_UPLOADED = "Your push was rejected because an LFS pointer pointed to a file that does not exist"
+
+
+@dataclass
+class Request:
+    """A request, of which the body has not been read."""
+
+    method: str
+    raw_path: str
+    """As it came, quoted, without the query."""
+    raw_query: str
+    headers: Message
+    account: Account | None
+    chunks: Callable[[], Iterator[bytes]]
+    """Yields the rest of the body as it arrives."""
+
+    @property
+    def path(self) -> str:
+        """The path, unquoted."""
+        return unquote(self.raw_path)
+
+    @property
+    def query(self) -> dict[str, list[str]]:
+        """The values of each argument in the query."""
+        return parse_qs(self.raw_query)
+
+    def flag(self, name: str) -> bool:
+        """Return whether an argument in the query is true."""
+        return self.query.get(name, ["0"])[0].lower() in ("1", "true")
+
+    def body(self) -> bytes:
+        """Return the whole body, however often it is asked for."""
+        content = b"".join(self.chunks())
+        self.chunks = lambda: iter([content])
+        return content
+
+    def json(self) -> Any:
+        """Return the body, which has to be JSON."""
+        try:
+            return json.loads(self.body() or b"{}")
+        except ValueError as error:
+            raise RefusalError(400, f"body is not JSON: {error}") from error
+
+
+@dataclass
+class Answer:
+    """An answer of the Hub."""
+
+    status: int = 200
+    body: bytes = b""
+    headers: dict[str, str] = field(default_factory=dict)
+
+
+class RefusalError(RuntimeError):
+    """The Hub does not do what is asked."""
+
+    def __init__(self, status: int, message: str, code: str = "") -> None:
+        super().__init__(message)
+        headers = {"X-Error-Message": message} | ({"X-Error-Code": code} if code else {})
+        self.answer = as_json({"error": message}, status, headers)
+
+
+def as_json(value: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Answer:
+    """Return an answer with JSON."""
+    content_type = {"Content-Type": "application/json; charset=utf-8"}
+    return Answer(status, json.dumps(value, default=str).encode(), content_type | (headers or {}))
+
+
+Answering = Callable[..., Answer]
+ROUTES: list[tuple[str, re.Pattern[str], Answering]] = []
+"""Method, pattern of the quoted path, and the function that answers."""
+REPO = r"/api/(?P<kind>dataset|model|space)s/(?P<name>[^/]+/[^/]+)"
+FILES = r"(?:/(?P<kind>dataset|space)s)?/(?P<name>[^/]+/[^/]+?)"
+REVISION = r"(?P<revision>[^/]+)"
+
+
+def route(method: str, pattern: str) -> Callable[[Answering], Answering]:
+    """Return a decorator: the function answers such calls; named groups become arguments."""
+
+    def register(function: Answering) -> Answering:
+        ROUTES.append((method, re.compile(pattern), function))
+        return function
+
+    return register
+
+
+def answer(hub: HubState, request: Request) -> Answer:
+    """Return the answer to a request; refusals are raised."""
+    token = request.headers.get("Authorization", "").removeprefix("Bearer ")
+    if token and request.account is None:
+        raise RefusalError(401, "Invalid credentials in Authorization header")
+    method = "GET" if request.method == "HEAD" else request.method
+    for allowed, pattern, function in ROUTES:
+        if allowed == method and (match := pattern.fullmatch(request.raw_path)):
+            groups = {name: unquote(value or "") for name, value in match.groupdict().items()}
+            with hub.lock:
+                return function(hub, request, **groups)
+    raise RefusalError(404, f"this Hub knows no call {request.method} {request.path}")
+
+
+def _visible(hub: HubState, request: Request, kind: str, name: str) -> Repository:
+    """Return a repository; one that is private and of others looks as if it were not there."""
+    repository = hub.repositories.get((kind, name))
+    if repository is not None and not repository.private:
+        return repository
+    if request.account is None:
+        raise RefusalError(401, "Invalid username or password.", "RepoNotFound")
+    if repository is None or not request.account.owns(name):
+        raise RefusalError(404, "Repository not found", "RepoNotFound")
+    return repository
+
+
+def _writable(
+    hub: HubState, request: Request, kind: str, name: str, create_pr: bool = False
+) -> Repository:
+    """Return a repository that the token may change, or propose changes to."""
+    repository = _visible(hub, request, kind, name)
+    _check_writer(request, name if not create_pr else None)
+    return repository
+
+
+def _check_writer(request: Request, name: str | None) -> Account:
+    """Return the account, if it may write, to that repository if one is given."""
+    account = request.account
+    if account is None:
+        raise RefusalError(401, "Invalid username or password.")
+    if account.role != "write" or not (name is None or account.owns(name)):
+        raise RefusalError(403, "Forbidden: you need write access, or pass `create_pr=1`")
+    return account
+
+
+def _commit(repository: Repository, revision: str) -> Commit:
+    """Return the commit that a revision means."""
+    try:
+        return repository.find(revision)
+    except LookupError as error:
+        raise RefusalError(404, str(error.args[0]), "RevisionNotFound") from error
+
+
+@route("GET", "/api/whoami-v2")
+def whoami(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
+    account = request.account
+    if account is None:
+        raise RefusalError(401, "Invalid username or password.")
+    organizations = [{"type": "org", "name": name} for name in account.organizations]
+    token = {"displayName": account.label, "role": account.role}
+    auth = {"type": "access_token", "accessToken": token}
+    return as_json({"type": "user", "name": account.user, "orgs": organizations, "auth": auth})
+
+
+@route("GET", f"{REPO}/auth-check(?P<write>/write)?")
+def auth_check(hub: HubState, request: Request, kind: str, name: str, write: str) -> Answer:
+    (_writable if write else _visible)(hub, request, kind, name)
+    return as_json({})
+
+
+@route("POST", "/api/validate-yaml")
+def validate_yaml(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
+    asked = request.json()
+    errors = errors_of(asked["content"], asked.get("repoType", "model"))
+    told = {"errors": [{"message": message} for message in errors], "warnings": []}
+    return as_json(told, 400 if errors else 200)
+
+
+@route("POST", "/api/repos/create")
+def create_repo(hub: HubState, request: Request) -> Answer:
+    asked = request.json()
+    kind, label = asked.get("type", "model"), str(asked.get("name"))
+    account = _check_writer(request, None)
+    name = f"{asked.get('organization') or account.user}/{label}"
+    if not NAME.fullmatch(label):
+        raise RefusalError(400, f"name is {label!r}; it must match {NAME.pattern}")
+    _check_writer(request, name)
+    url = f"{hub.url}/{PREFIXES[kind]}{name}"
+    if (kind, name) in hub.repositories:
+        message = f"You already created this {kind} repo: {name}"
+        return as_json({"error": message, "url": url}, 409, {"X-Error-Message": message})
+    hub.create(kind, name, asked.get("private") is True or asked.get("visibility") == "private")
+    return as_json({"url": url, "name": name})
+
+
+@route("GET", f"{REPO}(?:/revision/{REVISION})?")
+def repo_info(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+    repository = _visible(hub, request, kind, name)
+    commit = _commit(repository, revision or "main")
+    readme = commit.tree.get("README.md")
+    card = None
+    if readme is not None:
+        card = read_front_matter((hub.blobs / readme.sha256).read_text(encoding="utf-8"))
+    info = {
+        "id": name,
+        "author": name.split("/")[0],
+        "sha": commit.oid,
+        "private": repository.private,
+        "tags": [],
+        "cardData": card,
+        "sdk": (card or {}).get("sdk") if kind == "space" else None,
+        "siblings": [{"rfilename": path} for path in sorted(commit.tree)],
+    }
+    if asked := request.query.get("expand", request.query.get("expand[]")):
+        info = {key: value for key, value in info.items() if key in ("id", *asked)}
+    return as_json(info)
+
+
+@route("GET", f"{REPO}/tree/{REVISION}(?:/(?P<path>.*))?")
+def list_tree(
+    hub: HubState, request: Request, kind: str, name: str, revision: str, path: str
+) -> Answer:
+    tree = _commit(_visible(hub, request, kind, name), revision).tree
+    folder = f"{path.rstrip('/')}/" if path else ""
+    names = sorted(each for each in {*tree, *_folders(tree)} if each.startswith(folder))
+    if folder and not names:
+        raise RefusalError(404, f"{path} does not exist on {revision!r}", "EntryNotFound")
+    if not request.flag("recursive"):
+        names = [each for each in names if "/" not in each[len(folder) :]]
+    size, start = hub.faults.page_size, int(request.query.get("cursor", ["0"])[0])
+    headers = {}
+    if start + size < len(names):
+        following = urlencode({**request.query, "cursor": [str(start + size)]}, doseq=True)
+        headers["Link"] = f'<{hub.url}{request.raw_path}?{following}>; rel="next"'
+    page = names[start : start + size]
+    return as_json([_described(tree, each) for each in page], headers=headers)
+
+
+@route("POST", f"{REPO}/paths-info/{REVISION}")
+def paths_info(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+    tree = _commit(_visible(hub, request, kind, name), revision).tree
+    asked, there = parse_qs(request.body().decode()).get("paths", []), {*tree, *_folders(tree)}
+    return as_json([_described(tree, path) for path in asked if path in there])
+
+
+def _folders(tree: Mapping[str, Entry]) -> set[str]:
+    return {str(folder) for path in tree for folder in PurePosixPath(path).parents[:-1]}
+
+
+def _described(tree: Mapping[str, Entry], path: str) -> dict[str, Any]:
+    """Return what the Hub says of a file or a folder."""
+    entry = tree.get(path)
+    if entry is None:
+        oid = hashlib.sha1(path.encode()).hexdigest()
+        return {"type": "directory", "oid": oid, "size": 0, "path": path}
+    described = {"type": "file", "oid": entry.oid, "size": entry.size, "path": path}
+    if entry.is_lfs:
+        described["lfs"] = {"oid": entry.sha256, "size": entry.size, "pointerSize": 130}
+    return described
+
+
+@route("GET", f"{REPO}/refs")
+def list_refs(hub: HubState, request: Request, kind: str, name: str) -> Answer:
+    refs = _visible(hub, request, kind, name).refs
+    told: dict[str, list[dict[str, str]]] = {"converts": []}
+    for key, prefix in {"branches": "refs/heads/", "tags": "refs/tags/"}.items():
+        found = {ref: oid for ref, oid in sorted(refs.items()) if ref.startswith(prefix)}
+        told[key] = [
+            {"name": ref.removeprefix(prefix), "ref": ref, "targetCommit": oid}
+            for ref, oid in found.items()
+        ]
+    return as_json(told)
+
+
+@route("POST", f"{REPO}/preupload/{REVISION}")
+def preupload(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+    tree = _commit(_writable(hub, request, kind, name, request.flag("create_pr")), revision).tree
+    files = []
+    for file in request.json()["files"]:
+        is_lfs = file["path"].endswith(LFS_SUFFIXES) or b"\0" in base64.b64decode(file["sample"])
+        mode = "lfs" if is_lfs else "regular"
+        files.append({"path": file["path"], "uploadMode": mode, "shouldIgnore": False})
+        entry = tree.get(file["path"])
+        if entry is not None and entry.is_lfs == is_lfs:
+            files[-1]["oid"] = entry.sha256 if is_lfs else entry.oid
+    return as_json({"files": files})
+
+
+@route("POST", rf"{FILES}\.git/info/lfs/objects/batch")
+def lfs_batch(hub: HubState, request: Request, kind: str, name: str) -> Answer:
+    asked = request.json()
+    _writable(hub, request, kind or "model", name, "ref" not in asked)
+    verify = {"href": f"{hub.url}{request.raw_path.replace('/objects/batch', '/verify')}"}
+    objects = []
+    for each in asked["objects"]:
+        objects.append({"oid": each["oid"], "size": each["size"]})
+        if not (hub.blobs / each["oid"]).exists():
+            upload = {"href": f"{hub.url}/lfs/{each['oid']}"}
+            objects[-1]["actions"] = {"upload": upload, "verify": verify}
+    return as_json({"transfer": "basic", "objects": objects})
+
+
+@route("POST", rf"{FILES}\.git/info/lfs/verify")
+def lfs_verify(hub: HubState, request: Request, kind: str, name: str) -> Answer:  # noqa: ARG001
+    if not (hub.blobs / request.json()["oid"]).exists():
+        raise RefusalError(404, "the object has not arrived")
+    return as_json({})
+
+
+@route("PUT", r"/lfs/(?P<sha256>[0-9a-f]{64})")
+def receive(hub: HubState, request: Request, sha256: str) -> Answer:
+    if not hub.receive(sha256, request.chunks()):
+        raise RefusalError(400, "the content has another SHA-256")
+    return Answer()
+
+
+@route("POST", f"{REPO}/commit/{REVISION}")
+def commit(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+    """Commit all operations or none, on a parent that is checked if it is given."""
+    create_pr = request.flag("create_pr")
+    lines = map(json.loads, request.body().splitlines())
+    header, *operations = [(line["key"], line["value"]) for line in lines]
+    repository = _writable(hub, request, kind, name, create_pr)
+    ref, parent = f"refs/heads/{revision}", _commit(repository, revision)
+    if ref not in repository.refs:
+        raise RefusalError(404, f"Invalid rev id: {revision}", "RevisionNotFound")
+    if header[1].get("parentCommit") not in (None, parent.oid):
+        raise RefusalError(412, HEAD_MOVED)
+    tree = dict(parent.tree)
+    for key, value in operations:
+        path = value["path"]
+        if key == "file":
+            tree[path] = hub.regular_entry(base64.b64decode(value["content"]))
+        elif key == "lfsFile" and (hub.blobs / value["oid"]).exists():
+            tree[path] = hub.lfs_entry(value["oid"])
+        elif key == "lfsFile":
+            raise RefusalError(400, f"{NOT_UPLOADED}: {path}")
+        elif tree.pop(path, None) is None:  # A deletedFile.
+            raise RefusalError(404, f"A file with this name doesn't exist: {path}", "EntryNotFound")
+    url = f"{hub.url}/{PREFIXES[kind]}{name}"
+    told: dict[str, Any] = {"success": True}
+    if create_pr:
+        number = 1 + sum(each.startswith("refs/pr/") for each in repository.refs)
+        ref = f"refs/pr/{number}"
+        repository.refs[ref] = parent.oid
+        told["pullRequestUrl"] = f"{url}/discussions/{number}"
+    made = repository.commit(ref, tree, header[1]["summary"])
+    hub.save()
+    return as_json(told | {"commitOid": made.oid, "commitUrl": f"{url}/commit/{made.oid}"})
+
+
+@route("POST", f"{REPO}/tag/{REVISION}")
+def create_tag(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+    repository, ref = _writable(hub, request, kind, name), f"refs/tags/{request.json()['tag']}"
+    if hub.faults.tags_to_occupy:
+        hub.faults.tags_to_occupy -= 1
+        *_, first = repository.history(repository.find("main"))
+        repository.refs[ref] = first.oid
+    return _pointed(hub, repository, ref, revision)
+
+
+@route("POST", f"{REPO}/branch/(?P<branch>[^/]+)")
+def create_branch(hub: HubState, request: Request, kind: str, name: str, branch: str) -> Answer:
+    start = request.json().get("startingPoint", "main")
+    return _pointed(hub, _writable(hub, request, kind, name), f"refs/heads/{branch}", start)
+
+
+def _pointed(hub: HubState, repository: Repository, ref: str, revision: str) -> Answer:
+    """Let a new ref point at a revision; 409 if there is one, wherever it points."""
+    target = _commit(repository, revision)
+    if ref in repository.refs:
+        raise RefusalError(409, f"Reference {ref} already exists")
+    repository.refs[ref] = target.oid
+    hub.save()
+    return as_json({})
+
+
+@route("GET", rf"{FILES}/resolve/{REVISION}/(?P<path>.+)")
+def resolve(
+    hub: HubState, request: Request, kind: str, name: str, revision: str, path: str
+) -> Answer:
+    """Answer with a file, or the range of it that is asked for."""
+    commit = _commit(_visible(hub, request, kind or "model", name), revision)
+    entry = commit.tree.get(path)
+    if entry is None:
+        raise RefusalError(404, "Entry not found", "EntryNotFound")
+    etag = entry.sha256 if entry.is_lfs else entry.oid
+    headers = {"X-Repo-Commit": commit.oid, "ETag": f'"{etag}"', "Accept-Ranges": "bytes"}
+    content = (hub.blobs / entry.sha256).read_bytes()
+    asked = RANGE.fullmatch(request.headers.get("Range", ""))
+    if asked is None:
+        return Answer(200, content, headers)
+    first, last = asked.groups()
+    size = len(content)
+    start = int(first) if first else max(0, size - int(last))
+    stop = min(size, int(last) + 1) if first and last else size
+    if start >= stop:
+        raise RefusalError(416, "Range Not Satisfiable")
+    headers["Content-Range"] = f"bytes {start}-{stop - 1}/{size}"
+    return Answer(206, content[start:stop], headers)
+
+
+@route("POST", "/api/collections")
+def create_collection(hub: HubState, request: Request) -> Answer:
+    asked = request.json()
+    owner, title = asked["namespace"], asked["title"]
+    _check_writer(request, f"{owner}/")
+    slug = f"{owner}/{hashlib.sha256(title.encode()).hexdigest()[:24]}"
+    if slug in hub.collections:
+        return as_json({"error": "This collection already exists", "slug": slug}, 409)
+    hub.collections[slug] = {
+        "slug": slug,
+        "title": title,
+        "owner": {"name": owner, "type": "user"},
+        "items": [],
+        "lastUpdated": "2026-01-01T00:00:00.000Z",
+        "private": asked.get("private", False),
+        "position": 0,
+        "theme": "green",
+        "upvotes": 0,
+    }
+    hub.save()
+    return as_json(hub.collections[slug])
+
+
+@route("GET", r"/api/collections/(?P<slug>[^/]+/[^/]+)")
+def get_collection(hub: HubState, request: Request, slug: str) -> Answer:  # noqa: ARG001
+    if slug not in hub.collections:
+        raise RefusalError(404, "Collection not found")
+    return as_json(hub.collections[slug])
+
+
+@route("POST", r"/api/collections/(?P<slug>[^/]+/[^/]+)/items")
+def add_item(hub: HubState, request: Request, slug: str) -> Answer:
+    _check_writer(request, slug)
+    item = request.json()["item"]
+    _visible(hub, request, item["type"], item["id"])
+    items = hub.collections[slug]["items"]
+    if item["id"] in (each["id"] for each in items):
+        raise RefusalError(409, "Item already in collection")
+    items.append({"_id": hashlib.sha256(item["id"].encode()).hexdigest()[:24], **item})
+    items[-1]["position"] = len(items) - 1
+    hub.save()
+    return as_json(hub.collections[slug])
