@@ -18,8 +18,8 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.version import __version__
 from labyrinth_core.world.dynamics import STEP_LIMIT
+from pipeline.inspection.front_matter import DEVELOPERS
 from pipeline.machinery.console import tracked
-from pipeline.machinery.front_matter import DEVELOPERS
 
 NAMESPACE = "labyrinth"
 VERSION = 0

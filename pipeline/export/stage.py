@@ -22,7 +22,7 @@ from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.export import EXPORTS
 from pipeline.config.run import Run
 from pipeline.export.split import Split
-from pipeline.machinery import front_matter
+from pipeline.inspection import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.folders import held, move_into_place, recover, wait_for_disk

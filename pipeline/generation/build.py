@@ -41,7 +41,7 @@ from pipeline.generation.tabulate import FactsOfShard, facts_path, read_facts, w
 from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.workplace import Workplace
 from pipeline.generation.write import write
-from pipeline.machinery import front_matter
+from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held

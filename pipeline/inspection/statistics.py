@@ -30,9 +30,9 @@ from labyrinth_core.data.schema import (
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.world.grid import Action
+from pipeline.inspection import front_matter
 from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
-from pipeline.machinery import front_matter
 from pipeline.machinery.console import progress
 from pipeline.machinery.executor import ordered_map
 

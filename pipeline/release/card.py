@@ -17,18 +17,15 @@ from labyrinth_core.data.labyrinth_table import table_file
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
+from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
-from pipeline.machinery import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.release import readme
-from pipeline.release.benchmark import eval_file
-from pipeline.release.changelog import updated
-from pipeline.release.citation import citation_file
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
-from pipeline.release.provenance import ARXIV, Release
+from pipeline.release.provenance import Release
 from pipeline.release.published import (
     CHANGELOG,
     CITATION,
@@ -40,6 +37,7 @@ from pipeline.release.published import (
     pictures_of,
     write_hashes,
 )
+from pipeline.release.side_files import changelog, citation_file, eval_file
 
 NAME = "Labyrinth"
 """What the dataset is called where its card does not say otherwise."""
@@ -52,7 +50,7 @@ TAGS = [
     "maze",
     "gymnasium",
     "synthetic",
-    f"arxiv:{ARXIV}",
+    "arxiv:2509.24784",
 ]
 """The last one makes the Hub link the paper."""
 
@@ -107,7 +105,7 @@ def write_card(
 
 def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / README)
-    own, changelog = own_files(data_dir), changelog_of(data_dir)
+    own, versions = own_files(data_dir), changelog_of(data_dir)
     datasets = _without_leaks(data_dir, workers)
     manifests = [dataset.manifest for dataset in datasets]
     default = front_matter.default_config(manifests)
@@ -122,10 +120,10 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
     others = own.others(files)
     for name in others:
         del files[name]
-    if changelog is None:
+    if versions is None:
         others.append(CHANGELOG)
     else:
-        files[CHANGELOG] = updated(changelog, manifests, release.version).encode()
+        files[CHANGELOG] = changelog(versions, manifests, release.version).encode()
     files[README] = _with_front_matter(values, manifests, text).encode()
     for dataset in datasets:
         dataset.write_counts(data_dir / dataset.name)

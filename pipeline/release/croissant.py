@@ -2,32 +2,27 @@
 
 Croissant 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-spec.html) and its RAI vocabulary
 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html). The Hub makes one by
-itself, without those fields and without hashes.
+itself, without those fields and without hashes. `texts/croissant.json` holds all that does not
+depend on the data: `@context` is that of appendix 1 of the specification, with the vocabulary of
+provenance; `datePublished` is the day this form of the dataset is from (`manifest.FORMAT` 2), since
+a clock would make the same data differ.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from importlib.resources import files
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.splits import SPLITS
+from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.machinery import front_matter
-from pipeline.release.citation import paper_bibtex
 from pipeline.release.limits import limits
-from pipeline.release.provenance import (
-    DATE,
-    LICENCE_URL,
-    PAPER_AUTHORS,
-    PAPER_URL,
-    Release,
-    command,
-)
+from pipeline.release.provenance import Release, command
+from pipeline.release.texts import citation, read
 
 REPOSITORY = "repo"
 """The id of the repository that a release is contained in; `mapping={"repo": folder}` makes
@@ -41,71 +36,16 @@ _DATA_TYPES = {
     "info": "sc:Text",
 }
 
-_OF_FIXED_GOALS = (
-    "With start and goal in fixed corners, up and right are most of the demonstrated actions.",
-)
-
 
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
-    authors = [
-        {"@type": "Person", "name": f"{given} {family}", "givenName": given, "familyName": family}
-        for family, given in PAPER_AUTHORS
-    ]
-    content = {
-        # That of appendix 1 of the specification, with the vocabulary of provenance.
-        "@context": json.loads(files(__package__).joinpath("croissant_context.json").read_bytes()),
-        "@type": "sc:Dataset",
-        "name": "labyrinth",
-        "alternateName": "Labyrinth",
-        "description": "Pictures of grid labyrinths with the actions that solve them, for "
-        "imitation learning that can tell memorising from generalising: train, validation and "
-        "test have no structure in common, not even as a mirror image.",
-        "conformsTo": [
-            "http://mlcommons.org/croissant/1.0",
-            "http://mlcommons.org/croissant/RAI/1.0",
-        ],
+    content = json.loads(read("croissant.json"))
+    content |= {
         "url": release.url,
-        "license": LICENCE_URL if release.licence == front_matter.LICENCE else release.licence,
         "version": release.version or "0.0.0-unreleased",
-        "datePublished": DATE,
-        "citeAs": paper_bibtex(),
+        "citeAs": citation().partition("\n\n")[0],
         "creator": [{"@type": "Organization", "name": front_matter.DEVELOPERS}],
-        "citation": {"@type": "ScholarlyArticle", "url": PAPER_URL, "author": authors},
-        "isAccessibleForFree": True,
-        "keywords": ["imitation learning", "generalisation", "labyrinth", "reinforcement learning"],
-        **_responsible_ai(datasets),
-        "distribution": _distribution(datasets, release),
-        "recordSet": [
-            *(_record_set(dataset.manifest.config) for dataset in datasets),
-            *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
-        ],
-    }
-    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-
-
-def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:
-    return {
-        "rai:dataCollection": "Sampled, solved and drawn by a program; nothing was recorded from "
-        "people or from the world.",
-        "rai:dataCollectionType": "Software Collection",
         "rai:dataLimitations": limits(datasets),
-        "rai:dataBiases": [
-            "Structures are not uniform over all connected ones; see the limitations.",
-            *(_OF_FIXED_GOALS if "fixed" in {d.manifest.config.goals for d in datasets} else ()),
-        ],
-        "rai:personalSensitiveInformation": "None: the data are about no person.",
-        "rai:dataUseCases": [
-            "Training: imitation learning from pictures or from the text of a labyrinth.",
-            "Testing: generalisation to structures, starts and goals that were not seen.",
-            "Not for conclusions about robots, people or buildings.",
-        ],
-        "rai:dataSocialImpact": "A benchmark for research on learning algorithms; no use with an "
-        "effect on people is known to us.",
-        "rai:hasSyntheticData": True,
-        "rai:dataReleaseMaintenancePlan": "A version is never changed once it is tagged; "
-        "CHANGELOG.md says what a new one holds.",
-        "prov:wasDerivedFrom": [{"@id": PAPER_URL, "name": "The paper that defines the benchmark"}],
         "prov:wasGeneratedBy": [
             {
                 "@type": "prov:Activity",
@@ -115,56 +55,53 @@ def _responsible_ai(datasets: Sequence[DatasetStatistics]) -> dict[str, Any]:
             }
             for dataset in datasets
         ],
+        "distribution": _distribution(datasets, release),
+        "recordSet": [
+            *(_record_set(dataset.manifest.config) for dataset in datasets),
+            *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
+        ],
     }
+    if release.licence != front_matter.LICENCE:
+        content["license"] = release.licence
+    if all(dataset.manifest.config.goals != "fixed" for dataset in datasets):
+        del content["rai:dataBiases"][1]  # Of start and goal in fixed corners.
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> list[dict[str, Any]]:
-    repository = {
-        "@type": "cr:FileObject",
-        "@id": REPOSITORY,
-        "name": REPOSITORY,
-        "description": "The repository of the dataset on the Hugging Face Hub.",
-        "contentUrl": release.url,
-        "encodingFormat": "git+https",
-        # A repository has no hash of its own: https://github.com/mlcommons/croissant/issues/80
-        "sha256": "https://github.com/mlcommons/croissant/issues/80",
-    }
-    # What is contained in nothing lies beside this file.
-    within = {"containedIn": {"@id": REPOSITORY}} if release.repo_id else {}
-    parts: list[dict[str, Any]] = [repository] if release.repo_id else []
+    parts: list[dict[str, Any]] = []
+    within: dict[str, Any] = {}  # What is contained in nothing lies beside this file.
+    if release.repo_id:
+        within = {"containedIn": {"@id": REPOSITORY}}
+        repository = {
+            "description": "The repository of the dataset on the Hugging Face Hub.",
+            "contentUrl": release.url,
+            "encodingFormat": "git+https",
+            # A repository has no hash of its own: https://github.com/mlcommons/croissant/issues/80
+            "sha256": "https://github.com/mlcommons/croissant/issues/80",
+        }
+        parts.append(_part("cr:FileObject", REPOSITORY, **repository))
+    form = {"encodingFormat": "application/x-parquet"}
     for dataset in datasets:
-        parts.append(
-            {
-                "@type": "cr:FileSet",
-                "@id": f"files-of-{dataset.name}",
-                "name": f"files-of-{dataset.name}",
-                "description": f"The Parquet files of {dataset.name}.",
-                **within,
-                "encodingFormat": "application/x-parquet",
-                "includes": [
-                    front_matter.shard_pattern(dataset.manifest, split)
-                    for split in dataset.manifest.config.splits
-                ],
-            }
-        )
-        files = {shard.path: (shard.bytes, shard.sha256) for shard in dataset.manifest.shards}
-        if dataset.manifest.labyrinths is not None:
-            table = dataset.manifest.labyrinths
-            files[TABLE] = (table.bytes, table.sha256)
-        parts += [
-            {
-                "@type": "cr:FileObject",
-                "@id": f"{dataset.name}/{name}",
-                "name": f"{dataset.name}/{name}",
-                **within,
-                "contentUrl": f"{dataset.name}/{name}",
-                "contentSize": f"{size} B",
-                "encodingFormat": "application/x-parquet",
-                "sha256": digest,
-            }
-            for name, (size, digest) in files.items()
-        ]
+        name, manifest = dataset.name, dataset.manifest
+        description = f"The Parquet files of {name}."
+        splits = manifest.config.splits
+        includes = [front_matter.shard_pattern(manifest, split) for split in splits]
+        files_of = f"files-of-{name}"
+        values = {"description": description, **within, **form, "includes": includes}
+        parts.append(_part("cr:FileSet", files_of, **values))
+        files = {shard.path: (shard.bytes, shard.sha256) for shard in manifest.shards}
+        if manifest.labyrinths is not None:
+            files[TABLE] = (manifest.labyrinths.bytes, manifest.labyrinths.sha256)
+        for file, (size, digest) in files.items():
+            path = f"{name}/{file}"
+            place = {**within, "contentUrl": path, "contentSize": f"{size} B"}
+            parts.append(_part("cr:FileObject", path, **place, **form, sha256=digest))
     return parts
+
+
+def _part(kind: str, name: str, **values: Any) -> dict[str, Any]:
+    return {"@type": kind, "@id": name, "name": name, **values}
 
 
 def _record_set(dataset: DatasetConfig) -> dict[str, Any]:
@@ -197,14 +134,8 @@ def _table_records(config: str) -> dict[str, Any]:
     return _records(name, f"The labyrinths of all splits of {config}, one in each row.", fields)
 
 
-def _records(name: str, description: str, fields: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        "@type": "cr:RecordSet",
-        "@id": name,
-        "name": name,
-        "description": description,
-        "field": fields,
-    }
+def _records(name: str, description: str, fields: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    return _part("cr:RecordSet", name, description=description, field=list(fields))
 
 
 def _field(

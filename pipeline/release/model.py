@@ -25,10 +25,10 @@ from labyrinth_core.policies.spec import CONFIG, OWN, WEIGHTS, NetworkSpec, Poli
 from pipeline.config.run import Run
 from pipeline.config.training import POLICY
 from pipeline.release import model_card
-from pipeline.release.eval_tasks import evaluation_task
 from pipeline.release.model_card import Trained
 from pipeline.release.plan import DATASET
 from pipeline.release.remote import PublishError, Remote, explained
+from pipeline.release.side_files import evaluation_task
 
 EVAL_RESULTS = ".eval_results"
 """The folder in which the Hub looks for results (https://huggingface.co/docs/hub/eval-results)."""

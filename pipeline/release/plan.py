@@ -48,7 +48,8 @@ DATASET = Kind(
 )
 # Other results are often other people's, so that none are deleted.
 MODEL = Kind("model", data=r"config\.json|model\.safetensors", card=r"README\.md")
-SPACE = Kind("space", data=r"index\.html", card=r"README\.md")
+# Earlier versions published figures beside the page.
+SPACE = Kind("space", data=r"index\.html", card=r"README\.md|figures/\d+x\d+[\w-]*\.(svg|png)")
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (DATASET, MODEL, SPACE)}
 
 

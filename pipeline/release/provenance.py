@@ -8,20 +8,7 @@ from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.version import __version__
-from pipeline.machinery.front_matter import LICENCE
-
-DATE = "2026-11-21"
-"""The day this form of the dataset is from (`manifest.FORMAT` 2): the date of publication that
-Croissant asks for, where no other is given. A clock would make the same data differ."""
-
-PAPER_TITLE = "Quantifying Generalisation in Imitation Learning"
-PAPER_AUTHORS = (("Gavenski", "Nathan"), ("Rodrigues", "Odinaldo"))
-PAPER_VENUE = "NeurIPS 2025 Datasets and Benchmarks"
-PAPER_YEAR = 2025
-ARXIV = "2509.24784"
-PAPER_URL = f"https://arxiv.org/abs/{ARXIV}"
-LICENCE_URL = "https://spdx.org/licenses/MIT.html"
-"""https://spdx.org/licenses/, which Croissant recommends for licences."""
+from pipeline.inspection.front_matter import LICENCE
 
 
 @dataclass(frozen=True)

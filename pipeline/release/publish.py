@@ -18,7 +18,7 @@ from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-def
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import PublishOptions, Run
-from pipeline.machinery import front_matter
+from pipeline.inspection import front_matter
 from pipeline.machinery.console import say
 from pipeline.release.card import write_card
 from pipeline.release.model import staged_policy

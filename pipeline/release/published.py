@@ -9,13 +9,13 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, COUNTS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
+from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
-from pipeline.machinery import front_matter
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
-from pipeline.release.changelog import is_generated
 from pipeline.release.figures import FIGURES
 from pipeline.release.plan import DATASET, Kind
 from pipeline.release.readme import BANNER, PICTURES, picture_path
+from pipeline.release.side_files import is_changelog
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
@@ -49,7 +49,7 @@ def changelog_of(data_dir: AnyPath) -> str | None:
         return ""
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path} is not UTF-8 text: move it away") from error
-    return text if is_generated(text) else None
+    return text if is_changelog(text) else None
 
 
 def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:

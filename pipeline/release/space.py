@@ -1,4 +1,7 @@
-"""The report of a folder of datasets as a static Space: its page and a card."""
+"""The report of a folder of datasets as a static Space: its page and a card.
+
+The card follows https://huggingface.co/docs/hub/spaces-config-reference.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,9 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import Run
-from pipeline.machinery import front_matter
 from pipeline.machinery.own_files import OwnFiles
 from pipeline.release.provenance import code
+from pipeline.release.texts import fill
 
 FOLDER, PAGE = "report", "index.html"
 """Where the stage `report` leaves its page, in the data_dir."""
@@ -21,10 +24,10 @@ FOLDER, PAGE = "report", "index.html"
 
 @contextmanager
 def staged_report(run: Run) -> Iterator[Path]:
-    """Yield a folder with all that the Space of the report of a run is to hold.
+    """Yield a folder with the files of the Space of a run's report.
 
     Raises:
-        DatasetError: There is no report, or somebody else made or changed it.
+        DatasetError: There is no report, or it is not as the stage `report` left it.
     """
     source = run.local_dir / FOLDER
     if not (source / PAGE).is_file():
@@ -38,29 +41,6 @@ def staged_report(run: Run) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="labyrinth-space-") as temporary:
         folder = Path(temporary)
         shutil.copyfile(source / PAGE, folder / PAGE)
-        (folder / "README.md").write_text(_card(dataset), encoding="utf-8")
+        card = fill("space.md", dataset=dataset, code=code())
+        (folder / "README.md").write_text(card, encoding="utf-8")
         yield folder
-
-
-def _card(dataset: str) -> str:
-    """Return the README.md (https://huggingface.co/docs/hub/spaces-config-reference)."""
-    values = {
-        "title": "Labyrinth report",
-        "emoji": "🧭",
-        "colorFrom": "gray",
-        "colorTo": "green",
-        "sdk": "static",
-        "app_file": PAGE,
-        "pinned": False,
-        "license": front_matter.LICENCE,
-        "short_description": "Labyrinths, episodes and statistics to look at",
-        "datasets": [dataset],
-    }
-    text = f"""
-# Labyrinth report
-
-Labyrinths, their episodes and what is counted in them, of the dataset
-[{dataset}](https://huggingface.co/datasets/{dataset}). It is one page that asks the network for
-nothing. This card was written by {code()}.
-"""
-    return front_matter.with_values(values, text)

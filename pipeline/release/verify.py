@@ -27,7 +27,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import opened
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import load_policy
-from pipeline.machinery import front_matter
+from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.worker import end_with_parent
 from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan

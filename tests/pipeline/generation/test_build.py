@@ -40,8 +40,8 @@ from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
 from pipeline.generation.validate import validate
 from pipeline.generation.variants import labyrinth_of
+from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import count_dataset
-from pipeline.machinery import front_matter
 from pipeline.machinery.executor import ordered_map
 
 Build = Callable[..., Run]

@@ -39,14 +39,12 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import RunConfig, options_of, register, resolve
-from pipeline.inspection import analyse
-from pipeline.machinery import front_matter
+from pipeline.inspection import analyse, front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
-from pipeline.release.changelog import updated
-from pipeline.release.eval_tasks import evaluation_task
 from pipeline.release.figures import FIGURES
 from pipeline.release.published import published_files
+from pipeline.release.side_files import changelog, evaluation_task
 
 pytestmark = pytest.mark.slow
 
@@ -567,23 +565,23 @@ def test_the_changelog_has_an_entry_for_what_is_there(carded):
 
 
 def test_a_version_takes_the_place_of_unreleased_and_older_entries_stay(carded):
-    first = updated("", manifests(carded, DEFAULT), None)
-    released = updated(first, manifests(carded, DEFAULT), "1.0.0")
+    first = changelog("", manifests(carded, DEFAULT), None)
+    released = changelog(first, manifests(carded, DEFAULT), "1.0.0")
     assert released == first.replace("Unreleased", "1.0.0")
-    assert updated(released, manifests(carded, DEFAULT), None) == released
-    assert updated(released, manifests(carded, DEFAULT), "1.0.0") == released
-    longer = updated(released, manifests(carded, DEFAULT, OTHER), None)
+    assert changelog(released, manifests(carded, DEFAULT), None) == released
+    assert changelog(released, manifests(carded, DEFAULT), "1.0.0") == released
+    longer = changelog(released, manifests(carded, DEFAULT, OTHER), None)
     assert re.findall(r"^## (.*)$", longer, re.MULTILINE) == ["Unreleased", "1.0.0"]
     assert longer.endswith(released[released.index("## 1.0.0") :])
-    second = updated(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
+    second = changelog(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
     assert re.findall(r"^## (.*)$", second, re.MULTILINE) == ["1.1.0", "1.0.0"]
 
 
 def test_what_a_person_adds_to_the_changelog_is_kept(carded):
-    content = updated("", manifests(carded, DEFAULT), None) + "- Thanks to everybody.\n"
+    content = changelog("", manifests(carded, DEFAULT), None) + "- Thanks to everybody.\n"
     content = content.replace("# Changelog", "# What changed") + "\n## 0.1\n\nOld.\n"
     for version in (None, "1.0.0"):
-        content = updated(content, manifests(carded, DEFAULT, OTHER), version)
+        content = changelog(content, manifests(carded, DEFAULT, OTHER), version)
         assert content.startswith("# What changed")
         assert content.count("- Thanks to everybody.") == 1
         assert content.endswith("\n## 0.1\n\nOld.\n")

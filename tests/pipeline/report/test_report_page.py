@@ -26,7 +26,7 @@ from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import distances, optimal_actions
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
-from pipeline.machinery.front_matter import finished
+from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,94 @@
+"""The small files beside a card: CITATION.cff, eval.yaml and CHANGELOG.md."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
+from labyrinth_core.version import __version__
+from pipeline.inspection.front_matter import DEVELOPERS, LICENCE
+from pipeline.release.provenance import Release
+from pipeline.release.texts import fill, read
+
+UNRELEASED = "Unreleased"
+_FINGERPRINT = re.compile(r"- `[^`]+`: .* rows, fingerprint `[0-9a-f]{64}`")
+
+
+def _yaml(values: dict[str, Any]) -> str:
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
+
+
+def citation_file(release: Release) -> str:
+    """Return the CITATION.cff of a dataset (https://citation-file-format.github.io, 1.2.0)."""
+    fields = {"version": release.version or "", "url": release.url, "software": __version__}
+    values = yaml.safe_load(fill("CITATION.cff", developers=DEVELOPERS, **fields))
+    if release.licence != LICENCE:  # Of another only the Hub's name is known, not that of SPDX.
+        del values["license"], values["license-url"]
+    if not release.repo_id:
+        del values["url"]
+    return _yaml({name: value for name, value in values.items() if value is not None})
+
+
+def evaluation_task(config: str, split: str) -> str:
+    """Return the id of the task to solve the labyrinths of a split, such as `5x5-test`."""
+    return f"{config}-{split}"
+
+
+def eval_file(manifests: Sequence[Manifest], name: str) -> str:
+    """Return the eval.yaml of a folder of datasets: a task for each split that is evaluated.
+
+    The form is that of https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark". Its
+    field `evaluation_framework` is left out: it takes a name from a list of the Hub's, which has
+    none for this software, and the Hub refuses any other.
+
+    Args:
+        manifests: The manifests of all configs.
+        name: The name of the benchmark.
+    """
+    tasks = [
+        {"id": evaluation_task(config.name, split), "config": config.name, "split": split}
+        for config in (manifest.config for manifest in manifests)
+        for split in config.splits
+        if split not in NOT_EVALUATED
+    ]
+    return _yaml({"name": name} | yaml.safe_load(read("eval.yaml")) | {"tasks": tasks})
+
+
+def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
+    """Return the changelog with an entry for the datasets of a folder.
+
+    The entry "Unreleased" changes with the data, and becomes that of a version when there is one.
+    Other entries, and lines that a person adds to any, stay as they are.
+
+    Args:
+        text: The changelog so far; empty if there is no file.
+        manifests: The manifests of all datasets of the folder.
+        version: The version of the release, if it is one.
+    """
+    title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
+    entries = [(part.partition("\n")[0].strip(), part.splitlines()[1:]) for part in parts]
+    lines = [
+        f"- `{manifest.config.name}`: {sum(shard.rows for shard in manifest.shards):,} rows, "
+        f"fingerprint `{manifest.fingerprint}`"
+        for manifest in manifests
+    ]
+    newest = entries[0][1] if entries else []
+    if version is None and lines == [line for line in newest if _FINGERPRINT.fullmatch(line)]:
+        return text
+    heading = version or UNRELEASED
+    replaced = [line for name, body in entries if name in (heading, UNRELEASED) for line in body]
+    of_person = [line for line in replaced if line and not _FINGERPRINT.fullmatch(line)]
+    kept = [(name, body) for name, body in entries if name not in (heading, UNRELEASED)]
+    entries = [(heading, ["", *lines, *of_person]), *kept]
+    written = ("\n".join([f"## {name}", *body]).rstrip() for name, body in entries)
+    return "\n\n".join([title.strip() or read("changelog.md").strip(), *written]) + "\n"
+
+
+def is_changelog(text: str) -> bool:
+    """Return whether a text is the changelog of a dataset, whatever a person has added to it."""
+    return any(_FINGERPRINT.fullmatch(line) for line in text.splitlines())

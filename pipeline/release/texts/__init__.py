@@ -1,0 +1,31 @@
+"""The texts of cards, as files in this folder: `$name` in one is a field that code fills in."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from string import Template
+
+import yaml
+
+from labyrinth_core.version import __version__
+from pipeline.inspection.front_matter import DEVELOPERS
+
+
+def read(name: str) -> str:
+    """Return the content of a file of this folder."""
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def fill(name: str, /, **fields: object) -> str:
+    """Return the text of a file with its fields, all of them, filled in."""
+    return Template(read(name)).substitute(fields)
+
+
+def paragraph(name: str, /, **fields: object) -> str:
+    """Return a paragraph of `paragraphs.yaml` with its fields filled in."""
+    return Template(str(yaml.safe_load(read("paragraphs.yaml"))[name])).substitute(fields)
+
+
+def citation() -> str:
+    """Return the BibTeX entries of the paper and of this software."""
+    return fill("citation.bib", developers=DEVELOPERS, version=__version__).strip()
