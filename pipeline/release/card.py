@@ -25,8 +25,7 @@ from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
-from pipeline.release.provenance import Release
-from pipeline.release.published import (
+from pipeline.release.files import (
     CHANGELOG,
     CITATION,
     CROISSANT,
@@ -37,6 +36,7 @@ from pipeline.release.published import (
     pictures_of,
     write_hashes,
 )
+from pipeline.release.provenance import Release
 from pipeline.release.side_files import changelog, citation_file, eval_file
 
 NAME = "Labyrinth"

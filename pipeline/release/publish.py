@@ -1,31 +1,39 @@
 """The stage `publish`: a dataset, a policy and a report, each in a repository of its own.
 
-Each is released as `releasing` has it; a policy and a report name the dataset that they are of.
+Each release is one atomic commit, verified, then tagged: plan, upload of the contents, one commit
+on a checked parent, verification by commit from an empty cache, the tag last. `main` holds the old
+release or the new one, whole, at every moment. Running the stage again completes what an
+interruption left, or says that the release is done.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
-from huggingface_hub import HfApi, constants
+from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, constants
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import PublishOptions, Run
 from pipeline.inspection import front_matter
-from pipeline.machinery.console import say
+from pipeline.machinery.console import say, tracked
 from pipeline.release.card import write_card
+from pipeline.release.files import files_of, left_out
 from pipeline.release.model import staged_policy
-from pipeline.release.plan import DATASET, MODEL, SPACE
-from pipeline.release.releasing import release
-from pipeline.release.remote import PublishError, Remote, explained
+from pipeline.release.plan import DATASET, MODEL, SPACE, Plan, make_plan
+from pipeline.release.remote import FAULTS, PublishError, Remote, explained, reasons, repeated
 from pipeline.release.space import staged_report
+from pipeline.release.verify import verified
+
+VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
+"""What a tag of a release looks like."""
 
 
 def run(run: Run) -> None:
@@ -39,43 +47,37 @@ def run(run: Run) -> None:
         logging.getLogger(client).setLevel(logging.WARNING)
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
     options, api = run.options.publish, HfApi()
+    version = f'revision="{options.version}"'
     if options.repo_id:
         with explained(options.repo_id):
-            _publish_dataset(run, Remote(api, options.repo_id, DATASET))
+            manifests = front_matter.finished(run.local_dir)
+            if not manifests:
+                reason = "holds no finished dataset: labyrinth-datasets makes one"
+                raise PublishError(f"{run.local_dir} {reason}")
+            remote = Remote(api, options.repo_id, DATASET)
+            if _release(remote, options, run.local_dir, _carded(run)):
+                config = front_matter.default_config(manifests)
+                say(f'load_dataset("{options.repo_id}", "{config}", {version})')
     if options.model:
         with explained(options.model), staged_policy(run, api) as folder:
             remote = Remote(api, options.model, MODEL)
-            if release(remote, options, folder, nullcontext(folder)):
-                say(f'load_policy("{options.model}", revision="{options.version}")')
+            if _release(remote, options, folder, nullcontext(folder)):
+                say(f'load_policy("{options.model}", {version})')
     if options.space:
         with explained(options.space), staged_report(run) as folder:
             remote = Remote(api, options.space, SPACE)
-            if release(remote, options, folder, nullcontext(folder)):
+            if _release(remote, options, folder, nullcontext(folder)):
                 say(f"{constants.ENDPOINT}/spaces/{options.space}")
 
 
-def _publish_dataset(run: Run, remote: Remote) -> None:
-    options = run.options.publish
-    if not front_matter.finished(run.local_dir):
-        reason = "holds no finished dataset: labyrinth-datasets makes one"
-        raise PublishError(f"{run.local_dir} {reason}")
-    if release(remote, options, run.local_dir, _carded(run, options)):
-        config = front_matter.default_config(front_matter.finished(run.local_dir))
-        say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
-
-
 @contextmanager
-def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
+def _carded(run: Run) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, another that looks like it."""
+    options = run.options.publish
 
     def card(folder: Path) -> None:
-        write_card(
-            folder,
-            options.repo_id,
-            options.version,
-            space=options.space or None,
-            workers=run.options.workers,
-        )
+        space, workers = options.space or None, run.options.workers
+        write_card(folder, options.repo_id, options.version, space=space, workers=workers)
 
     if not options.dry_run:
         card(run.local_dir)
@@ -96,3 +98,145 @@ def _carded(run: Run, options: PublishOptions) -> Iterator[Path]:
         except DatasetError as error:
             raise DatasetError(str(error).replace(temporary, str(run.local_dir))) from error
         yield folder
+
+
+def _release(
+    remote: Remote, options: PublishOptions, folder: Path, staged: AbstractContextManager[Path]
+) -> bool:
+    """Return whether files are released now, tagged, and in their collection.
+
+    Args:
+        remote: Where they are released.
+        options: How they are released.
+        folder: The folder with the files as they are, which may be published already.
+        staged: Gives the folder with the files of this release, if they are not.
+    """
+    exists = remote.check_access(create_pr=options.create_pr)
+    # Before the card is written, which would describe this version as something else.
+    done = exists and _is_published(folder, remote, options)
+    if not done:
+        with staged as ready:
+            done = _commit_and_tag(ready, remote, options, exists)
+    if not done or options.dry_run:
+        return False
+    if options.collection:
+        remote.join(options.collection, private=options.private)
+        say(f"{remote.repo_id} is in the collection {options.collection}.")
+    return True
+
+
+def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool:
+    """Return whether these files are tagged already.
+
+    Raises:
+        PublishError: The tag is on others, or `main` would go back to an earlier version.
+    """
+    tags = remote.tags()
+    tagged = tags.get(options.version)
+    if tagged is None:
+        versions = (tag for tag in tags if VERSION.fullmatch(tag))
+        newest = max([options.version, *versions], key=lambda tag: [*map(int, tag.split("."))])
+        if options.branch == "main" and newest != options.version:
+            raise PublishError(
+                f"publish.version={options.version}: {remote.repo_id} has {newest}, and main does "
+                "not go back: choose a later version, or another publish.branch"
+            )
+        return False
+    plan = make_plan(remote.kind, files_of(remote.kind, folder), remote.tree(tagged))
+    if plan.data:
+        raise PublishError(
+            f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
+            f"({plan.data[0]}): choose another publish.version"
+        )
+    card = "" if plan.is_done else ", with a card that was written otherwise"
+    say(f"{options.version} is published already, at {tagged[:12]}{card}.")
+    return True
+
+
+def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exists: bool) -> bool:
+    """Return whether the folder is released now, and tagged; not so after a dry run, or a proposal.
+
+    Raises:
+        PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
+    """
+    if not exists and not options.dry_run:
+        remote.create(private=options.private)
+    head = remote.head(options.branch) if exists or not options.dry_run else ""
+    files = files_of(remote.kind, folder)
+    plan = make_plan(remote.kind, files, remote.tree(head) if head else {})
+    if others := list(left_out(folder, list(files))):
+        say(f"not published, since they are no files of the release: {', '.join(others)}.")
+    _print_plan(plan, remote, options, exists)
+    if options.dry_run:
+        return False
+    if options.branch != "main":
+        remote.create_branch(options.branch)
+    if not plan.is_done:
+        head = _commit(remote, options, plan, head)
+        if options.create_pr:
+            say(f"pull request: {head}; publish again, to tag, once it is merged.")
+            return False
+    say(verified(remote.repo_id, head, folder, remote.kind))
+    remote.tag(options.version, head)
+    say(f"tagged {options.version} at {head[:12]}.")
+    return True
+
+
+def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: bool) -> None:
+    if options.dry_run:
+        for word, paths in (("add", plan.add), ("keep", plan.keep), ("delete", plan.delete)):
+            for path in paths:
+                say(f"  {word:6} {path}")
+    tag = f"the tag {options.version} is to be made"
+    if options.create_pr and not plan.is_done:
+        tag = "a pull request is not tagged"
+    say(
+        f"{remote.repo_id}{'' if exists else ' (to be created)'}, branch {options.branch}: "
+        f"{len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), {len(plan.keep)} to keep, "
+        f"{len(plan.delete)} to delete; {tag}."
+    )
+
+
+def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) -> str:
+    """Upload what is missing, commit everything at once, and return the commit.
+
+    A commit whose answer was lost is told from one that was refused by reading the branch again.
+    """
+
+    def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
+        addition = CommitOperationAdd(path_in_repo=path, path_or_fileobj=plan.files[path])
+        remote.api.preupload_lfs_files(
+            remote.repo_id,
+            [addition],
+            repo_type=remote.kind.name,
+            revision=options.branch,
+            create_pr=options.create_pr,
+        )
+        return plan.files[path].stat().st_size, addition
+
+    # One by one, so that a run that was stopped does not send a file again.
+    additions = list(tracked(map(uploaded, plan.add), "upload", total=plan.bytes))
+    deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
+
+    def commit() -> str:
+        try:
+            info = remote.api.create_commit(
+                remote.repo_id,
+                [*additions, *deletions],
+                commit_message=f"Release {options.version}",
+                repo_type=remote.kind.name,
+                revision=options.branch,
+                parent_commit=parent,
+                create_pr=options.create_pr,
+            )
+        except FAULTS as error:
+            head = remote.head(options.branch)
+            if head == parent:
+                raise
+            if make_plan(plan.kind, plan.files, remote.tree(head)).is_done:
+                return head
+            raise PublishError(reasons(remote.repo_id)[412]) from error
+        return str(info.pr_url if options.create_pr else info.oid)
+
+    # A pull request may be there in spite of a fault, and would be made a second time.
+    return commit() if options.create_pr else repeated(commit)

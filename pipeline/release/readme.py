@@ -150,7 +150,7 @@ def _closeness(datasets: Sequence[DatasetStatistics]) -> str:
             f"`{pair['first']}`, `{pair['second']}`",
             f"{dataset.analysis['labyrinths'][pair['second']]:,}",
             f"{pair['counts']['symmetric']:,}",
-            *(f"{count:,}" for count in pair["within"].values()),
+            *(f"{number:,}" for number in pair["within"].values()),
             f"{pair['counts']['same_route']:,}",
             pair["spread"],
         )

@@ -24,14 +24,14 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import opened
+from labyrinth_core.data.rows import opened
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import load_policy
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.worker import end_with_parent
+from pipeline.release.files import files_of
 from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan
-from pipeline.release.published import files_of
 from pipeline.release.remote import PublishError, Remote, repeated
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)

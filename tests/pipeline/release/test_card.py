@@ -43,7 +43,7 @@ from pipeline.inspection import analyse, front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
-from pipeline.release.published import published_files
+from pipeline.release.files import published_files
 from pipeline.release.side_files import changelog, evaluation_task
 
 pytestmark = pytest.mark.slow

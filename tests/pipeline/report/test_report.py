@@ -24,7 +24,7 @@ from pipeline.inspection.routes import routes
 from pipeline.inspection.statistics import count_dataset, read_analysis
 from pipeline.machinery.own_files import HASHES
 from pipeline.release.card import write_card
-from pipeline.release.published import published_files
+from pipeline.release.files import published_files
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report
