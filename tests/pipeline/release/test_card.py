@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import datasets
@@ -314,23 +315,21 @@ def test_a_dataset_that_is_built_later_joins_the_card(folder, build_dataset):
     assert (folder / "pictures" / "2x3-visits.png").is_file()
 
 
-def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(
-    folder, build_dataset, monkeypatch
-):
-    options = {"labyrinths": 1, "random_steps": 5}
-    other = threading.Thread(target=build_dataset, args=(folder, "2x3"), kwargs=options)
-    measured = card.statistics_of
-
-    def measure(*arguments):
-        if not other.ident:
-            other.start()
-            other.join(0.5)
-            assert (folder / "2x3" / "manifest.json").exists()
-        return measured(*arguments)
-
-    monkeypatch.setattr(card, "statistics_of", measure)
-    card.write_card(folder)
-    other.join()
+def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(folder, build_dataset):
+    analysis = folder / OTHER / ANALYSIS
+    os.mkfifo(analysis)  # Writing the card waits here, after it has listed the finished datasets.
+    writer = threading.Thread(target=card.write_card, args=(folder,))
+    writer.start()
+    with analysis.open("w", encoding="utf-8") as file:  # Opens once the card reads it.
+        analysis.unlink()
+        options = {"labyrinths": 1, "random_steps": 5}
+        builder = threading.Thread(target=build_dataset, args=(folder, "2x3"), kwargs=options)
+        builder.start()
+        while builder.is_alive() and not (folder / "2x3" / "manifest.json").exists():
+            time.sleep(0.01)
+        file.write('{"fingerprint": "of other rows"}')
+    writer.join()
+    builder.join()
     assert "2x3" in [config["config_name"] for config in front(folder)["configs"]]
 
 
