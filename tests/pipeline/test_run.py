@@ -10,13 +10,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from brute_force import all_structures, is_connected, passages_of
+from tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
@@ -24,7 +23,6 @@ from labyrinth_core.version import __version__
 from pipeline.command import NEXT
 from pipeline.config.run import OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
-from pipeline.generation.identity import split_of
 
 pytestmark = pytest.mark.slow
 
@@ -48,10 +46,6 @@ def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedPr
     )
 
 
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
 def error_of(result: subprocess.CompletedProcess[str]) -> str:
     """Return the one line that a mistake is answered with."""
     assert result.returncode == 1
@@ -72,28 +66,20 @@ def spaced(text: str) -> str:
     ("arguments", "parts"),
     [
         (["size=1"], ["size=1", "from 2 to 1,000", "4x6"]),
-        (["size=abc"], ["size=abc", "from 2 to 1,000", "4x6"]),
-        (["size=4x"], ["size=4x", "height x width"]),
         (["sizee=5"], ["sizee", "did you mean size?", *OPTIONS]),
-        (["labyrinths=0"], ["labyrinths=0", "1 or more"]),
         (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
-        (["seed=-1"], ["seed=-1", "0 or more"]),
-        (["task=foo"], ["task=foo", "navigation, partial_observability, key_and_door, icy_floor"]),
         (
             ["method=foo"],
             ["method=foo", "bc, bco, dagger, gail, iupe, mapper, planner, sqil, vin, walls"],
         ),
-        (["+foo=1"], ["foo", "no option"]),
         (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
         (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
         (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
         (["size=${foo}"], ["size", "foo"]),
-        (["run_dir=s3://bucket/runs"], ["run_dir=s3://bucket/runs", "a folder on this machine"]),
-        (["data_dir=s3://"], ["data_dir=s3://", "no bucket"]),
         (["leakage.config=a"], ["leakage.config=a", "leakage.source"]),
         (["run_dir=a(b"], ["run_dir=a(b", """'run_dir="a(b"'"""]),
         (["size=2", "task=key_and_door"], ["0 in train", "choose another size or task"]),
-        (["workers=1000000"], ["workers=1000000", "1 to 1,000"]),
+        (["size=3", "labyrinths=300"], ["there can be", "in validation", "or fewer"]),
         (["size=9", "labyrinths=99999999999999999999999999999999999999999999999"], ["2**144"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],
@@ -134,37 +120,13 @@ def test_no_name_of_a_folder_colours_or_clears_the_terminal(tmp_path: Path) -> N
     assert not {"\x1b", "\u202e"} & {*made.stdout, *missing.stderr}
 
 
-def test_more_labyrinths_than_there_are_names_how_many_there_can_be(tmp_path: Path) -> None:
-    structures = [s for s in all_structures(3, 3) if is_connected(3, 3, passages_of(s))]
-    assert len(structures) == 431
-    counts = Counter(split_of(structure, (34, 33, 33)) for structure in structures)
-    error = error_of(run(tmp_path, "size=3", "labyrinths=300", "data_dir=data"))
-    assert "labyrinths=300" in error
-    assert all(f"{counts[split]} in {split}" in error for split in ("train", "validation", "test"))
-    assert f"labyrinths={min(counts.values())} or fewer" in error
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_in_the_way_is_answered_with_one_line(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_to_is_answered_with_one_line(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("mine")
-    for data_dir in ("data", "data/deeper"):
+    for data_dir in ("data", "data/deeper", "/proc/labyrinth"):
         error = error_of(run(tmp_path, "size=3", "labyrinths=1", f"data_dir={data_dir}"))
         assert data_dir in error
-        assert "Not a directory" in error
+        assert data_dir.startswith("/") or "Not a directory" in error
     assert content_of(tmp_path) == {"data": b"mine"}
-
-
-def test_a_place_that_nobody_can_write_to_is_answered_with_one_line(tmp_path: Path) -> None:
-    error = error_of(run(tmp_path, "size=3", "labyrinths=1", "data_dir=/proc/labyrinth"))
-    assert "/proc/labyrinth" in error
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_text_that_is_no_card_is_answered_with_one_line(tmp_path: Path) -> None:
-    (tmp_path / "README.md").write_text("# My thesis\n")
-    error = error_of(run(tmp_path, "size=3", "labyrinths=1", "data_dir=."))
-    assert "README.md is not the README of a dataset" in error
-    assert content_of(tmp_path) == {"README.md": b"# My thesis\n"}
 
 
 def limit_of(size: int) -> Callable[[], None]:
@@ -224,19 +186,16 @@ def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
     assert {stage.strip("[]") for stage in named} <= set(KNOWN_STAGES)
 
 
-def test_every_stage_ends_with_what_to_do_next(small_dataset: Run, tmp_path: Path) -> None:
+def test_one_stage_needs_no_brackets_and_ends_with_what_to_do_next(
+    small_dataset: Run, tmp_path: Path
+) -> None:
     assert list(NEXT) == list(KNOWN_STAGES)
     shutil.copytree(small_dataset.data_dir, tmp_path / "data")
     options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}", "data_dir=data"]
     for stage in ("validate", "card"):
         printed = run(tmp_path, f"stages={stage}", *options).stdout
+        assert stage != "validate" or "data/3x3 is valid" in spaced(printed)
         assert printed.splitlines()[-1] == f"Next: {NEXT[stage]}."
-
-
-def test_one_stage_needs_no_brackets(small_dataset: Run, tmp_path: Path) -> None:
-    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
-    options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}", "data_dir=data"]
-    assert "data/3x3 is valid" in spaced(run(tmp_path, "stages=validate", *options).stdout)
 
 
 def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(

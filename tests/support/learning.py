@@ -17,7 +17,7 @@ from pipeline.config.run import Run
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.acting import load_steps
-from pipeline.training.methods.method import Learner, Problem
+from pipeline.training.methods.method import Learner, Problem, find
 
 torch.set_num_threads(1)
 
@@ -47,6 +47,11 @@ def problem_of(small_dataset: Run) -> Callable[..., Problem]:
         return replace(problem, **changed)
 
     return make
+
+
+def settings_of(name: str, **values: Any) -> Any:
+    """Return the settings of a method: those given, the others from conf/method/."""
+    return find(name, values)[1]
 
 
 def equal_weights(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -> bool:

@@ -16,11 +16,10 @@ from tampering import manifest_of, problems, with_first_replaced
 from labyrinth_core import LabyrinthEnv, load_transitions
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation.identity import bucket_of, split_of
@@ -30,8 +29,6 @@ Build = Callable[..., Run]
 MakeRun = Callable[..., Run]
 
 OPTIONS = {"size": "5", "labyrinths": 20, "random_steps": 20, "goals": "varied"}
-REFUSED = ("test_s0", "test_g", "test_s0_and_g")
-"""The shifts to a new start or goal where the parent has new ones already."""
 
 
 @pytest.fixture(scope="session")
@@ -177,11 +174,9 @@ def test_a_longer_dataset_begins_with_a_shorter_one(
     assert texts(shorter.folder) == {split: longer[split][:9] for split in longer}
 
 
-def test_shards_and_workers_make_no_difference(build: Build, tmp_path: Path, tiny: Run) -> None:
+def test_shards_make_no_difference(build: Build, tmp_path: Path, tiny: Run) -> None:
     options = {"labyrinths": 32, "random_steps": 5, "goals": "varied"}
-    with_two = build(tmp_path / "workers", **options, workers=2)
-    assert Manifest.read(with_two.folder) == Manifest.read(tiny.folder)
-    in_shards = build(tmp_path / "shards", **options, cells_per_shard=99)
+    in_shards = build(tmp_path, **options, cells_per_shard=99)
     assert len(Manifest.read(in_shards.folder).of("train")) == 3
     assert texts(in_shards.folder) == texts(tiny.folder)
     assert problems(in_shards.folder) == []
@@ -289,37 +284,6 @@ def test_a_manifest_that_says_otherwise_is_found(
     with manifest_of(run.folder) as content:
         content["config"] |= {"goals": option}
     assert any(problem.endswith(words) for problem in problems(run.folder))
-
-
-# What is refused.
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"goals": "random"}, "goals=random: choose one of [fixed, varied]"),
-        *(
-            (
-                {"goals": "varied", "shifts": (shift,)},
-                f"shifts: there is no {shift}: with goals=varied each labyrinth of test has a "
-                "start and a goal of its own",
-            )
-            for shift in REFUSED
-        ),
-    ],
-    ids=lambda value: value if isinstance(value, str) else None,
-)
-def test_what_makes_no_sense_is_refused(
-    make_run: MakeRun, tmp_path: Path, options: dict[str, object], words: str
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        make_run(tmp_path, **{"size": "5"} | options)
-    assert str(caught.value) == words
-
-
-def test_all_stands_for_the_shifts_that_are_left(make_run: MakeRun, tmp_path: Path) -> None:
-    shifts = make_run(tmp_path, size="5", goals="varied", shifts=("all",)).dataset.shifts
-    assert set(SHIFTS) - set(shifts) == {*REFUSED, "wilson"}
 
 
 # What is said of it, and who reads it.

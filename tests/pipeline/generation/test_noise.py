@@ -18,7 +18,6 @@ from labyrinth_core.world.dynamics import State, initial, state_index, transitio
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import optimal_actions, shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
-from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import validate as validation
 from pipeline.inspection.routes import routes_of
@@ -87,23 +86,3 @@ def test_a_route_that_the_demonstrator_did_not_take_is_found(build: Build, tmp_p
     assert problem == (
         f"{file} row 0 actions: not the route of a demonstrator with noise 0.3 and this seed"
     )
-
-
-@pytest.mark.parametrize(
-    ("noise", "options", "words"),
-    [
-        (1.0, {}, "demonstrations.noise=1.0: give a probability from 0 to below 1"),
-        (-0.1, {}, "demonstrations.noise=-0.1: give a probability from 0 to below 1"),
-        (0.1, {"solutions": "all"}, "give solutions=shortest, not all"),
-        (0.1, {"shifts": ("one_wall",)}, "the demonstrated route is no shortest one"),
-    ],
-)
-def test_noise_that_makes_no_sense_is_refused(
-    make_run: Callable[..., Run],
-    tmp_path: Path,
-    noise: float,
-    options: dict[str, object],
-    words: str,
-) -> None:
-    with pytest.raises(ConfigError, match=words.replace(".", r"\.")):
-        make_run(tmp_path, **options, demonstrations=DemonstrationsConfig(noise=noise))

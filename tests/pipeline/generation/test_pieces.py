@@ -28,7 +28,6 @@ from labyrinth_core.world.dynamics import State, initial
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
-from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import validate as validation
 from pipeline.inspection.statistics import count_dataset
@@ -189,14 +188,6 @@ def test_pieces_as_long_as_any_route_are_whole_routes(build: Build, tmp_path: Pa
     assert shards[0] == shards[1]
     assert "pieces" not in (whole.folder / "manifest.json").read_text()
     assert command(long.dataset).endswith(" demonstrations.pieces=100")
-
-
-def test_pieces_of_fewer_than_no_steps_are_refused(
-    make_run: Callable[..., Run], tmp_path: Path
-) -> None:
-    words = "demonstrations.pieces=-1: give a number of steps, or 0 for whole routes"
-    with pytest.raises(ConfigError, match=re.escape(words)):
-        make_run(tmp_path, demonstrations=DemonstrationsConfig(pieces=-1))
 
 
 def with_agent(info: str, move: int) -> str:

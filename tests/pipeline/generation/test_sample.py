@@ -77,14 +77,20 @@ VARIETY: list[dict[str, Any]] = [
 
 
 @pytest.mark.slow
-def test_no_structure_nor_its_mirror_image_is_in_two_splits_of_any_datasets(
+def test_structures_are_unique_and_connected_and_in_one_split_of_any_datasets_with_their_image(
     config_of: Callable[..., DatasetConfig],
 ) -> None:
     split_by_passages: dict[tuple[str, Passages], str] = {}
     mirrored = repeated = 0
     for options in VARIETY:
         config = config_of(**options)
-        for split, structures in sample(config).items():
+        splits = sample(config)
+        assert list(splits) == list(SAMPLED_SPLITS)
+        everything = [s for structures in splits.values() for s in structures]
+        assert len(set(map(passages_of, everything))) == len(everything) == 3 * config.labyrinths
+        assert all(s.is_connected for s in everything)
+        assert {(s.height, s.width) for s in everything} == {(config.height, config.width)}
+        for split, structures in splits.items():
             for structure in structures:
                 passages = passages_of(structure)
                 images = {passages}
@@ -129,19 +135,6 @@ def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure
     assert set(Counter(split_of(s, DEFAULT_BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
 
 
-@pytest.mark.parametrize("options", VARIETY, ids=str)
-def test_each_split_has_as_many_unique_connected_structures_as_asked_for(
-    config_of: Callable[..., DatasetConfig], options: dict[str, Any]
-) -> None:
-    config = config_of(**options)
-    splits = sample(config)
-    assert list(splits) == list(SAMPLED_SPLITS)
-    everything = [s for structures in splits.values() for s in structures]
-    assert len(set(map(passages_of, everything))) == len(everything) == 3 * config.labyrinths
-    assert all(s.is_connected for s in everything)
-    assert {(s.height, s.width) for s in everything} == {(config.height, config.width)}
-
-
 @pytest.mark.parametrize(
     "options",
     [{"size": "3"}, {"size": "4x6"}, {"size": "4", "task": "icy_floor"}, {"sampler": "kruskal"}],
@@ -163,15 +156,6 @@ def test_a_shorter_dataset_is_the_beginning_of_a_longer_one(
                 )
 
 
-def test_the_same_seed_gives_the_same_labyrinths_and_another_seed_others(
-    config_of: Callable[..., DatasetConfig],
-) -> None:
-    first = sample(config_of(size="5", labyrinths=20, seed=1))
-    assert sample(config_of(size="5", labyrinths=20, seed=1)) == first
-    other = sample(config_of(size="5", labyrinths=20, seed=2))
-    assert all(not set(first[split]) & set(other[split]) for split in SAMPLED_SPLITS)
-
-
 # How many there can be.
 
 
@@ -184,27 +168,13 @@ def test_the_capacity_of_3x3_is_what_brute_force_counts(
     counts = Counter(split_of(structure, buckets) for structure in connected_3x3)
     most = min(counts.values())
     check_capacity(config_of(labyrinths=most, buckets=buckets))
+    check_capacity(config_of(size="5", labyrinths=10**9))  # So many are not counted.
     with pytest.raises(ConfigError) as caught:
         check_capacity(config_of(labyrinths=most + 1, buckets=buckets))
     listed = ", ".join(f"{counts[split]} in {split}" for split in SAMPLED_SPLITS)
     assert str(caught.value) == (
         f"size=3x3 labyrinths={most + 1}: there can be {listed}; ask for labyrinths={most} or fewer"
     )
-
-
-def test_the_capacity_of_2x2_is_what_brute_force_counts(
-    config_of: Callable[..., DatasetConfig],
-) -> None:
-    structures = list(all_connected(2, 2))
-    assert len(structures) == 5
-    counts = Counter(split_of(structure, DEFAULT_BUCKETS) for structure in structures)
-    most = min(counts.values())
-    check_capacity(config_of(size="2", labyrinths=most))
-    assert all(
-        len(found) == most for found in sample(config_of(size="2", labyrinths=most)).values()
-    )
-    with pytest.raises(ConfigError, match=f"ask for labyrinths={most} or fewer"):
-        check_capacity(config_of(size="2", labyrinths=most + 1))
 
 
 def test_every_structure_of_3x3_can_come_up(
@@ -231,29 +201,37 @@ def test_the_capacity_for_a_task_is_what_can_be_sampled(
         check_capacity(config_of(task=task, labyrinths=most + 1))
 
 
-def test_a_size_at_which_ice_cannot_matter_has_no_labyrinths(
-    config_of: Callable[..., DatasetConfig],
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        # Ice cannot matter at this size.
+        (
+            {"size": "2x3", "task": "icy_floor", "labyrinths": 1},
+            "there can be 0 in train, 0 in validation, 0 in test",
+        ),
+        ({"size": "5", "labyrinths": 10**20}, r"fewer than 2\*\*40"),
+        # With all walls open there is only one structure.
+        (
+            {"size": "4", "labyrinths": 2, "open_walls": 1.0},
+            r"labyrinths=2: of 4x4 the sampler found .* in 500 draws",
+        ),
+        (
+            {"labyrinths": 32, "splits": SplitsConfig(4)},
+            r"^labyrinths=32: of 3x3 the sampler found 32 in train, \d in validation, \d in test "
+            r"at least splits.min_walls=4 walls apart, and no other in 500 draws; ask for fewer of",
+        ),
+    ],
+    ids=str,
+)
+def test_more_labyrinths_than_there_are_or_can_be_found_are_refused(
+    config_of: Callable[..., DatasetConfig], options: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(ConfigError, match="there can be 0 in train, 0 in validation, 0 in test"):
-        check_capacity(config_of(size="2x3", task="icy_floor", labyrinths=1))
+    def drawn(config: DatasetConfig) -> None:
+        check_capacity(config)
+        sample(config, patience=500)
 
-
-def test_more_than_any_count_is_refused_at_once_where_nothing_is_counted(
-    config_of: Callable[..., DatasetConfig],
-) -> None:
-    check_capacity(config_of(size="5", labyrinths=10**9))
-    with pytest.raises(ConfigError, match="fewer than 2\\*\\*40"):
-        check_capacity(config_of(size="5", labyrinths=10**20))
-
-
-def test_a_sampler_that_finds_no_more_says_so(
-    config_of: Callable[..., DatasetConfig],
-) -> None:
-    # All walls open: there is only one such structure.
-    with pytest.raises(
-        ConfigError, match=r"labyrinths=2: of 4x4 the sampler found .* in 500 draws"
-    ):
-        sample(config_of(size="4", labyrinths=2, open_walls=1.0), patience=500)
+    with pytest.raises(ConfigError, match=words):
+        drawn(config_of(**options))
 
 
 # How far apart.
@@ -290,17 +268,6 @@ def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
     for split, structures in apart.items():
         assert len(set(structures)) == config.labyrinths
         assert {split_of(structure, config.buckets) for structure in structures} == {split}
-
-
-def test_where_too_few_are_far_enough_apart_the_sampler_says_so(
-    config_of: Callable[..., DatasetConfig],
-) -> None:
-    with pytest.raises(
-        ConfigError,
-        match=r"^labyrinths=32: of 3x3 the sampler found 32 in train, \d in validation, \d in test "
-        r"at least splits.min_walls=4 walls apart, and no other in 500 draws; ask for fewer of",
-    ):
-        sample(config_of(labyrinths=32, splits=SplitsConfig(4)), patience=500)
 
 
 # The labyrinths.

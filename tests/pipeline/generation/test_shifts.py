@@ -18,16 +18,14 @@ from tampering import episode_rows, problems, read_rows, rows_of, with_first_rep
 from labyrinth_core import load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import validate as validation
 from pipeline.generation.detours import stretched
-from pipeline.generation.sample import sample
 from pipeline.generation.shifts import SELECTED_SHIFTS
-from pipeline.generation.variants import labyrinth_of, toggled
+from pipeline.generation.variants import toggled
 
 Build = Callable[..., Run]
 
@@ -349,13 +347,6 @@ def test_a_labyrinth_that_is_left_out_without_a_reason_is_found(folder: Path, sp
     assert expected in problems(folder)
 
 
-def test_a_parent_that_cannot_be_read_is_named(folder: Path) -> None:
-    (folder / "train-00000-of-00001.parquet").write_bytes(b"gone")
-    found = problems(folder)
-    start = "one_wall-00000-of-00001.parquet cannot be compared with train-00000-of-00001.parquet"
-    assert any(problem.startswith(start) for problem in found)
-
-
 # What is loaded, and what is refused.
 
 
@@ -370,40 +361,6 @@ def test_every_shift_is_loaded_by_the_loader_and_by_datasets(plain: Run) -> None
         drawn = load_transitions(plain.data_dir, "5x5", **options, draw=True)
         assert np.array_equal(decoded.frames, drawn.frames)
         assert len(decoded) + len(shown(plain.folder, split)) == dataset[split].num_rows
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"shifts": ("nonsense",)}, "shifts=[nonsense]: choose from [all, g, "),
-        ({"shifts": ("all", "g")}, "shifts=[all, g]: choose from [all, g, "),
-        ({"shifts": ("kruskal",), "sampler": "kruskal"}, "there is no kruskal: train is sampled"),
-        ({"shifts": ("trees",), "task": "icy_floor"}, "there is no trees: ice only matters"),
-        ({"shifts": ("trees",), "open_walls": 0.0}, "train has no loops already"),
-        ({"shifts": ("open",), "open_walls": 1.0}, "train has all loops already"),
-        ({"shifts": ("one_wall",), "min_walls": 2}, "splits.min_walls=2 keeps structures"),
-        ({"shifts": ("thin_walls",), "size": "200"}, "walls are one pixel thick already"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else None,
-)
-def test_a_shift_that_makes_no_sense_is_refused(
-    make_run: Callable[..., Run], tmp_path: Path, options: dict[str, object], words: str
-) -> None:
-    from pipeline.config.dataset import SplitsConfig
-
-    given = dict(options)
-    if "min_walls" in given:
-        given["splits"] = SplitsConfig(min_walls=int(str(given.pop("min_walls"))))
-    with pytest.raises(ConfigError) as caught:
-        make_run(tmp_path, **{"size": "5"} | given)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_all_leaves_out_what_makes_no_sense(make_run: Callable[..., Run], tmp_path: Path) -> None:
-    options = {"size": "5", "shifts": ("all",)}
-    shifts = make_run(tmp_path, **options, sampler="prim", task="icy_floor").dataset.shifts
-    assert set(SHIFTS) - set(shifts) == {"prim", "trees"}
 
 
 @pytest.mark.parametrize(
@@ -442,13 +399,3 @@ def test_structures_are_stretched_with_as_many_loops_as_before() -> None:
     assert moves(longer) > 9
     assert longer.is_connected
     assert longer.loops == grid.loops
-
-
-def test_sampling_gives_the_structures_of_each_shift(make_run: Callable[..., Run]) -> None:
-    config = make_run(Path("unused"), size="5", labyrinths=5, shifts=("trees", "open", "g")).dataset
-    found = sample(config)
-    assert {split: len(of) for split, of in found.items()} == dict.fromkeys(
-        ("train", "validation", "test", "trees", "open"), 5
-    )
-    twin_text = dump(labyrinth_of(config, "g", found["train"][0]))
-    assert parse(twin_text).structure == found["train"][0]

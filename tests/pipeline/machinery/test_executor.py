@@ -27,7 +27,7 @@ from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
 from pipeline.machinery.executor import cluster, ordered_map
-from pipeline.machinery.worker import count, counted
+from pipeline.machinery.worker import count_done, counted
 
 pytestmark = pytest.mark.slow
 
@@ -148,7 +148,7 @@ class CountsThenWaits:
         self.wait = WaitsFor(marker)
 
     def __call__(self, item: int) -> int:
-        count(5)
+        count_done(5)
         return self.wait(item)
 
 

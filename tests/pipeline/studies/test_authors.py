@@ -173,21 +173,6 @@ def test_what_reaches_the_goal_is_counted_with_its_moves(problem_of: Problems) -
     assert np.array_equal(arrays.next_state[taken[:, 0], taken[:, 1]], taken[:, 2])
 
 
-def test_a_policy_that_draws_is_cut_more_often_with_the_rule(problem_of: Problems) -> None:
-    arrays = problem_of().arrays
-    uniform = np.full((len(arrays.terminal), 4), 0.25)
-    rates = [
-        np.mean(
-            [
-                trial.try_out(arrays, uniform, np.random.default_rng(seed), visits)[0].solved
-                for seed in range(20)
-            ]
-        )
-        for visits in (5, None)
-    ]
-    assert rates[0] < 0.8 < rates[1]
-
-
 # DAgger.
 
 WALLED = """labyrinth:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player

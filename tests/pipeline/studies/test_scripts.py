@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 from torch import nn
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays

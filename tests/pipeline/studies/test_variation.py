@@ -74,19 +74,6 @@ def test_other_points_have_another_fingerprint(discrete):
     assert first.fingerprint == again.fingerprint != other.fingerprint
 
 
-def test_a_summary_survives_its_file_and_a_damaged_file_is_none(tmp_path):
-    _, summary = summed(noise(), 4)
-    path = tmp_path / "4.npz"
-    assert Summary.load(path) is None
-    summary.save(path)
-    loaded = Summary.load(path)
-    for field in fields(Summary):
-        assert np.array_equal(getattr(summary, field.name), getattr(loaded, field.name))
-    for damaged in (path.read_bytes()[:-100], b"", b"PK"):
-        path.write_bytes(damaged)
-        assert Summary.load(path) is None
-
-
 def test_summaries_of_parts_join_to_that_of_the_whole():
     discretisation, summary = summed(noise(), 9)
     joined = Summary.joined(

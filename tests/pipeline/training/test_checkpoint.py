@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
@@ -49,21 +49,6 @@ def test_a_loss_that_is_not_finite_ends_the_run_and_leaves_the_checkpoint_before
     assert f"method.learning_rate=0.0005: loss is {broken} in epoch 3, " in str(caught.value)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == kept[-1]
-
-
-@pytest.mark.slow
-def test_a_learning_rate_that_breaks_the_weights_leaves_no_finished_run(
-    small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path
-) -> None:
-    run = make_run(
-        small_dataset.data_dir,
-        stages=["train"],
-        run_dir=str(tmp_path),
-        method={"name": "bc", "epochs": 20, "learning_rate": 1e30},
-    )
-    with pytest.raises(ConfigError, match=r"method\.learning_rate=1e\+30: loss is nan in epoch"):
-        train.run(run, checkpoint_seconds=0)
-    assert {path.name for path in run.training_folder.iterdir()} <= {CHECKPOINT}
 
 
 def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better_one(

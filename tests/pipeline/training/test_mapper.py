@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.answers import Player

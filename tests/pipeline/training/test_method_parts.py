@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 
 from pipeline.training.methods import bco, dagger, gail, iupe, sqil
 from pipeline.training.methods.acting import Rollout, draw, roll_out, softmax

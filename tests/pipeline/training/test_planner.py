@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from method_settings import settings_of
+from learning import settings_of
 from policies import RELEASED, Remembering
 from torch import nn
 

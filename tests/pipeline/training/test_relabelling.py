@@ -9,7 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from method_settings import settings_of
+from learning import settings_of
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
