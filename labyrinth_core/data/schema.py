@@ -91,7 +91,7 @@ def _no_number(word: str) -> NoReturn:
     raise ValueError(f"{word} is no number of JSON")
 
 
-def check(value: Any, shape: Any, place: str = "it") -> None:
+def check_shape(value: Any, shape: Any, place: str = "it") -> None:
     """Check that a value from JSON has a shape.
 
     Raises:
@@ -103,19 +103,19 @@ def check(value: Any, shape: Any, place: str = "it") -> None:
     if isinstance(shape, dict):
         for name, of in shape.items():
             if name in value:
-                check(value[name], of, f"{place}.{name}")
+                check_shape(value[name], of, f"{place}.{name}")
     elif isinstance(shape, tuple):
         for number, (item, of) in enumerate(zip(value, shape, strict=True)):
-            check(item, of, f"{place}[{number}]")
+            check_shape(item, of, f"{place}[{number}]")
     elif isinstance(shape, Each):
         for number, item in enumerate(value):
-            check(item, shape.of, f"{place}[{number}]")
+            check_shape(item, shape.of, f"{place}[{number}]")
     elif isinstance(shape, Named):
         for name, item in value.items():
-            check(name, shape.name, f"a name in {place}")
-            check(item, shape.of, f"{place}.{name}")
+            check_shape(name, shape.name, f"a name in {place}")
+            check_shape(item, shape.of, f"{place}.{name}")
     elif isinstance(shape, Maybe) and value is not None:
-        check(value, shape.of, place)
+        check_shape(value, shape.of, place)
 
 
 def _unmet(value: Any, shape: Any) -> str | None:

@@ -20,7 +20,7 @@ from labyrinth_core.data.schema import (
     Number,
     OneOf,
     Text,
-    check,
+    check_shape,
     read_json,
 )
 from labyrinth_core.data.splits import SPLITS, is_of_train
@@ -158,16 +158,16 @@ class Results:
         """Return the results that `to_json` described; ValueError if it did not."""
         if isinstance(content, dict) and {"run", "training"} <= content.keys():
             raise ValueError("an earlier version wrote it: stages=[evaluate] makes it anew")
-        check(content, _SHAPE)
+        check_shape(content, _SHAPE)
         about, evaluated, run = content["dataset"], content["evaluated"], content.get("run")
         rules = Rules.of(about["config"], evaluated["way"], evaluated["episodes"])
         splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
         if not splits:
             raise ValueError("it has results on no split")
         for name, by_split in content["baselines"].items():
-            check(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
+            check_shape(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
         if run is not None:
-            check(run, _RUN, "it.run")
+            check_shape(run, _RUN, "it.run")
             run = TrainedRun(**{name: run[name] for name in _RUN})
         return cls(
             dataset=about["source"],

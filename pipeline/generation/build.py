@@ -45,7 +45,7 @@ from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
-from pipeline.machinery.worker import count
+from pipeline.machinery.worker import count_done
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
@@ -264,7 +264,7 @@ def make_shard(job: ShardJob) -> Shard:
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
         read_facts(job.facts, finished.labyrinths)
         if file_sha256(job.path) == finished.sha256:
-            count(finished.labyrinths)
+            count_done(finished.labyrinths)
             return finished
     config, split, cut = job.config, job.split, 0
     facts = FactsOfShard(split)
@@ -288,7 +288,7 @@ def make_shard(job: ShardJob) -> Shard:
         for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
             number, parent = waiting.popleft()
             cut += solution.cut
-            count(1)
+            count_done(1)
             info = ""
             for rows in render(split, number, solution.episodes):
                 info = rows[0].info

@@ -22,7 +22,7 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.render import Pictures, picture_names
 from pipeline.generation.rules import Route
-from pipeline.machinery.worker import count
+from pipeline.machinery.worker import count_done
 
 
 class Problem(NamedTuple):
@@ -111,7 +111,7 @@ def check_labyrinth(
         if wrong and not lengths:
             problems.append(Problem(begin, "info", wrong))
         lengths.append(len(rows))
-        count(len(rows))
+        count_done(len(rows))
         problems += _shape_problems(episode)
         if labyrinth is None or pictures is None or not episode.is_whole:
             continue

@@ -24,7 +24,7 @@ from labyrinth_core.data.schema import (
     Named,
     Number,
     Text,
-    check,
+    check_shape,
     read_json,
 )
 from labyrinth_core.data.storage import AnyPath, write_text
@@ -229,10 +229,10 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
         content = read_json(path)
         if content["fingerprint"] != manifest.fingerprint:
             return None
-        check(content, _ANALYSIS)
+        check_shape(content, _ANALYSIS)
         leakage = content["leakage"]
         for pair in leakage["pairs"]:
-            check(leakage["labyrinths"], {pair["second"]: COUNT}, "it.leakage.labyrinths")
+            check_shape(leakage["labyrinths"], {pair["second"]: COUNT}, "it.leakage.labyrinths")
         return {
             "labyrinths": leakage["labyrinths"],
             "repeated": leakage["repeated"],

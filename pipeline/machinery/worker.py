@@ -57,7 +57,7 @@ def end_with_parent(parent: int) -> None:
     threading.Thread(target=watch, name="watch", daemon=True).start()
 
 
-def count(amount: int) -> None:
+def count_done(amount: int) -> None:
     """Count an amount as done, in a worker or in the only process."""
     global _total
     if _count is None:
