@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-import zlib
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -151,14 +150,9 @@ def _read(open_file: Callable[[], Any], max_bytes: int) -> bytes:
 def _unpack(archive: zipfile.ZipFile, name: str, max_bytes: int) -> bytes:
     try:
         return _read(partial(archive.open, name), max_bytes)
-    except (
-        KeyError,
-        OSError,
-        EOFError,
-        RuntimeError,  # It is encrypted, or its method of compression is not supported.
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    except (ValueError, MemoryError):
+        raise
+    except Exception as error:  # Each compression has its own errors; LZMA may not be installed.
         raise ValueError(f"it cannot be unpacked: {error}") from error
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.grid import digits, row_and_column
+from labyrinth_core.world.grid import digits
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import seen_together, visible_from
 
@@ -34,7 +34,7 @@ def tile_count(task: Task) -> int:
 
 def grid_index(cell: int, width: int) -> int:
     """Return where a cell lies in the flattened wall grid."""
-    row, column = row_and_column(cell, width)
+    row, column = divmod(cell, width)
     return 2 * row * (2 * width - 1) + 2 * column
 
 

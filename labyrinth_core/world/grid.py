@@ -23,11 +23,6 @@ class Action(IntEnum):
     LEFT = 3
 
 
-def row_and_column(cell: int, width: int) -> tuple[int, int]:
-    """Return the `(row, column)` of a cell."""
-    return divmod(cell, width)
-
-
 def manhattan(a: int, b: int, width: int) -> int:
     """Return the number of moves between two cells of a grid without walls."""
     (row_a, column_a), (row_b, column_b) = divmod(a, width), divmod(b, width)

@@ -125,8 +125,12 @@ def labyrinth_of(world: World, task: Task = Task.NAVIGATION) -> Labyrinth:
     )
 
 
-def drawn(picture: str) -> World:
-    """Return the world of a drawing; without `S` and `E` they lie in the default corners."""
+def drawn(text: str) -> World:
+    """Return the world of a drawing, or of the one in a text of the language.
+
+    Without `S` and `E` they lie in the default corners.
+    """
+    picture = (text.partition("labyrinth:")[2] or text).strip().removesuffix("end")
     lines = [line.strip() for line in picture.strip().splitlines()][1:-1][::-1]
     height, width = len(lines) // 2 + 1, len(lines[0]) // 4
     tiles: dict[str, set[Place]] = {letter: set() for letter in " SEKDI"}
@@ -171,6 +175,11 @@ def reachable(
         found |= onward
         changed = bool(onward)
     return found
+
+
+def loops(world: World) -> int:
+    """Return how many passages are open beyond the fewest that connect all places."""
+    return len(world.passages) - world.height * world.width + 1
 
 
 def is_connected(height: int, width: int, passages: Passages) -> bool:
@@ -225,6 +234,14 @@ def step(world: World, situation: Situation, action: int) -> tuple[Situation, fl
     return (place, has_key, door_open), -0.1 / (world.width * world.height), False
 
 
+def walk(world: World, actions: Collection[int]) -> Place:
+    """Return where actions lead, bumping into walls and going on over ice."""
+    situation = (world.start, False, False)
+    for action in actions:
+        situation = step(world, situation, action)[0]
+    return situation[0]
+
+
 def situations(world: World) -> list[Situation]:
     """Return every situation that the rules allow, also those that no route leads to."""
     phases = (
@@ -258,6 +275,11 @@ def moves_to_go(world: World) -> dict[Situation, int]:
         layer = {earlier for later in layer for earlier in before.get(later, ())} - moves.keys()
         moves.update(dict.fromkeys(layer, max(moves.values()) + 1))
     return moves
+
+
+def fewest_moves(world: World) -> int | None:
+    """Return the moves of a shortest route, None if none leads to the goal."""
+    return moves_to_go(world).get((world.start, False, False))
 
 
 def best_actions(world: World) -> dict[Situation, set[int]]:
@@ -316,39 +338,6 @@ def sees(passages: Passages, place: Place, target: Place) -> bool:
             if len(pair) == 2 and frozenset(pair) not in passages:
                 return False
     return True
-
-
-# How many structures there are.
-
-
-def count_structures(passages: list[tuple[int, int]], *, trees: bool = False) -> int:
-    """Return how many subsets of the passages connect all their cells; or do so without a cycle.
-
-    Passage after passage is open or not; what matters for those to come is only which cells that
-    they touch are joined already (a frontier method, or transfer matrix).
-    """
-    last = {cell: place for place, pair in enumerate(passages) for cell in pair}
-    counts: dict[frozenset[frozenset[int]], int] = {frozenset(): 1}
-    met: set[int] = set()
-    total = 0
-    for place, pair in enumerate(passages):
-        new = {frozenset({cell}) for cell in pair if cell not in met}
-        met.update(pair)
-        following: dict[frozenset[frozenset[int]], int] = {}
-        for parts, count in counts.items():
-            parts = parts | new
-            joined = [part for part in parts if part & set(pair)]
-            choices = [parts]
-            if len(joined) == 2 or not trees:
-                choices.append(parts - set(joined) | {frozenset().union(*joined)})
-            for choice in choices:
-                left = {frozenset(cell for cell in part if last[cell] > place) for part in choice}
-                if frozenset() not in left:
-                    following[frozenset(left)] = following.get(frozenset(left), 0) + count
-                elif place == len(passages) - 1 and len(choice) == 1:
-                    total += count
-        counts = following
-    return total
 
 
 # How likely an outcome is.

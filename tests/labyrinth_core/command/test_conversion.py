@@ -1,11 +1,12 @@
 """`labyrinth convert`: one labyrinth to the terminal, several into a folder, whole or absent."""
 
 import errno
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from wall_grids import BARE, GRID, LABYRINTH, changed
+from wall_grids import BARE, GRID, LABYRINTH, changed, npy, zipped
 
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.language.collection import read_collection
@@ -54,6 +55,17 @@ def test_what_cannot_be_converted_is_told_and_the_rest_is(run, tmp_path):
     assert [file.name for file in out.rglob("*.labyrinth")] == ["000012.labyrinth"]
     np.save(path, CLOSED)
     assert run(path) == (1, "", f"{path}: no route leads from start to goal\n")
+
+
+@pytest.mark.parametrize("method", ["ZIP_STORED", "ZIP_DEFLATED", "ZIP_BZIP2", "ZIP_LZMA"])
+def test_a_damaged_member_of_an_archive_is_told_in_one_line(run, tmp_path, method):
+    path, data = tmp_path / "a.zip", npy(np.random.default_rng(0).integers(2, size=(99, 99)))
+    archive = bytearray(zipped({"a.npy": data}, getattr(zipfile, method)))
+    archive[90:120] = bytes(30)
+    path.write_bytes(archive)
+    status, out, err = run(path)
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert err.startswith(f"{path}: a.npy: it cannot be unpacked: ")
 
 
 @pytest.mark.parametrize(

@@ -49,17 +49,14 @@ LOCKED = drawn(
 )
 
 
+FETCHED = [UP, RIGHT, RIGHT, DOWN]
+OPENED = [*FETCHED, UP, LEFT, UP]
+
+
 def state_of(world, situation):
     """Return the library's state for a situation."""
     (row, column), has_key, door_open = situation
     return State(row * world.width + column, has_key, door_open)
-
-
-def after(labyrinth, *route):
-    state = initial(labyrinth)
-    for action in route:
-        state = transition(labyrinth, state, action)
-    return state
 
 
 # Properties.
@@ -69,6 +66,8 @@ def after(labyrinth, *route):
 def test_walking_gives_the_situations_and_rewards_that_the_rules_say(labyrinth, route):
     world = world_of(labyrinth)
     situation, state = (world.start, False, False), initial(labyrinth)
+    assert state == state_of(world, situation)
+    assert not is_terminal(labyrinth, state)
     for action in route:
         situation, expected, over = step(world, situation, action)
         state = transition(labyrinth, state, action)
@@ -107,13 +106,6 @@ def test_the_transition_table_is_transition_by_numbers(labyrinth):
 
 
 @given(labyrinths())
-def test_an_episode_begins_on_the_start_without_key_and_before_a_closed_door(labyrinth):
-    state = initial(labyrinth)
-    assert state == State(labyrinth.start, has_key=False, door_open=False)
-    assert not is_terminal(labyrinth, state)
-
-
-@given(labyrinths())
 def test_an_episode_of_forty_steps_a_cell_without_the_goal_returns_minus_four(labyrinth):
     assert step_limit(labyrinth) == 40 * len(world_of(labyrinth).places())
     each = reward(labyrinth, initial(labyrinth))
@@ -122,75 +114,31 @@ def test_an_episode_of_forty_steps_a_cell_without_the_goal_returns_minus_four(la
 
 # Examples.
 
-
-def test_a_passage_lets_the_agent_through_and_a_wall_does_not():
-    labyrinth = labyrinth_of(CORRIDORS, Task.ICY_FLOOR)
-    assert after(labyrinth, UP) == State(3)
-    assert after(labyrinth, UP, RIGHT) == State(4)
-    assert after(labyrinth, UP, RIGHT, UP) == State(7)
-    assert after(labyrinth, RIGHT) == State(0)
-    assert after(labyrinth, UP, UP) == State(3)
-    assert after(labyrinth, DOWN) == State(0)
-    assert after(labyrinth, LEFT) == State(0)
+BUMP = -0.1 / 9
 
 
-def test_a_step_that_does_not_end_on_the_goal_costs_a_tenth_over_the_cells():
-    labyrinth = labyrinth_of(CORRIDORS, Task.ICY_FLOOR)
-    for bump_or_move in (UP, LEFT):
-        assert reward(labyrinth, after(labyrinth, bump_or_move)) == pytest.approx(-0.1 / 9)
-
-
-def test_the_goal_pays_one_and_ends_the_episode():
-    labyrinth = labyrinth_of(CORRIDORS, Task.ICY_FLOOR)
-    state = after(labyrinth, UP, RIGHT, RIGHT, UP)
-    assert state == State(8)
-    assert reward(labyrinth, state) == 1.0
-    assert is_terminal(labyrinth, state)
-
-
-def test_ice_costs_a_hundred_and_ends_the_episode():
-    labyrinth = labyrinth_of(CORRIDORS, Task.ICY_FLOOR)
-    state = after(labyrinth, UP, RIGHT, RIGHT, DOWN, LEFT)
-    assert state == State(1)
-    assert reward(labyrinth, state) == -100.0
-    assert is_terminal(labyrinth, state)
-
-
-def test_a_bump_into_a_wall_with_ice_behind_it_is_a_bump_like_any_other():
-    labyrinth = labyrinth_of(CORRIDORS, Task.ICY_FLOOR)
-    from_the_side = after(labyrinth, RIGHT)
-    from_above = after(labyrinth, UP, RIGHT, DOWN)
-    assert (from_the_side, from_above) == (State(0), State(4))
-    for state in (from_the_side, from_above):
-        assert reward(labyrinth, state) == pytest.approx(-0.1 / 9)
+@pytest.mark.parametrize(
+    ("world", "task", "route", "expected", "paid"),
+    [
+        (CORRIDORS, Task.ICY_FLOOR, [UP, RIGHT, UP], State(7), BUMP),
+        (CORRIDORS, Task.ICY_FLOOR, [RIGHT], State(0), BUMP),  # A wall with ice behind it.
+        (CORRIDORS, Task.ICY_FLOOR, [UP, RIGHT, DOWN], State(4), BUMP),  # And from above.
+        (CORRIDORS, Task.ICY_FLOOR, [LEFT], State(0), BUMP),
+        (CORRIDORS, Task.ICY_FLOOR, [UP, RIGHT, RIGHT, UP], State(8), 1),
+        (CORRIDORS, Task.ICY_FLOOR, [UP, RIGHT, RIGHT, DOWN, LEFT], State(1), -100),
+        (LOCKED, Task.KEY_AND_DOOR, [UP, RIGHT, UP], State(4), BUMP),
+        (LOCKED, Task.KEY_AND_DOOR, [*FETCHED, UP, LEFT], State(4, has_key=True), BUMP),
+        (LOCKED, Task.KEY_AND_DOOR, OPENED, State(7, has_key=True, door_open=True), BUMP),
+        (LOCKED, Task.KEY_AND_DOOR, [*OPENED, DOWN], State(4, True, True), BUMP),
+        (LOCKED, Task.KEY_AND_DOOR, [*OPENED, RIGHT], State(8, True, True), 1),
+    ],
+)
+def test_examples_of_the_rules(world, task, route, expected, paid):
+    labyrinth = labyrinth_of(world, task)
+    state = initial(labyrinth)
+    for action in route:
         assert not is_terminal(labyrinth, state)
-
-
-def test_a_door_is_a_wall_to_whom_has_no_key():
-    labyrinth = labyrinth_of(LOCKED, Task.KEY_AND_DOOR)
-    before_the_door = after(labyrinth, UP, RIGHT)
-    assert transition(labyrinth, before_the_door, UP) == before_the_door == State(4)
-    assert reward(labyrinth, before_the_door) == pytest.approx(-0.1 / 9)
-
-
-def test_entering_the_cell_of_the_key_picks_it_up_for_good():
-    labyrinth = labyrinth_of(LOCKED, Task.KEY_AND_DOOR)
-    route = (UP, RIGHT, RIGHT, DOWN)
-    assert not after(labyrinth, *route[:3]).has_key
-    assert after(labyrinth, *route) == State(2, has_key=True)
-    assert after(labyrinth, *route, UP, LEFT) == State(4, has_key=True)
-
-
-def test_the_key_opens_the_door_for_good():
-    labyrinth = labyrinth_of(LOCKED, Task.KEY_AND_DOOR)
-    route = (UP, RIGHT, RIGHT, DOWN, UP, LEFT, UP)
-    assert after(labyrinth, *route) == State(7, has_key=True, door_open=True)
-    assert after(labyrinth, *route, DOWN) == State(4, has_key=True, door_open=True)
-    assert after(labyrinth, *route, DOWN, UP, RIGHT) == State(8, has_key=True, door_open=True)
-
-
-def test_a_labyrinth_remembers_nothing_from_one_episode_to_the_next():
-    labyrinth = labyrinth_of(LOCKED, Task.KEY_AND_DOOR)
-    after(labyrinth, UP, RIGHT, RIGHT, DOWN, UP, LEFT, UP)
-    assert initial(labyrinth) == State(0)
-    assert after(labyrinth, UP, RIGHT, UP) == State(4)
+        state = transition(labyrinth, state, action)
+    assert state == expected
+    assert reward(labyrinth, state) == pytest.approx(paid)
+    assert is_terminal(labyrinth, state) == (paid != BUMP)

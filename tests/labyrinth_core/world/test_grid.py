@@ -42,14 +42,6 @@ def test_an_action_leads_to_the_neighbour_in_its_direction(height, width, data):
 
 
 @given(sides, sides, st.data())
-def test_a_neighbour_is_one_move_away_and_the_opposite_action_leads_back(height, width, data):
-    cell = data.draw(st.integers(0, height * width - 1))
-    for action, beside in neighbours(cell, height, width).items():
-        assert manhattan(cell, beside, width) == 1
-        assert neighbours(beside, height, width)[Action((action + 2) % 4)] == cell
-
-
-@given(sides, sides, st.data())
 def test_the_manhattan_distance_counts_rows_and_columns_apart(height, width, data):
     row_a, row_b = data.draw(st.tuples(*[st.integers(0, height - 1)] * 2))
     column_a, column_b = data.draw(st.tuples(*[st.integers(0, width - 1)] * 2))

@@ -29,7 +29,6 @@ from labyrinth_core.world.labyrinth import (
     Structure,
     Task,
     breadth_first,
-    identity,
 )
 from labyrinth_core.world.solver import distances
 
@@ -174,12 +173,6 @@ def test_no_two_structures_of_three_by_three_share_an_id():
     assert all(len(name) == 16 and int(name, 16) < 2**63 for name in ids)
 
 
-@given(st.text(), st.text())
-def test_an_identity_is_sixteen_digits_that_differ_with_the_text(a, b):
-    assert (identity(a) == identity(b)) == (a == b)
-    assert identity(a) == f"{int(identity(a), 16):016x}"
-
-
 @given(structures(), structures())
 def test_structures_are_equal_when_their_size_and_passages_are(a, b):
     same = (a.height, a.width, passages_of(a)) == (b.height, b.width, passages_of(b))
@@ -199,21 +192,14 @@ def test_labyrinths_are_equal_when_they_hold_the_same(labyrinth):
 
 
 @given(labyrinths())
-def test_a_labyrinth_comes_back_from_a_pickle(labyrinth):
-    again = pickle.loads(pickle.dumps(labyrinth))
+def test_a_pickle_leaves_out_what_can_be_computed(labyrinth):
+    held = pickle.dumps(labyrinth)
+    again = pickle.loads(held)
     assert again == labyrinth
     assert again.structure.moves == labyrinth.structure.moves
-
-
-@given(labyrinths())
-def test_a_pickle_leaves_out_what_can_be_computed(labyrinth):
-    holding, leaving = pickle.dumps(labyrinth), pickle.dumps(labyrinth.structure)
-    assert labyrinth.cell_distances
-    assert labyrinth.structure.moves
+    assert again.cell_distances == labyrinth.cell_distances
     assert labyrinth.structure.structure_id
-    assert b"distances" not in holding
-    assert pickle.dumps(labyrinth) == holding
-    assert pickle.dumps(labyrinth.structure) == leaving
+    assert pickle.dumps(labyrinth) == held
 
 
 def test_structures_and_labyrinths_do_not_change():
@@ -239,21 +225,13 @@ def image(structure, turn):
 
 
 @given(structures())
-def test_a_transposed_structure_exchanges_rows_and_columns(structure):
-    assert structure.transposed() == image(structure, lambda row, column: (column, row))
-
-
-@given(structures())
-def test_a_mirrored_structure_exchanges_left_and_right(structure):
-    assert structure.mirrored() == image(structure, lambda row, column: (row, -column))
-
-
-@given(structures())
 def test_the_symmetries_are_the_four_turns_and_their_mirror_images(structure):
     turns = [lambda r, c, a=a, b=b: (a * r, b * c) for a in (1, -1) for b in (1, -1)]
     turns += [lambda r, c, a=a, b=b: (a * c, b * r) for a in (1, -1) for b in (1, -1)]
     images = structure.symmetries()
     assert images[0] == structure
+    assert structure.transposed() == image(structure, lambda row, column: (column, row))
+    assert structure.mirrored() == image(structure, lambda row, column: (row, -column))
     assert Counter(images) == Counter(image(structure, turn) for turn in turns)
 
 
@@ -267,13 +245,6 @@ def test_a_structure_and_its_mirror_image_on_the_diagonal_have_one_canonical_for
         assert structure.transposed().canonical() == canonical
     else:
         assert canonical == structure
-
-
-def test_canonical_forms_pair_up_all_structures_that_are_not_their_own_mirror_image():
-    everything = list(all_structures(3, 3))
-    pairs = Counter(structure.canonical() for structure in everything)
-    # Four cells lie off the diagonal on each side; six passages are mirrored on the other six.
-    assert Counter(pairs.values()) == {1: 2**6, 2: (2**12 - 2**6) // 2}
 
 
 # The rules of a labyrinth.
@@ -381,11 +352,6 @@ def test_a_broken_rule_is_named_with_the_cell_at_fault(world, changes, task, mes
         labyrinth_of(replace(world, **changes), Task(task))
     assert caught.value.cell == cell
     assert isinstance(caught.value, ValueError)
-
-
-def test_a_key_in_a_dead_end_before_the_door_is_fine():
-    world = replace(DEAD_END, key=(0, 2), door=(1, 0))
-    assert world_of(labyrinth_of(world, Task.KEY_AND_DOOR)) == world
 
 
 def test_a_labyrinth_names_its_size_height_first_and_its_cells_by_row():

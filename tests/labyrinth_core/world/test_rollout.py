@@ -72,21 +72,6 @@ def test_an_action_that_is_none_of_the_four_is_refused(action):
         replay(ROOM, [0, action])
 
 
-def test_an_episode_keeps_its_steps_into_walls():
-    episode = replay(ROOM, [3, 2, 0, 1])
-    assert [state.agent for state in episode.states] == [0, 0, 0, 2, 3]
-    assert episode.rewards.tolist() == pytest.approx([-0.025, -0.025, -0.025, 1.0])
-
-
-@given(labyrinths())
-def test_an_optimal_episode_returns_one_less_a_little_for_each_move_before_the_last(labyrinth):
-    episode = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(0)))
-    assert episode.terminated
-    assert episode.states[-1].agent == labyrinth.goal
-    expected = 1 - (len(episode) - 1) * 0.1 / labyrinth.structure.cells
-    assert episode.rewards.sum() == pytest.approx(expected, abs=1e-5)
-
-
 @given(labyrinths(), actions)
 def test_the_arrays_of_an_episode_are_read_only_and_small(labyrinth, route):
     route = route[: len(until_over(world_of(labyrinth), route)[1])]

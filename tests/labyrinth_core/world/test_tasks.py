@@ -11,10 +11,10 @@ from brute_force import (
     all_structures,
     chi_square,
     drawn,
+    fewest_moves,
     is_connected,
     keeps_the_rules,
     labyrinth_of,
-    moves_to_go,
     passages_of,
     reachable,
     unavoidable,
@@ -42,18 +42,13 @@ def world_between(structure, start, goal):
     return World(height, width, passages_of(structure), divmod(start, width), divmod(goal, width))
 
 
-def fewest_moves(world, **changes):
-    """Return the moves of the best route, None if none leads to the goal."""
-    world = replace(world, **changes)
-    return moves_to_go(world).get((world.start, False, False))
-
-
 def on_shortest_routes(world):
     least = fewest_moves(world)
     return {
         place
         for place in reachable(world.passages, world.start) - {world.start, world.goal}
-        if fewest_moves(world, goal=place) + fewest_moves(world, start=place) == least
+        if fewest_moves(replace(world, goal=place)) + fewest_moves(replace(world, start=place))
+        == least
     }
 
 
@@ -73,7 +68,7 @@ def ice_can_matter(world):
     """Return whether any ice on shortest routes leaves a route, and only longer ones."""
     least, candidates = fewest_moves(world), sorted(on_shortest_routes(world))
     return any(
-        (fewest_moves(world, ice=frozenset(ice)) or 0) > least
+        (fewest_moves(replace(world, ice=frozenset(ice))) or 0) > least
         for count in range(1, len(candidates) + 1)
         for ice in combinations(candidates, count)
     )
@@ -128,32 +123,19 @@ def test_key_and_door_are_placed_by_the_rules_wherever_they_allow_it(where, seed
     assert tiles_matter(labyrinth)
 
 
+@pytest.mark.parametrize("tile", ["key", "door"])
 @given(ends(), seeds, st.data())
-def test_a_key_that_is_given_stays_and_gets_a_door_if_one_fits(where, seed, data):
-    key = data.draw(st.integers(0, where[0].cells - 1))
-    doors = {door for a_key, door in keys_and_doors(world_between(*where)) if a_key == key}
-    rng = np.random.default_rng(seed)
-    if doors:
-        labyrinth = place(*where, Task.KEY_AND_DOOR, rng, key=key)
-        assert labyrinth.key == key
-        assert labyrinth.door in doors
-    else:
-        with pytest.raises(LabyrinthError, match=r"^no place for the door"):
-            place(*where, Task.KEY_AND_DOOR, rng, key=key)
-
-
-@given(ends(), seeds, st.data())
-def test_a_door_that_is_given_stays_and_gets_a_key_if_one_fits(where, seed, data):
-    door = data.draw(st.integers(0, where[0].cells - 1))
-    keys = {key for key, a_door in keys_and_doors(world_between(*where)) if a_door == door}
-    rng = np.random.default_rng(seed)
-    if keys:
-        labyrinth = place(*where, Task.KEY_AND_DOOR, rng, door=door)
-        assert labyrinth.door == door
-        assert labyrinth.key in keys
+def test_a_tile_that_is_given_stays_and_gets_the_other_if_one_fits(tile, where, seed, data):
+    given_cell = data.draw(st.integers(0, where[0].cells - 1))
+    pairs = [{"key": key, "door": door} for key, door in keys_and_doors(world_between(*where))]
+    allowed = [pair for pair in pairs if pair[tile] == given_cell]
+    rng, given_tile = np.random.default_rng(seed), {tile: given_cell}
+    if allowed:
+        labyrinth = place(*where, Task.KEY_AND_DOOR, rng, **given_tile)
+        assert {"key": labyrinth.key, "door": labyrinth.door} in allowed
     else:
         with pytest.raises(LabyrinthError):
-            place(*where, Task.KEY_AND_DOOR, rng, door=door)
+            place(*where, Task.KEY_AND_DOOR, rng, **given_tile)
 
 
 @given(ends(), seeds)
@@ -170,33 +152,25 @@ def test_ice_lies_on_shortest_routes_and_leaves_none_but_longer_ones(where, seed
     assert tiles_matter(labyrinth)
 
 
-def test_ice_is_placed_in_every_structure_of_three_by_three_where_it_can_matter():
+def test_ice_is_placed_wherever_it_can_matter():
+    """In every structure of three by three, and in some larger ones."""
     everything = [each for each in all_structures(3, 3) if is_connected(3, 3, passages_of(each))]
-    can = [each for each in everything if ice_can_matter(world_between(each, 0, 8))]
-    assert 0 < len(can) < len(everything)
-    for structure in everything:
-        for seed in range(5):
-            rng = np.random.default_rng(seed)
-            if structure in can:
-                place(structure, 0, 8, Task.ICY_FLOOR, rng)
-            else:
-                with pytest.raises(LabyrinthError, match=r"^ice would not matter"):
-                    place(structure, 0, 8, Task.ICY_FLOOR, rng)
-
-
-def test_ice_is_placed_in_larger_structures_where_it_can_matter():
+    places = [(structure, 0, 8) for structure in everything]
     rng = np.random.default_rng(21)
     for _ in range(60):
         height, width = rng.integers(3, 5, size=2).tolist()
         structure = sample_structure(height, width, rng, open_walls=0.4)
         start, goal = rng.choice(structure.cells, size=2, replace=False).tolist()
-        can = ice_can_matter(world_between(structure, start, goal))
-        for _ in range(5):
+        places.append((structure, start, goal))
+    for where in places:
+        can = ice_can_matter(world_between(*where))
+        for seed in range(5):
+            rng = np.random.default_rng(seed)
             if can:
-                place(structure, start, goal, Task.ICY_FLOOR, rng)
+                place(*where, Task.ICY_FLOOR, rng)
             else:
                 with pytest.raises(LabyrinthError, match=r"^ice would not matter"):
-                    place(structure, start, goal, Task.ICY_FLOOR, rng)
+                    place(*where, Task.ICY_FLOOR, rng)
 
 
 def test_every_place_for_key_and_door_comes_up():
@@ -280,40 +254,23 @@ def apart(labyrinth, start, goal):
     return abs(row - other_row) + abs(column - other_column)
 
 
+@pytest.mark.parametrize("change", [change_start, change_start_and_goal])
 @given(labyrinths(), seeds)
-def test_a_changed_start_is_another_one_far_enough_from_the_same_goal(labyrinth, seed):
+def test_a_changed_start_or_goal_is_another_one_far_enough_from_the_other(change, labyrinth, seed):
     structure = labyrinth.structure
-    changed = made_or_reason(change_start, labyrinth, np.random.default_rng(seed))
+    changed = made_or_reason(change, labyrinth, np.random.default_rng(seed))
     if isinstance(changed, str):
         assert changed == f"no other start or goal can hold {labyrinth.task}"
         assert labyrinth.task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR)
         return
-    assert (changed.structure, changed.goal) == (structure, labyrinth.goal)
-    assert changed.task is labyrinth.task
-    assert changed.start not in (labyrinth.start, labyrinth.goal)
-    farthest = max(
-        apart(labyrinth, start, labyrinth.goal)
-        for start in range(structure.cells)
-        if start != labyrinth.start
-    )
-    far_enough = min((structure.height + structure.width) // 2, farthest)
-    assert apart(changed, changed.start, changed.goal) >= far_enough
-    assert tiles_matter(changed)
-
-
-@given(labyrinths(), seeds)
-def test_a_changed_start_and_goal_are_both_others_and_far_enough_apart(labyrinth, seed):
-    structure = labyrinth.structure
-    changed = made_or_reason(change_start_and_goal, labyrinth, np.random.default_rng(seed))
-    if isinstance(changed, str):
-        assert changed == f"no other start or goal can hold {labyrinth.task}"
-        assert labyrinth.task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR)
-        return
-    assert changed.structure == structure
-    assert changed.task is labyrinth.task
-    assert changed.start != labyrinth.start
-    assert changed.goal != labyrinth.goal
+    assert (changed.structure, changed.task) == (structure, labyrinth.task)
+    assert changed.start not in (labyrinth.start, changed.goal)
+    assert (changed.goal == labyrinth.goal) == (change is change_start)
     far_enough = (structure.height + structure.width) // 2
+    if change is change_start:
+        others = set(range(structure.cells)) - {labyrinth.start}
+        farthest = max(apart(labyrinth, start, labyrinth.goal) for start in others)
+        far_enough = min(far_enough, farthest)
     assert apart(changed, changed.start, changed.goal) >= far_enough
     assert tiles_matter(changed)
 

@@ -1,20 +1,11 @@
 """What the agent sees: straight and diagonal rays, as far as nothing breaks them."""
 
 import numpy as np
-from brute_force import drawn, passages_of, sees, structure_with
+from brute_force import passages_of, sees
 from hypothesis import given
 from strategies import structures
 
 from labyrinth_core.world.visibility import seen_together, visible_from
-
-
-def seen(picture):
-    """Return the places seen from `S`, and those marked `I`, the ones expected besides it."""
-    world = drawn(picture)
-    structure = structure_with(world.height, world.width, world.passages)
-    row, column = world.start
-    cells = visible_from(structure, row * world.width + column)
-    return {divmod(cell, world.width) for cell in cells}, {world.start, *world.ice}
 
 
 @given(structures())
@@ -38,29 +29,3 @@ def test_many_agents_at_once_see_what_each_of_them_sees(structure):
     seen = seen_together(moves, agents, max(structure.height, structure.width))
     for cell, row in enumerate(seen.reshape(cells, cells)):
         assert set(np.flatnonzero(row)) == visible_from(structure, cell)
-
-
-def test_an_open_corner_is_seen_to_the_side_first():
-    visible, expected = seen(
-        """
-        ---------
-        |     I |
-        | - +   |
-        | S   I |
-        ---------
-        """
-    )
-    assert visible == expected
-
-
-def test_an_open_corner_is_not_seen_up_or_down_first():
-    visible, expected = seen(
-        """
-        ---------
-        | I     |
-        |   + - |
-        | S   I |
-        ---------
-        """
-    )
-    assert visible == expected

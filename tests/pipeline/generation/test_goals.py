@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from read_from_text import Cell, Drawn, Shown, shown
+from brute_force import Place, World, fewest_moves, is_connected
+from read_from_text import Shown, shown
 from tampering import manifest_of, problems, with_first_replaced
 
 from labyrinth_core import LabyrinthEnv, load_transitions
@@ -62,7 +63,7 @@ def folder(navigation: Run, tmp_path: Path) -> Path:
     return Path(shutil.copytree(navigation.folder, tmp_path / navigation.folder.name))
 
 
-def ends(each: Shown) -> tuple[Cell, Cell]:
+def ends(each: Shown) -> tuple[Place, Place]:
     return each.labyrinth.start, each.labyrinth.goal
 
 
@@ -109,8 +110,8 @@ def test_every_labyrinth_has_ends_of_its_own_that_are_far_enough_apart(
     assert all(apart(each) >= 5 for each in found)
     assert len(set(map(ends, found))) > 10
     assert len({each.labyrinth.goal for each in found}) > 5
-    assert all(each.labyrinth.is_connected() for each in found)
-    assert all(len(each.actions) == each.labyrinth.moves() for each in found)
+    assert all(is_connected(5, 5, each.labyrinth.passages) for each in found)
+    assert all(len(each.actions) == fewest_moves(each.labyrinth) for each in found)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +133,7 @@ def test_ends_move_from_those_that_train_has_in_the_same_structure(
             assert child.text == parent.text
 
 
-def images(labyrinth: Drawn) -> set[frozenset[frozenset[Cell]]]:
+def images(labyrinth: World) -> set[frozenset[frozenset[Place]]]:
     """Return the passages of the eight rotations and reflections of a square labyrinth."""
     last, found, passages = labyrinth.height - 1, set(), labyrinth.passages
     for _ in range(4):

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from read_from_text import drawn
+from brute_force import drawn, step
 from tampering import TRAIN, Rows, episode_rows, episode_starts, rows_of
 
 from labyrinth_core import load_episodes, load_transitions, stream_episodes
@@ -116,7 +116,7 @@ def test_each_piece_begins_where_the_one_before_it_was_cut(both: tuple[Run, Run]
                 routes.append([])
             routes[-1] += actions
             for action in actions:
-                state = labyrinth.after(state, action)
+                state = step(labyrinth, state, action)[0]
             at = state
         of_whole = load_episodes(
             whole.data_dir, whole.dataset.name, split=split, observation="vector"
