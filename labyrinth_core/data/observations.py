@@ -123,9 +123,11 @@ class ObservationSpec:
         size = self.image_size
         return draw(views, size, wall_pixels=wall_pixels, resize=resize, seen_from=seen_from)
 
-    def look_later(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any] | Looks:
+    def look_later(
+        self, views: Sequence[tuple[Labyrinth, State]], held_bytes: int = HELD_BYTES
+    ) -> NDArray[Any] | Looks:
         """Return the observations, or what makes them once they are asked for if they are large."""
-        large = self.observation == "image" and len(views) * 3 * self.image_size**2 > HELD_BYTES
+        large = self.observation == "image" and len(views) * 3 * self.image_size**2 > held_bytes
         return Looks(self, views) if large else self.look(views)
 
 

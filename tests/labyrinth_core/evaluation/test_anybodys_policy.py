@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from pathlib import Path
 
 import huggingface_hub
 import numpy as np
@@ -21,7 +19,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.baselines import random_figures
-from labyrinth_core.evaluation.playing import Episodes, step_through
+from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
 from labyrinth_core.world.labyrinth import Task
 
@@ -395,51 +393,3 @@ def test_a_dataset_is_found_by_its_id(datasets, monkeypatch, tmp_path):
         ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/train-*.parquet"),
         ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/test-*.parquet"),
     ]
-
-
-@pytest.mark.parametrize("episodes", [None, 2])
-def test_all_figures_that_are_saved_follow_from_the_episodes_saved(datasets, tmp_path, episodes):
-    results = evaluate(Rounds(2), datasets, "3x4", image_size=8, episodes=episodes)
-    path = tmp_path / "a" / "mine.json"
-    about = {"name": "mine", "author": "me", "url": "https://example.org/mine", "budget": "nothing"}
-    about |= {"date": "2026-11-30", "details": {"steps": 0, "parameters": 7}}
-    results.save(path, **about)
-    content = json.loads(path.read_text(encoding="utf-8"))
-    assert (content["kind"], content["format"]) == ("labyrinth-results", 2)
-    assert content["method"] == about
-    manifest = Manifest.read(datasets / "3x4")
-    assert content["dataset"]["fingerprint"] == manifest.fingerprint
-    assert content["dataset"]["config"] == "3x4"
-    assert content["evaluated"]["episodes"] == (episodes or 1)
-    assert list(content["splits"]) == list(EVALUATED_SPLITS)
-    for split, figures in content["splits"].items():
-        again = Episodes.of_letters(figures["outcomes"], figures["moves"], 12)
-        solved, returns = again.solved, again.returns
-        assert solved.shape == (episodes or 1, 5)
-        assert figures["sr"] == solved.mean()
-        assert figures["aer"] == returns.mean()
-        efficiency = (np.array(figures["distance"]) / np.array(figures["moves"]))[solved]
-        assert figures["path_efficiency"] == (efficiency.mean() if solved.any() else None)
-        arrays = load_arrays(datasets, "3x4", split, observation="vector")
-        assert figures["labyrinth_ids"] == [f"{each:016x}" for each in arrays.labyrinth_ids]
-        assert figures["step_limit"] == 480
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"name": " "}, "name=' ': say what the policy is called"),
-        ({"name": "a", "url": "example.org"}, "url=example.org: give an address such as https://"),
-        ({"name": "a", "date": "2026-13-01"}, "date=2026-13-01: give a day such as 2026-11-30"),
-        ({"name": "a\nb"}, r"name='a\\nb': give one line of 300 characters at most"),
-        ({"name": "a", "details": {"size": 1}}, "details: 'size': choose from labyrinths, steps"),
-        ({"name": "a", "details": {"steps": 1.5}}, "details: steps=1.5: give a whole number"),
-    ],
-)
-def test_results_of_which_something_impossible_is_said_are_not_saved(
-    datasets, tmp_path: Path, options, message
-):
-    results = evaluate(Rounds(2), datasets, "3x4", image_size=8, splits=["test"])
-    with pytest.raises(ValueError, match=rf"\A{message}"):
-        results.save(tmp_path / "a" / "mine.json", **options)
-    assert not any(tmp_path.iterdir())

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.observations import Looks
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import solved_by
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
 from labyrinth_core.world.solver import shortest_routes
@@ -90,16 +90,16 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
             state = arrays.next_state[state, action]
 
 
-def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
-    datasets, monkeypatch
-):
-    held = load_arrays(datasets, "3x4", "test", image_size=32)
-    monkeypatch.setattr(observations, "HELD_BYTES", held.observations.nbytes - 1)
-    drawn = load_arrays(datasets, "3x4", "test", image_size=32)
-    assert isinstance(drawn.observations, observations.Looks)
-    assert len(drawn.observations) == len(held.observations)
-    states = np.arange(len(held.observations))[::-2]
-    np.testing.assert_array_equal(drawn.observations[states], held.observations[states])
+def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(datasets):
+    spec = load_arrays(datasets, "3x4", "test", image_size=32).spec
+    views = [(each, initial(each)) for each in labyrinths_of(datasets, "3x4", "test").values()]
+    held = spec.look_later(views)
+    assert isinstance(spec.look_later(views, held.nbytes), np.ndarray)
+    drawn = spec.look_later(views, held.nbytes - 1)
+    assert isinstance(drawn, Looks)
+    assert len(drawn) == len(held)
+    states = np.arange(len(held))[::-2]
+    np.testing.assert_array_equal(drawn[states], held[states])
 
 
 @pytest.mark.parametrize("split", BASE_SPLITS)
@@ -117,20 +117,13 @@ def test_demonstrations_are_counted_step_by_step(datasets, split):
         assert (arrays.demonstrated[first] > 0)[arrays.optimal[first]].all()
 
 
-def test_a_step_limit_is_forty_times_the_cells(datasets):
-    arrays: LabyrinthArrays = load_arrays(datasets, "3x4", "train", image_size=8)
-    assert (arrays.cells, arrays.step_limit) == (12, 480)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"config": "9x9"}, "config=9x9: .* holds 3x4, "),
-        ({"split": "eval"}, "split=eval: the dataset has train, "),
         ({"source": "nowhere at all"}, "neither a folder nor an id"),
         ({"resize": "nearest"}, "resize=nearest: choose one of area, original"),
         ({"image_size": 601}, "image_size=601: give a whole number of pixels from 1 to 600"),
-        ({"observation": "smell"}, "observation=smell: choose one of"),
     ],
 )
 def test_what_cannot_be_loaded_is_said_in_one_line(datasets, arguments, message):

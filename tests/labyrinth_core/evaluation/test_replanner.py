@@ -6,17 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from labyrinths_of_datasets import CONFIGS
-from policies import Remembering
 from strategies import connected_structures
 
-from labyrinth_core import evaluate, load_arrays, parse
+from labyrinth_core import evaluate, load_arrays
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
-from labyrinth_core.evaluation.scores import score
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import State, initial, transition
+from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, Task, breadth_first
 from labyrinth_core.world.visibility import visible_from
@@ -60,34 +58,6 @@ def test_it_plans_with_what_it_has_seen_and_hopes_for_the_rest(structure, data, 
         assert len(visited) <= structure.cells**2
 
 
-FORGETTABLE = """
-occlusion: True
-labyrinth:
--------------
-|       | E |
-|   + - +   |
-|           |
-|   + - +   |
-| S     |   |
--------------
-end
-"""
-"""The wall before the goal is seen from the top left alone, and no more from the cell below."""
-
-
-@pytest.mark.parametrize(
-    ("memory", "cells"), [(False, [0, 3, 6, 3, 6, 3, 6]), (True, [0, 3, 6, 3, 4, 5, 8])]
-)
-def test_memory_is_what_keeps_it_from_going_round(memory, cells):
-    labyrinth, replanner = parse(FORGETTABLE), Replanner(3, 3, memory=memory)
-    replanner.reset(1)
-    states = [initial(labyrinth)]
-    for _ in cells[1:]:
-        action = replanner.act(vector_observation(labyrinth, states[-1])[None])[0]
-        states.append(transition(labyrinth, states[-1], action))
-    assert [state.agent for state in states] == cells
-
-
 def test_with_memory_it_solves_every_labyrinth_and_each_in_the_batch_by_itself(datasets):
     arrays = load_arrays(datasets, CONFIG, "train", observation="vector")
     replanner = Replanner(3, 4)
@@ -95,15 +65,6 @@ def test_with_memory_it_solves_every_labyrinth_and_each_in_the_batch_by_itself(d
     assert together.solved.all()
     assert (together.moves[0] == together.moves[1]).all()
     assert (together.moves >= arrays.distance).all()
-
-
-def test_without_memory_it_can_be_looked_up(datasets):
-    arrays = load_arrays(datasets, CONFIG, "test", observation="vector")
-    policy = Replanner(3, 4, memory=False)
-    looked_up = score(policy.act, arrays).episodes
-    stepped = step_through(Player.of(Remembering(policy.act), 0), arrays, 1)
-    assert stepped.moves[0].tolist() == looked_up.moves.tolist()
-    assert stepped.outcomes[0].tolist() == looked_up.outcomes.tolist()
 
 
 @pytest.mark.parametrize("task", Task)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import re
 
@@ -14,6 +13,7 @@ from policies import Rounds
 from submitted import add_up, content_of, forgetful, keep, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.outcomes import KnownDataset
 from labyrinth_core.evaluation.results import LARGEST, Results, results_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -58,6 +58,15 @@ def refused(read, content, known, why):
 
 # What is believed.
 
+ABOUT = {
+    "name": "mine",
+    "author": "me",
+    "url": "https://example.org/mine",
+    "budget": "nothing",
+    "date": "2026-11-30",
+    "details": {"steps": 0, "parameters": 7},
+}
+
 
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
@@ -66,19 +75,16 @@ def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
         results = results_of(datasets, config, policy, **options)
         if policy is not policies["rounds"][0]:
             results = of_run(results, references_know="1" * 64, memory=True)
-        results.save(tmp_path / "mine.json", name="mine", details={"steps": 7})
-        found = Results.load(tmp_path / "mine.json")
+        path = tmp_path / "a" / "mine.json"
+        results.save(path, **ABOUT)
+        assert json.loads(path.read_text(encoding="utf-8"))["method"] == ABOUT
+        found = Results.load(path)
         assert list(found.splits) == list(EVALUATED_SPLITS)
-        assert found.method.details == {"steps": 7}
+        assert found.method == Description(**ABOUT)
         assert found.run == results.run
         assert str(found) == str(results)
         assert found.to_json(found.method) == results.to_json(found.method)
         found.compare_with(KnownDataset.read(str(datasets), config))
-
-
-def test_the_policies_of_these_tests_fail_and_succeed(content):
-    letters = "".join(told["outcomes"][0] for told in content["splits"].values())
-    assert {"s", "l", "w"} == set(letters)
 
 
 def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(results, known, read):
@@ -118,6 +124,21 @@ def test_some_splits_are_enough(content, known, read):
 
 
 # What is not.
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ({"name": " "}, "name=' ': say what the policy is called"),
+        ({"details": {"steps": 1.5}}, "details: steps=1.5: give a whole number"),
+    ],
+)
+def test_results_of_which_something_impossible_is_said_are_not_saved(
+    results, tmp_path, about, message
+):
+    with pytest.raises(ValueError, match=rf"\A{message}"):
+        results.save(tmp_path / "a" / "mine.json", **ABOUT | about)
+    assert not any(tmp_path.iterdir())
 
 
 def leaves(value, path=()):
@@ -330,24 +351,16 @@ def test_a_file_that_is_no_json_is_refused_in_one_line(tmp_path, text, why):
         Results.load(path)
 
 
-def test_a_huge_file_is_not_read(tmp_path):
+def test_what_is_no_file_or_a_huge_one_is_not_read(tmp_path):
     path = tmp_path / "mine.json"
+    path.mkdir()
+    with pytest.raises(DatasetError, match=r"mine\.json is refused: it is not a file"):
+        Results.load(path)
+    path.rmdir()
     with path.open("wb") as file:
         file.truncate(LARGEST + 1)
     with pytest.raises(DatasetError, match=rf"is refused: it has more than {LARGEST:,} bytes"):
         Results.load(path)
-
-
-def test_a_folder_is_no_file(tmp_path):
-    (tmp_path / "mine.json").mkdir()
-    with pytest.raises(DatasetError, match=r"mine\.json is refused: it is not a file"):
-        Results.load(tmp_path / "mine.json")
-
-
-def test_nothing_is_changed_by_reading(content, known, read):
-    before = copy.deepcopy(content)
-    read(content, known)
-    assert content == before
 
 
 @pytest.mark.parametrize(

@@ -136,6 +136,7 @@ def test_long_ways_and_failures_count_less_weighted_by_path_length():
     scores = Scores(episodes, np.arange(5), np.full(5, 4), None, None, known)
     assert scores.spl == pytest.approx((1 + 0.5 + 0.25) / 5)
     assert scores.spl == pytest.approx(scores.sr * scores.path_efficiency)
+    assert scores.sr == 0.6
     assert scores.sr_within_cells == 0.4  # Nine cells, so of the solved not that in 16 moves.
     assert (scores.sr_known_route, scores.sr_new_route) == (1, pytest.approx(1 / 3))
     assert scores.figures()["known_route"] == "11000"
