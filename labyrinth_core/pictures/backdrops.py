@@ -236,7 +236,7 @@ def paste(pictures: Pictures, places: Numbers, corners: Corners, patches: Pictur
     reach = patches.shape[1]
     rows = _runs(pictures, reach)
     where = _where(places, corners, reach)
-    rows[where] = patches.reshape(*patches.shape[:2], -1).view(rows.dtype)[..., 0]
+    rows[where] = patches.reshape(len(patches), reach, 3 * reach).view(rows.dtype)[..., 0]
 
 
 def cut(pictures: Pictures, places: Numbers, corners: Corners, reach: int) -> Pictures:

@@ -1,5 +1,6 @@
 """The vector environment: the same as single environments, only many at once."""
 
+import tracemalloc
 from dataclasses import replace
 
 import gymnasium
@@ -253,33 +254,40 @@ def test_what_was_returned_is_never_changed_later(kind):
 def test_pictures_are_those_of_the_renderer_whatever_is_kept(task, keeping):
     rng = np.random.default_rng(0)
     labyrinths = [replace(sample_labyrinth(4, 5, task, rng), look=look) for look in Look]
-    env = LabyrinthVectorEnv(
-        4, labyrinths=labyrinths, max_episode_steps=30, image_size=48, **keeping
-    )
+    options = {"labyrinths": labyrinths, "max_episode_steps": 30}
+    env = LabyrinthVectorEnv(4, image_size=48, **options, **keeping)
+    beside = LabyrinthVectorEnv(4, observation="state", **options)
     copying = keeping.get("copy", True)
-    first, infos = env.reset(seed=0)
+    (first, infos), (numbers, _) = env.reset(seed=0), beside.reset(seed=0)
     shown, phases = first, set()
     for _ in range(40):
-        states = [env._stack.at(place) for place in range(4)]
-        for picture, (labyrinth, number) in zip(shown, states, strict=True):
+        for picture, number, text in zip(shown, numbers, infos["labyrinth"], strict=True):
             phases.add(number // 20)
+            labyrinth = parse(text)
             np.testing.assert_array_equal(
-                picture, render(labyrinth, state_at(labyrinth, number), 48)
+                picture, render(labyrinth, state_at(labyrinth, int(number)), 48)
             )
         optimal = infos["optimal_actions"].argmax(axis=1)
-        shown, *_, infos = env.step(np.where(rng.random(4) < 0.8, optimal, rng.integers(4, size=4)))
+        actions = np.where(rng.random(4) < 0.8, optimal, rng.integers(4, size=4))
+        (shown, *_, infos), (numbers, *_) = env.step(actions), beside.step(actions)
         assert np.shares_memory(shown, first) is not copying
         assert shown.flags.writeable is copying
     assert phases == ({0, 1, 2} if task is Task.KEY_AND_DOOR else {0})
 
 
 def test_what_is_kept_of_pictures_takes_no_more_than_the_memory_given():
-    for task, number in ((Task.NAVIGATION, 3), (Task.PARTIAL_OBSERVABILITY, 5)):
-        env = LabyrinthVectorEnv(9, 5, task, picture_memory=5 * 3 * 64**2)
-        env.reset(seed=0)
-        gallery = env._gallery
-        assert len(gallery._shown) == len(gallery._patches) == number
-        assert gallery._shown.nbytes + gallery._patches.nbytes <= 5 * 3 * 64**2
+    memory = []
+    for picture_memory in (0, 5 * 3 * 256**2, 10**9):
+        tracemalloc.start()
+        try:
+            env = LabyrinthVectorEnv(9, 5, image_size=256, picture_memory=picture_memory)
+            env.reset(seed=0)
+            memory.append(tracemalloc.get_traced_memory()[0])
+        finally:
+            tracemalloc.stop()
+            env.close()
+    nothing, some, all_of_them = memory
+    assert some - nothing <= 5 * 3 * 256**2 < all_of_them - nothing
 
 
 def test_changing_what_was_returned_changes_nothing_inside():

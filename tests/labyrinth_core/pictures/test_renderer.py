@@ -193,16 +193,6 @@ def test_the_png_holds_the_very_pixels_of_the_array(labyrinth, data):
         np.testing.assert_array_equal(np.asarray(image), render(labyrinth, state))
 
 
-@pytest.mark.slow
-@settings(max_examples=25)
-@given(labyrinths(), st.sampled_from([1, 7, 64, 84, 599, 600, 601]), st.data())
-def test_another_size_is_the_area_average_of_the_picture(labyrinth, size, data):
-    state = data.draw(st.sampled_from(states_of(labyrinth)))
-    picture = render(labyrinth, state, size)
-    assert (picture.shape, picture.dtype) == ((size, size, 3), np.uint8)
-    np.testing.assert_array_equal(picture, area_average(render(labyrinth, state), size))
-
-
 @settings(max_examples=25)
 @given(labyrinths(), randoms)
 def test_a_painter_that_drew_other_states_draws_like_a_new_one(labyrinth, random):

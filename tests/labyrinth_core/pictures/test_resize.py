@@ -1,6 +1,8 @@
 """Small pictures from strips: those that averaging the large ones gives, to the last bit."""
 
 import hashlib
+import tracemalloc
+from random import Random
 
 import numpy as np
 import pytest
@@ -8,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
-from labyrinth_core.pictures import resize as shrinking
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.renderer import Painter, render
-from labyrinth_core.pictures.resize import area_average, shrink
+from labyrinth_core.pictures.resize import REMEMBERED_BYTES, area_average, shrink
 from labyrinth_core.world.dynamics import initial, state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
@@ -42,10 +43,15 @@ def test_pure_white_stays_pure_white():
 
 
 def test_what_is_remembered_takes_no_more_than_a_fixed_space():
-    for image_size in (1, 64, 599, 1000):
-        most = shrinking._remembering_shares(image_size).cache_info().maxsize
-        strip = shrinking._share(((bytes(1800), 60),), 0, image_size=image_size)
-        assert most == 32 or most * strip.sums.nbytes <= shrinking.REMEMBERED_BYTES
+    random = Random(0)
+    tracemalloc.start()
+    try:
+        for _ in range(100):  # A thousand strips, of which no two are equal: 110 MB of shares.
+            shrink([((random.randbytes(1800), 60),) for _ in range(10)], 299)
+        remembered, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert remembered < 2.2 * REMEMBERED_BYTES
 
 
 def test_the_pixels_are_those_of_the_version_that_caches_name():

@@ -11,7 +11,6 @@ from known_labyrinths import KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.pictures.backdrops import cut, paste
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_of
 from labyrinth_core.pictures.resize import area_average
@@ -144,16 +143,3 @@ def test_sums_just_below_the_next_colour_are_rounded_down(image_size):
     assert 256 * bands.unit < 2 ** (np.finfo(dtype).nmant + 1), "sums are exact"
     assert bands.rounded((whole - 1).astype(dtype)).tolist() == list(range(255))
     assert bands.rounded(whole.astype(dtype)).tolist() == list(range(1, 256))
-
-
-def test_what_is_cut_out_of_pictures_can_be_pasted_back():
-    pictures = np.random.default_rng(0).integers(256, size=(5, 9, 9, 3), dtype=np.uint8)
-    before, places = pictures.copy(), np.array([3, 0])
-    corners = np.array([2, 6]), np.array([0, 5])
-    patches = cut(pictures, places, corners, 3)
-    np.testing.assert_array_equal(patches[1], before[0, 6:9, 5:8])
-    paste(pictures, places, corners, 255 - patches)
-    np.testing.assert_array_equal(pictures[3, 2:5, 0:3], 255 - before[3, 2:5, 0:3])
-    assert (pictures != before).any(axis=-1).sum() == 18
-    paste(pictures, places, corners, patches)
-    np.testing.assert_array_equal(pictures, before)

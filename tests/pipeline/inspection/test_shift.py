@@ -98,17 +98,6 @@ def test_p_values_are_uniform_where_nothing_differs():
     assert 0.02 < np.mean(np.array(p_values) <= 0.05) < 0.09
 
 
-def test_rows_instead_of_episodes_would_have_seen_shifts_that_are_not_there():
-    """Why whole units are exchanged: rows of one episode are alike."""
-    rng = np.random.default_rng(8)
-    found = 0
-    for _ in range(40):
-        a, b = (episodes(rng, 12, [0.4, 0.3, 0.2, 0.1]) for _ in range(2))
-        rows = [np.repeat(np.eye(4), counts.sum(axis=0), axis=0) for counts in (a, b)]
-        found += shift.permutation_test(*rows, action_shift, rng, 99).p_values[0] <= 0.05
-    assert found > 40 * 0.1
-
-
 def test_a_planted_shift_has_a_small_p_value_and_only_where_it_was_planted():
     rng = np.random.default_rng(9)
     a, b = episodes(rng, 60, [0.4, 0.3, 0.2, 0.1]), episodes(rng, 60, [0.1, 0.3, 0.2, 0.4])

@@ -26,11 +26,6 @@ def measured(folder):
     return count_dataset(folder, Manifest.read(folder))
 
 
-def shared(certificate):
-    """Return how many labyrinths each pair of splits shares, plain and as mirror images."""
-    return [(len(pair.equal), len(pair.mirrored)) for pair in certificate.pairs]
-
-
 def episodes(folder, split):
     """Return the labyrinth and the replay of each episode of a split."""
     found = []
@@ -125,85 +120,84 @@ def test_the_certificate_of_a_dataset_that_was_built_is_clean(carded):
         assert pairs == list(combinations(SAMPLED_SPLITS, 2))
 
 
-def test_a_structure_copied_from_train_to_test_is_found(folder):
-    copied = labyrinths(folder / DEFAULT, "train")[2]
-    plant(folder / DEFAULT, "test", labyrinths(folder / DEFAULT, "test")[0], copied)
-    assert shared(measured(folder / DEFAULT).certificate) == [(0, 0), (1, 1), (0, 0)]
+def other_than_its_image(folder):
+    """Return a labyrinth of train that is not its own mirror image."""
+    return next(text for text in labyrinths(folder, "train") if transposed(text) != text)
 
 
-def test_a_structure_that_is_the_mirror_image_of_one_in_train_is_found(folder):
-    images = [text for text in labyrinths(folder / DEFAULT, "train") if transposed(text) != text]
-    mirrored = transposed(images[0])
-    plant(folder / DEFAULT, "validation", labyrinths(folder / DEFAULT, "validation")[4], mirrored)
-    certificate = measured(folder / DEFAULT).certificate
-    assert shared(certificate) == [(0, 1), (0, 0), (0, 0)]
-    assert list(certificate.problems()) == [
-        "train and validation share 0 structures, 1 when mirror images count"
-    ]
+def elsewhere(folder):
+    """Return a structure of test with start and goal of the first labyrinth of s0."""
+    structure = parse(labyrinths(folder, "test")[0]).structure
+    ends = parse(labyrinths(folder, "s0")[0])
+    return dump(Labyrinth(structure, ends.start, ends.goal))
 
 
-def test_a_structure_that_comes_twice_in_a_split_is_found(folder):
-    texts = labyrinths(folder / DEFAULT, "test")
-    plant(folder / DEFAULT, "test", texts[0], texts[3])
-    certificate = measured(folder / DEFAULT).certificate
-    assert certificate.repeated == dict.fromkeys(BASE_SPLITS, 0) | {"test": 1}
-    assert list(certificate.problems()) == ["test repeats 1 structures"]
+SHARE = "train and {} share {} structures, 1 when mirror images count"
 
 
-def test_a_structure_of_s0_that_is_not_one_of_train_is_found(folder):
-    other = parse(labyrinths(folder / DEFAULT, "test")[0])
-    old = parse(labyrinths(folder / DEFAULT, "s0")[0])
-    new = dump(Labyrinth(other.structure, old.start, old.goal))
-    plant(folder / DEFAULT, "s0", dump(old), new)
-    certificate = measured(folder / DEFAULT).certificate
-    strangers = {split: len(ids) for split, ids in certificate.strangers.items()}
-    assert strangers == {"random": 0, "s0": 1, "s0_and_g": 0}
-    assert list(certificate.problems()) == ["s0 has 1 structures that are not in train"]
+@pytest.mark.parametrize(
+    ("split", "planted", "problem"),
+    [
+        ("test", lambda folder: labyrinths(folder, "train")[2], SHARE.format("test", 1)),
+        (
+            "validation",
+            lambda folder: transposed(other_than_its_image(folder)),
+            SHARE.format("validation", 0),
+        ),
+        ("test", lambda folder: labyrinths(folder, "test")[3], "test repeats 1 structures"),
+        ("s0", elsewhere, "s0 has 1 structures that are not in train"),
+    ],
+    ids=["a copy", "a mirror image", "twice in a split", "not one of train"],
+)
+def test_a_structure_that_is_where_it_should_not_be_is_found(folder, split, planted, problem):
+    plant(
+        folder / DEFAULT, split, labyrinths(folder / DEFAULT, split)[0], planted(folder / DEFAULT)
+    )
+    assert list(measured(folder / DEFAULT).certificate.problems()) == [problem]
 
 
-def test_a_file_that_is_not_the_manifests_is_refused(folder):
-    path = shard(folder / DEFAULT, "train")
+def in_train(change):
+    """Return a function that changes the table of train."""
+    return lambda folder: write(folder, "train", change(pq.read_table(shard(folder, "train"))))
+
+
+def first_of_train(text):
+    """Return a function that puts a text in the place of the first labyrinth of train."""
+    return lambda folder: plant(folder, "train", labyrinths(folder, "train")[0], text(folder))
+
+
+def cut_short(folder):
+    path = shard(folder, "train")
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(
-        DatasetError, match="is damaged: its sha256 is not the manifest's; delete it, and build"
-    ):
-        measured(folder / DEFAULT)
-
-
-def test_a_missing_file_is_named(folder):
-    shard(folder / DEFAULT, "s0").unlink()
-    with pytest.raises(
-        DatasetError, match=r"s0-00000-of-00001\.parquet cannot be read: .*No such file"
-    ):
-        measured(folder / DEFAULT)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda table: table.drop_columns(["actions"]), "every row needs int"),
-        (lambda table: table.slice(1), r"parquet cannot be read: .* an episode must begin"),
-        (lambda table: table.slice(0, len(table) - 1), "episode ends without its last row"),
-        (lambda table: table.slice(0, 0), "holds 0 labyrinths"),
+        (cut_short, "is damaged: its sha256 is not the manifest's; delete it, and build"),
+        (
+            lambda folder: shard(folder, "s0").unlink(),
+            r"s0-00000-of-00001\.parquet cannot be read: .*No such file",
+        ),
+        (in_train(lambda table: table.drop_columns(["actions"])), "every row needs int"),
+        (in_train(lambda table: table.slice(1)), "parquet cannot be read: .* must begin"),
+        (
+            in_train(lambda table: table.slice(0, len(table) - 1)),
+            "episode ends without its last row",
+        ),
+        (in_train(lambda table: table.slice(0, 0)), "holds 0 labyrinths"),
+        (
+            first_of_train(lambda folder: labyrinths(folder.parent / OTHER, "train")[0]),
+            "parquet cannot be read: .* is 3x4, not 3x3$",
+        ),
+        (first_of_train(lambda _: "no labyrinth"), "cannot be read"),
     ],
 )
-def test_rows_that_make_no_episodes_are_refused_in_one_line(folder, change, message):
-    write(folder / DEFAULT, "train", change(pq.read_table(shard(folder / DEFAULT, "train"))))
+def test_shards_that_are_damaged_or_make_no_episodes_are_refused_in_one_line(
+    folder, change, message
+):
+    change(folder / DEFAULT)
     with pytest.raises(DatasetError, match=message) as caught:
-        measured(folder / DEFAULT)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_labyrinth_of_another_size_is_refused_in_one_line(folder):
-    other = labyrinths(folder / OTHER, "train")[0]
-    plant(folder / DEFAULT, "train", labyrinths(folder / DEFAULT, "train")[0], other)
-    with pytest.raises(DatasetError, match=r"parquet cannot be read: .* is 3x4, not 3x3$"):
-        measured(folder / DEFAULT)
-
-
-def test_a_text_that_is_no_labyrinth_is_refused_in_one_line(folder):
-    plant(folder / DEFAULT, "train", labyrinths(folder / DEFAULT, "train")[0], "no labyrinth")
-    with pytest.raises(DatasetError, match="cannot be read") as caught:
         measured(folder / DEFAULT)
     assert "\n" not in str(caught.value)
 

@@ -281,8 +281,3 @@ def test_a_new_report_replaces_ours_and_no_other_file(data_dir, tmp_path):
     assert (folder / PAGE).read_bytes() != before
     assert (folder / "photo.png").read_bytes() == b"mine"
     assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
-
-
-def test_the_splits_are_in_the_order_of_the_table(small_dataset):
-    counts = count_dataset(small_dataset.folder, Manifest.read(small_dataset.folder))
-    assert list(counts.splits) == list(BASE_SPLITS)
