@@ -16,7 +16,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import read_rows
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.drawing import describe
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import labyrinth_id, parse, without_agent
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.rollout import replay
@@ -40,16 +40,34 @@ BUILDS = {
 
 @pytest.fixture(scope="module", params=BUILDS)
 def run(request, build, tmp_path_factory):
-    return build(tmp_path_factory.mktemp("data"), labyrinths=5, **BUILDS[request.param])
+    return build(
+        tmp_path_factory.mktemp("data"), labyrinths=5, random_steps=60, **BUILDS[request.param]
+    )
 
 
 def splits_of(run):
     return sorted({path.name.partition("-")[0] for path in run.folder.glob("*-of-*.parquet")})
 
 
+def rows_by_episode(run, split):
+    """Return the rows of each episode of a split, as its files hold them."""
+    episodes = []
+    for path in sorted(run.folder.glob(f"{split}-*-of-*.parquet")):
+        for row in pq.read_table(path).to_pylist():
+            if row["episode_starts"]:
+                episodes.append([])
+            episodes[-1].append(row)
+    return episodes
+
+
+TRANSITIONS = (
+    *("observations", "next_observations", "actions", "rewards", "dones"),
+    *("labyrinth_ids", "rows"),
+)
 OBSERVED = {
     "decoded": ({"image_size": 9}, lambda *of: Painter(of[0]).array(of[1], 9)),
-    "drawn": ({"image_size": 200, "draw": True}, lambda *of: Painter(of[0]).array(of[1], 200)),
+    "decoded in full": ({"image_size": 600}, lambda *of: Painter(of[0]).array(of[1])),
+    "drawn": ({"image_size": 90, "draw": True}, lambda *of: Painter(of[0]).array(of[1], 90)),
     "drawn in full": ({"image_size": 600, "draw": True}, lambda *of: Painter(of[0]).array(of[1])),
     "vector": ({"observation": "vector"}, vector_observation),
     "text": ({"observation": "text"}, describe),
@@ -57,30 +75,45 @@ OBSERVED = {
 
 
 @pytest.mark.parametrize("observed", OBSERVED)
-def test_what_is_observed_is_what_each_replayed_state_shows(run, observed):
+def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(run, observed):
+    """Of episodes loaded and streamed, and of the transitions that are made of them."""
     options, observe = OBSERVED[observed]
-    for split in splits_of(run) if observed in ("drawn", "vector") else ("random",):
-        if observed == "drawn in full":
+    in_full = observed.endswith("in full")
+    for split in ("train",) if in_full else splits_of(run):
+        episodes = rows_by_episode(run, split)
+        if in_full:
             options = options | {"labyrinths": 1}
-        of_split = (run.data_dir, run.folder.name), {"split": split} | options
-        transitions = load_transitions(*of_split[0], **of_split[1], cache_dir=False)
-        expected, dones = [], []
-        both = (
-            load_episodes(*of_split[0], **of_split[1]),
-            stream_episodes(*of_split[0], **of_split[1]),
-        )
-        for episode, streamed in zip(*both, strict=True):
-            labyrinth = parse(episode.info)
-            again = replay(labyrinth, episode.actions.tolist())
-            own = np.array([observe(labyrinth, state) for state in again.states])
-            np.testing.assert_array_equal(episode.observations, own)
-            np.testing.assert_array_equal(streamed.observations, own)
-            assert episode.observations.dtype == own.dtype
-            assert episode.terminated == again.terminated
-            expected.append(own)
-            dones += [False] * (len(episode) - 1) + [again.terminated]
-        np.testing.assert_array_equal(transitions.frames, np.concatenate(expected))
-        assert transitions.dones.tolist() == dones
+            texts = [without_agent(rows[0]["info"]) for rows in episodes]
+            episodes = episodes[: texts.count(texts[0])]
+        place = run.data_dir, run.folder.name
+        transitions = load_transitions(*place, split=split, **options, cache_dir=False)
+        steps, first_row = [], 0
+        both = (load(*place, split=split, **options) for load in (load_episodes, stream_episodes))
+        for rows, *ways in zip(episodes, *both, strict=True):
+            labyrinth = parse(rows[0]["info"])
+            again = replay(labyrinth, [row["actions"] for row in rows[:-1]])
+            shown = np.array([observe(labyrinth, state) for state in again.states])
+            number = int(labyrinth_id(labyrinth), 16)
+            for episode in ways:
+                np.testing.assert_array_equal(episode.observations, shown)
+                np.testing.assert_array_equal(episode.actions, again.actions)
+                np.testing.assert_array_equal(episode.rewards, again.rewards)
+                assert (episode.observations.dtype, episode.rewards.dtype) == (shown.dtype, "f4")
+                assert (len(episode), episode.info) == (len(rows) - 1, rows[0]["info"])
+                assert (episode.terminated, episode.labyrinth_id) == (again.terminated, number)
+            for step, row in enumerate(rows[:-1]):
+                done = again.terminated and step == len(rows) - 2
+                own = row["actions"], row["rewards"], done, number, first_row + step
+                steps.append((shown[step], shown[step + 1], *own))
+            first_row += len(rows)
+        for name, values in zip(TRANSITIONS, zip(*steps, strict=True), strict=True):
+            np.testing.assert_array_equal(getattr(transitions, name), np.array(values), name)
+
+
+def test_random_episodes_end_at_the_goal_or_on_ice_or_are_cut(run):
+    episodes = load_episodes(run.data_dir, run.folder.name, split="random", observation="vector")
+    lasts = [(episode.terminated, episode.rewards[-1] in (1, -100)) for episode in episodes]
+    assert {(False, False)} <= set(lasts) <= {(True, True), (False, False)}
 
 
 def test_optimal_actions_are_those_of_each_state(run):

@@ -134,71 +134,25 @@ def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, tmp_path):
 # Files that are not right.
 
 
-def cut(content):
-    return content[:-1]
+DAMAGE = {
+    "cut": lambda content: content[:-1],
+    "cut in the frames": lambda content: content[: len(content) // 2],
+    "no more than a digest": lambda content: content[-32:],
+    "emptied": lambda _: b"",
+    "longer": lambda content: content + bytes(64),
+    "another file": lambda _: b"not a cache file at all" * 1000,
+    "digest changed": lambda content: content[:-1] + bytes([content[-1] ^ 1]),
+    "shape changed": lambda content: content.replace(b", 8, 8, 3)", b", 8, 4, 6)", 1),
+    "shape beyond all bounds": lambda content: content.replace(
+        b", 8, 8, 3), }     ", b"1" * 5 + b", 8, 8, 3), }", 1
+    ),
+    "objects instead of numbers": lambda content: content.replace(b"'<i8'", b"'|O8'", 1),
+    "header changed": lambda content: content.replace(b"'|u1'", b"'|i1'", 1),
+    "column changed": lambda content: content[:-100] + bytes([content[-100] ^ 1]) + content[-99:],
+}
 
 
-def cut_in_the_frames(content):
-    return content[: len(content) // 2]
-
-
-def no_more_than_a_digest(content):
-    return content[-32:]
-
-
-def emptied(_):
-    return b""
-
-
-def longer(content):
-    return content + bytes(64)
-
-
-def another_file(_):
-    return b"not a cache file at all" * 1000
-
-
-def digest_changed(content):
-    return content[:-1] + bytes([content[-1] ^ 1])
-
-
-def shape_changed(content):
-    return content.replace(b", 8, 8, 3)", b", 8, 4, 6)", 1)
-
-
-def shape_beyond_all_bounds(content):
-    return content.replace(b", 8, 8, 3), }     ", b"1" * 5 + b", 8, 8, 3), }", 1)
-
-
-def objects_instead_of_numbers(content):
-    return content.replace(b"'<i8'", b"'|O8'", 1)
-
-
-def header_changed(content):
-    return content.replace(b"'|u1'", b"'|i1'", 1)
-
-
-def column_changed(content):
-    return content[:-100] + bytes([content[-100] ^ 1]) + content[-99:]
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        cut,
-        cut_in_the_frames,
-        no_more_than_a_digest,
-        emptied,
-        longer,
-        another_file,
-        digest_changed,
-        shape_changed,
-        shape_beyond_all_bounds,
-        objects_instead_of_numbers,
-        header_changed,
-        column_changed,
-    ],
-)
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_file_that_is_not_right_is_made_again(data_dir, cache, damage):
     whole = load_transitions(data_dir, "3x3", image_size=8, cache_dir=False)
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)

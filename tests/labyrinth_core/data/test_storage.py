@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from s3_server import S3Server, serving
 
-from labyrinth_core.data import storage
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_transitions
 from labyrinth_core.data.manifest import MANIFEST, Manifest
@@ -127,19 +126,20 @@ def test_a_file_that_is_not_finished_is_not_there(
     assert not list(folder.glob("*"))
 
 
-def test_what_a_store_raises_becomes_one_os_error_with_the_url(
-    monkeypatch: pytest.MonkeyPatch, memory: str
-) -> None:
-    class Failing:
-        _strip_protocol = staticmethod(str)
+class FailingStore(fsspec.AbstractFileSystem):
+    """A store that fails with an error of its own."""
 
-        def cat_file(self, path: str) -> bytes:
-            raise RuntimeError(f"no\ncredentials for {path}")
+    protocol = "failing"
 
-    monkeypatch.setattr(storage, "_filesystem", lambda _protocol: Failing())
+    def cat_file(self, path: str, **_: Any) -> bytes:
+        raise RuntimeError(f"no\ncredentials for {path}")
+
+
+def test_what_a_store_raises_becomes_one_os_error_with_the_url() -> None:
+    fsspec.register_implementation("failing", FailingStore, clobber=True)
     with pytest.raises(OSError, match="RuntimeError: no credentials") as caught:
-        RemotePath(f"{memory}/x").read_bytes()
-    assert caught.value.filename == f"{memory}/x"
+        RemotePath("failing://labyrinth/x").read_bytes()
+    assert caught.value.filename == "failing://labyrinth/x"
 
 
 def test_a_file_url_is_a_local_folder(tmp_path: Path) -> None:
@@ -239,19 +239,15 @@ def test_files_of_a_person_in_a_store_stop_the_build_that_would_replace_them(
 
 
 def test_in_a_store_a_dataset_that_is_being_replaced_is_none_until_the_new_one_is_whole(
-    build: Build, memory: str, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+    build: Build, server: S3Server, bucket: str, small_dataset: Run
 ) -> None:
-    def fail(_job: generation.ShardJob) -> Any:
-        raise OSError("no quota left")
-
-    build(memory, labyrinths=2, random_steps=5)
-    with monkeypatch.context() as patch:
-        patch.setattr(generation, "make_shard", fail)
-        with pytest.raises(DatasetError, match="no quota left"):
-            build(memory, overwrite=True)
-    assert not (folder_at(memory) / "3x3" / MANIFEST).exists()
-    run = build(memory)
-    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
+    build(bucket, labyrinths=2, random_steps=5)
+    server.fault = denied(".parquet", 0)
+    with pytest.raises((DatasetError, OSError), match=f"{bucket}|quota"):
+        build(bucket, overwrite=True)
+    assert not (folder_at(bucket) / "3x3" / MANIFEST).exists()
+    server.fault = lambda _method, _path: False
+    assert content_of(build(bucket).data_dir) == content_of(small_dataset.data_dir)
 
 
 def denied(part: str, times: int) -> Callable[[str, str], bool]:
