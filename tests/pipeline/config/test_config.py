@@ -389,11 +389,20 @@ def test_json_of_another_kind_is_no_dataset_config(name: str, value: Any) -> Non
         DatasetConfig.from_json(good | {name: value})
 
 
-def test_a_dataset_that_does_not_use_the_least_walls_is_described_as_before_there_were_any() -> (
-    None
-):
-    assert "min_walls" not in dataset().to_json()
-    assert dataset(splits=SplitsConfig(3)).to_json()["min_walls"] == 3
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"splits": SplitsConfig(3)}, "min_walls"),
+        ({"goals": "varied"}, "goals"),
+        ({"shifts": ("g",)}, "shifts"),
+        (noisy(0.1), "noise"),
+        ({"demonstrations": DemonstrationsConfig(pieces=3)}, "pieces"),
+    ],
+)
+def test_an_option_that_is_not_used_is_not_written_as_before_it_was_there(
+    options: dict[str, Any], name: str
+) -> None:
+    assert set(dataset(**options).to_json()) == {*WRONG_KINDS, name}
 
 
 def test_json_with_other_fields_is_no_dataset_config() -> None:

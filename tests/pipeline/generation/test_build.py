@@ -17,6 +17,7 @@ import yaml
 from brute_force import simple_routes, world_of
 from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
+from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
 from PIL import Image
 from tampering import Rows, content_of, episode_starts, manifest_of, read_rows
@@ -403,27 +404,19 @@ def test_a_limit_of_solutions_is_kept_and_reported(
 # Going on after an end that came too soon.
 
 
-class TooSoonError(BaseException):
-    """The end of a process, as far as the build is concerned."""
-
-
 @pytest.fixture
 def stop_after(build: Build) -> Callable[..., Path]:
     """A function that begins a build, ends it after some shards, and returns its folder."""
 
     def begin(data_dir: Path, shards: int, **options: Any) -> Path:
-        make_shard, made = generation.make_shard, []
+        left = iter(range(shards))
 
-        def make_some(job: generation.ShardJob) -> Shard:
-            if len(made) == shards:
-                raise TooSoonError
-            made.append(job)
-            return make_shard(job)
+        def end() -> None:
+            if next(left, None) is None:
+                raise CrashError
 
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(generation, "make_shard", make_some)
-            with pytest.raises(TooSoonError):
-                build(data_dir, **options)
+        with before_each_shard(end), pytest.raises(CrashError):
+            build(data_dir, **options)
         return data_dir / ".3x3.building"
 
     return begin

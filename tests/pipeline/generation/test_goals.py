@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -192,15 +191,6 @@ def test_another_seed_draws_other_ends(build: Build, tmp_path: Path, tiny: Run) 
 
 
 # With the option as it was, all is as it was.
-
-
-def test_fixed_goals_change_not_a_byte_and_no_name(build: Build, tmp_path: Path) -> None:
-    plain = build(tmp_path / "plain", labyrinths=4)
-    fixed = build(tmp_path / "fixed", labyrinths=4, goals="fixed")
-    one, other = (run.folder / "manifest.json" for run in (plain, fixed))
-    assert one.read_bytes() == other.read_bytes()
-    assert "goals" not in json.loads(one.read_bytes())["config"]
-    assert all(ends(each) == ((0, 0), (2, 2)) for each in shown(fixed.folder, "train"))
 
 
 def test_a_folder_with_fixed_goals_is_not_taken_for_one_with_varied(

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from interrupting import before_each_shard
 from tampering import TRAIN, content_of, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from pipeline.config.run import Run
-from pipeline.generation import build as generation
 
 Build = Callable[..., Run]
 
@@ -112,20 +112,16 @@ def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
 
 
 def test_notes_that_came_during_the_build_are_not_lost_and_no_shard_is(
-    build: Build, folder: Path, monkeypatch: pytest.MonkeyPatch
+    build: Build, folder: Path
 ) -> None:
-    make_shard = generation.make_shard
-
-    def make(job: generation.ShardJob) -> object:
-        (folder / "notes.txt").write_text("years of work")
-        return make_shard(job)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(generation, "make_shard", make)
-        with pytest.raises(DatasetError, match=r"3x3 holds notes\.txt"):
-            build(folder.parent, seed=1, overwrite=True)
-    assert (folder / "notes.txt").read_text() == "years of work"
-    (folder / "notes.txt").unlink()
+    notes = folder / "notes.txt"
+    with (
+        before_each_shard(lambda: notes.write_text("years of work")),
+        pytest.raises(DatasetError, match=r"3x3 holds notes\.txt"),
+    ):
+        build(folder.parent, seed=1, overwrite=True)
+    assert notes.read_text() == "years of work"
+    notes.unlink()
     made = identities(folder.parent / ".3x3.building" / "shards")
     build(folder.parent, seed=1, overwrite=True)
     assert Manifest.read(folder).config.seed == 1

@@ -65,14 +65,6 @@ def test_so_many_actions_are_optimal_as_the_noise_says(
     assert found < len(rows)
 
 
-def test_without_noise_not_a_byte_changes(build: Build, tmp_path: Path) -> None:
-    plain = build(tmp_path / "plain", **OPTIONS)
-    silent = noisy(build, tmp_path / "silent", 0)
-    assert (plain.folder / "manifest.json").read_bytes() == (
-        silent.folder / "manifest.json"
-    ).read_bytes()
-
-
 def test_a_route_that_the_demonstrator_did_not_take_is_found(build: Build, tmp_path: Path) -> None:
     run = noisy(build, tmp_path, 0.3)
     file = "train-00000-of-00001.parquet"

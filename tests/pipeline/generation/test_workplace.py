@@ -16,12 +16,12 @@ from typing import Any
 
 import filelock
 import pytest
+from interrupting import CrashError, before_each_shard, crash
 from tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
 from pipeline.config.run import Run
-from pipeline.generation import build as generation
 from pipeline.generation import workplace
 from pipeline.machinery.folders import held
 
@@ -37,17 +37,14 @@ def test_the_second_of_two_runs_waits_says_for_whom_and_finds_all_done(
     build: Build, tmp_path: Path, small_dataset: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     second = threading.Thread(target=lambda: build(tmp_path))
-    make_shard = generation.make_shard
 
-    def make(job: generation.ShardJob) -> object:
+    def begin() -> None:
         if not second.ident:
             second.start()
             second.join(0.5)
             assert second.is_alive()
-        return make_shard(job)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(generation, "make_shard", make)
+    with before_each_shard(begin):
         build(tmp_path)
     second.join()
     printed = " ".join(capsys.readouterr().out.split())
@@ -118,55 +115,20 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
     assert identities(folder) == made  # Nothing was written again.
 
 
-class CrashError(BaseException):
-    """The end of a process, as far as the build is concerned."""
-
-
-@pytest.mark.parametrize("moment", ["before", "after"])
-def test_a_crash_around_the_move_into_place_costs_no_shard(
-    build: Build,
-    tmp_path: Path,
-    small_dataset: Run,
-    moment: str,
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("moment", ["before the move", "after the move", MANIFEST, "README.md"])
+def test_a_crash_costs_no_shard_and_leaves_nothing_in_the_end(
+    build: Build, tmp_path: Path, small_dataset: Run, moment: str
 ) -> None:
-    move = workplace.move_into_place
-
-    def crash(shards: Path, folder: Path) -> None:
-        if moment == "after":
-            move(shards, folder)
-        raise CrashError
-
-    with monkeypatch.context() as patch:
-        patch.setattr(workplace, "move_into_place", crash)
-        with pytest.raises(CrashError):
-            build(tmp_path)
-    assert (tmp_path / "3x3" / MANIFEST).exists() == (moment == "after")
-    made = identities(tmp_path / ("3x3" if moment == "after" else ".3x3.building/shards"))
+    with crash(moment):
+        build(tmp_path)
+    moved = moment in ("after the move", "README.md")
+    assert (tmp_path / "3x3" / MANIFEST).exists() == moved
+    written = [] if moment.endswith("the move") else [f".{moment}."]
+    assert [path.name[: len(moment) + 2] for path in tmp_path.rglob("*.tmp")] == written
+    made = identities(tmp_path / ("3x3" if moved else ".3x3.building/shards"))
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
     assert identities(tmp_path / "3x3") == made  # Nothing was written again.
-
-
-@pytest.mark.parametrize("name", [MANIFEST, "README.md"])
-def test_a_crash_while_a_file_is_written_leaves_nothing_of_it_in_the_end(
-    build: Build, tmp_path: Path, small_dataset: Run, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    replace = Path.replace
-
-    def crash(self: Path, target: Path) -> Path:
-        if target.name == name:
-            raise CrashError
-        return replace(self, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", crash)
-        patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.
-        with pytest.raises(CrashError):
-            build(tmp_path)
-    assert [path.name[: len(name) + 2] for path in tmp_path.rglob("*.tmp")] == [f".{name}."]
-    build(tmp_path)
-    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
 
 
 def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
@@ -174,7 +136,7 @@ def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
 ) -> None:
     rmtree = shutil.rmtree
 
-    def crash(folder: str | Path, **options: Any) -> None:
+    def crash_midway(folder: str | Path, **options: Any) -> None:
         config = Path(folder) / "config.json"
         if config.exists():
             config.unlink()
@@ -182,7 +144,7 @@ def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
         rmtree(folder, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(shutil, "rmtree", crash)
+        patch.setattr(shutil, "rmtree", crash_midway)
         with pytest.raises(CrashError):
             build(tmp_path)
     assert list(tmp_path.glob(".3x3.building/*-of-*.json"))
@@ -214,13 +176,8 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
 def test_a_clock_that_jumps_changes_nothing(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def crash(*_: Path) -> None:
-        raise CrashError
-
-    with monkeypatch.context() as patch:
-        patch.setattr(workplace, "move_into_place", crash)
-        with pytest.raises(CrashError):
-            build(tmp_path)
+    with crash("before the move"):
+        build(tmp_path)
     for number, path in enumerate(sorted(tmp_path.rglob("*"))):
         moment = number % 2 * 4e9  # In 1970 and in 2096.
         os.utime(path, (moment, moment))
@@ -232,16 +189,11 @@ def test_a_clock_that_jumps_changes_nothing(
     assert identities(tmp_path / "3x3") == made  # Nothing was written again.
 
 
-def test_a_run_that_took_the_place_over_is_noticed(
-    build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    make_shard = generation.make_shard
-
-    def take_over(job: generation.ShardJob) -> object:
-        (tmp_path / ".3x3.building" / "config.json").write_text("{}")
-        return make_shard(job)
-
-    monkeypatch.setattr(generation, "make_shard", take_over)
-    with pytest.raises(DatasetError, match="another run has begun another dataset"):
+def test_a_run_that_took_the_place_over_is_noticed(build: Build, tmp_path: Path) -> None:
+    config = tmp_path / ".3x3.building" / "config.json"
+    with (
+        before_each_shard(lambda: config.write_text("{}")),
+        pytest.raises(DatasetError, match="another run has begun another dataset"),
+    ):
         build(tmp_path)
     assert not (tmp_path / "3x3").exists()

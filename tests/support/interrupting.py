@@ -1,0 +1,55 @@
+"""Builds that something happens to, or that end, at a given moment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from labyrinth_core.data.manifest import Shard
+from pipeline.generation import build, workplace
+
+
+class CrashError(BaseException):
+    """The end of a process, as far as the build is concerned."""
+
+
+@contextmanager
+def before_each_shard(act: Callable[[], None]) -> Iterator[None]:
+    """Let something happen before each shard is made."""
+    make_shard = build.make_shard
+
+    def make(job: build.ShardJob) -> Shard:
+        act()
+        return make_shard(job)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "make_shard", make)
+        yield
+
+
+@contextmanager
+def crash(moment: str) -> Iterator[None]:
+    """End a build before or after the move into place, or while a file of this name is written."""
+    move, replace = workplace.move_into_place, Path.replace
+
+    def crashing_move(shards: Path, folder: Path) -> None:
+        if moment == "after the move":
+            move(shards, folder)
+        raise CrashError
+
+    def crashing_replace(file: Path, target: Path) -> Path:
+        if target.name == moment:
+            raise CrashError
+        return replace(file, target)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if moment.endswith("the move"):
+            patch.setattr(workplace, "move_into_place", crashing_move)
+        else:
+            patch.setattr(Path, "replace", crashing_replace)
+            patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.
+        with pytest.raises(CrashError):
+            yield
