@@ -44,6 +44,8 @@ Build = Callable[..., Run]
 OTHER = "validation-00000-of-00001.parquet"
 """A file whose labyrinths are not the parents of others."""
 
+RANDOM = "random-00000-of-00001.parquet"
+
 FOREIGN = {"zlib": "0.0.0"}
 """Versions that say the bytes of pictures may be others."""
 
@@ -263,19 +265,62 @@ def test_a_labyrinth_of_another_size_or_task_is_found(folder: Path, build: Build
     assert names(found, start, "info")
 
 
-def test_an_action_after_the_goal_is_found(folder: Path) -> None:
-    with rows_of(folder) as rows:
-        last = episode_starts(rows)[1] - 1
-        extra = dict(rows[last]) | {
-            "obs": rows[last]["obs"] | {"path": "train-000000-000-0009.png"}
-        }
-        rows[last]["actions"] = 2
-        rows.insert(last + 1, extra)
-    assert names(problems(folder), last, "actions")
-
-
 def route_of(rows: Rows) -> list[int]:
     return [row["actions"] for row in rows[: episode_starts(rows)[1] - 1]]
+
+
+def an_action_after_the_goal(rows: Rows) -> int:
+    last = episode_starts(rows)[1] - 1
+    picture = rows[last]["obs"] | {"path": "train-000000-000-0009.png"}
+    rows.insert(last + 1, rows[last] | {"obs": picture})
+    rows[last]["actions"] = 2
+    return last
+
+
+def a_route_that_ends_before_the_goal(rows: Rows) -> int:
+    labyrinth, route = parse(rows[0]["info"]), route_of(rows)
+    rows[: len(route) + 1] = episode_rows("train", 0, labyrinth, route[:-1])
+    return len(route) - 1
+
+
+def a_row_less_at_the_end(rows: Rows) -> int:
+    rows.pop()
+    return len(rows) - 1
+
+
+def steps_of_random_left_out(rows: Rows) -> int:
+    labyrinth = parse(rows[0]["info"])
+    own = [row for row in rows if row["info"] == rows[0]["info"]]
+    rows[: len(own)] = episode_rows("random", 0, labyrinth, route_of(rows)[:1])
+    return 0
+
+
+def a_random_episode_cut_too_early(rows: Rows) -> int:
+    labyrinth = parse(rows[0]["info"])
+    own = [row for row in rows if row["info"] == rows[0]["info"]]
+    rest = episode_rows("random", 0, labyrinth, [3] * 29)
+    for step, row in enumerate(rest):
+        row["obs"]["path"] = f"random-000000-001-{step:04d}.png"
+    rows[: len(own)] = [*episode_rows("random", 0, labyrinth, [3]), *rest]
+    return 1
+
+
+@pytest.mark.parametrize(
+    ("file", "change"),
+    [
+        (TRAIN, an_action_after_the_goal),
+        (TRAIN, a_route_that_ends_before_the_goal),
+        (TRAIN, a_row_less_at_the_end),
+        (RANDOM, steps_of_random_left_out),
+        (RANDOM, a_random_episode_cut_too_early),
+    ],
+)
+def test_an_episode_that_ends_where_it_may_not_is_found(
+    folder: Path, file: str, change: Callable[[Rows], int]
+) -> None:
+    with rows_of(folder, file) as rows:
+        row = change(rows)
+    assert names(problems(folder), row, "actions", file)
 
 
 def test_a_longer_route_with_the_right_pictures_is_found(folder: Path) -> None:
@@ -288,13 +333,6 @@ def test_a_longer_route_with_the_right_pictures_is_found(folder: Path) -> None:
     assert len(found) == 1
     assert names(found, 0, "actions")
     assert f"routes of {len(route) + 2} moves, instead of one of {len(route)}" in found[0]
-
-
-def test_a_route_that_ends_before_the_goal_is_found(folder: Path) -> None:
-    with rows_of(folder) as rows:
-        labyrinth, route = parse(rows[0]["info"]), route_of(rows)
-        rows[: len(route) + 1] = episode_rows("train", 0, labyrinth, route[:-1])
-    assert names(problems(folder), len(route) - 1, "actions")
 
 
 def test_a_missing_and_a_repeated_route_are_found(build: Build, tmp_path: Path) -> None:
@@ -310,37 +348,6 @@ def test_a_missing_and_a_repeated_route_are_found(build: Build, tmp_path: Path) 
     with rows_of(folder) as rows:
         rows[:] = [*pristine[:second], *pristine]
     assert names(problems(folder), 0, "actions")
-
-
-def test_random_episodes_of_other_lengths_are_found(folder: Path) -> None:
-    file = "random-00000-of-00001.parquet"
-    with rows_of(folder, file) as rows:
-        labyrinth = parse(rows[0]["info"])
-        end = next(n for n, row in enumerate(rows) if row["info"] != rows[0]["info"])
-        rows[:end] = episode_rows("random", 0, labyrinth, route_of(rows)[:1])
-    found = problems(folder)
-    assert names(found, 0, "actions", file)
-
-
-def test_a_random_episode_that_is_cut_too_early_is_found(folder: Path) -> None:
-    file = "random-00000-of-00001.parquet"
-    with rows_of(folder, file) as rows:
-        labyrinth = parse(rows[0]["info"])
-        end = next(n for n, row in enumerate(rows) if row["info"] != rows[0]["info"])
-        one = episode_rows("random", 0, labyrinth, [3])
-        rest = episode_rows("random", 0, labyrinth, [3] * 29)
-        for step, row in enumerate(rest):
-            row["obs"]["path"] = f"random-000000-001-{step:04d}.png"
-        rows[:end] = [*one, *rest]
-    found = problems(folder)
-    assert len(found) == 1
-    assert names(found, 1, "actions", file)
-
-
-def test_rows_missing_at_the_end_are_found(folder: Path) -> None:
-    with rows_of(folder) as rows:
-        rows.pop()
-    assert names(problems(folder), len(rows) - 1, "actions")
 
 
 def test_an_episode_missing_at_the_end_is_found(folder: Path) -> None:
@@ -370,9 +377,7 @@ def test_the_mirror_image_of_a_structure_in_another_split_is_found(folder: Path)
     with rows_of(folder, file) as rows:
         episode = episode_rows("test", 0, image, shortest_routes(image)[0])
         rows[: episode_starts(rows)[1]] = episode
-    (found,) = problems(folder)
-    assert names([found], 0, "info", file)
-    assert f"also in {TRAIN} row " in found
+    assert problems(folder) == [f"{file} row 0 info: the structure belongs to train"]
 
 
 def test_a_structure_twice_in_a_split_is_found(folder: Path) -> None:
@@ -396,7 +401,7 @@ def test_a_structure_in_two_shards_of_a_split_is_found(build: Build, tmp_path: P
     first, second = (f"train-0000{n}-of-00002.parquet" for n in (0, 1))
     with rows_of(folder, second) as rows:
         rows[:] = renamed(read_rows(folder / first), "train", 1)
-    assert names(problems(folder), 0, "info", second)
+    assert f"{second} row 0 info: the structure is also in {first} row 0" in problems(folder)
 
 
 @pytest.mark.parametrize("split", ["random", "s0", "s0_and_g"])
@@ -704,7 +709,7 @@ def test_a_hostile_picture_is_found(folder: Path, name: str) -> None:
 def test_the_stage_raises_all_it_found_and_shows_the_first(
     folder: Path, make_run: Callable[..., Run]
 ) -> None:
-    with rows_of(folder, "random-00000-of-00001.parquet") as rows:
+    with rows_of(folder, RANDOM) as rows:
         for row in rows:
             row["obs"]["path"] = "x"
     run = make_run(folder.parent, stages=["validate"], labyrinths=3)
