@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.version import __version__
+from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.export.split import NAMESPACE, PART_BYTES, Split, in_parts
-from pipeline.inspection.front_matter import DEVELOPERS
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec

@@ -16,9 +16,8 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.data.transitions import LoadedEpisode
-from labyrinth_core.version import __version__
+from labyrinth_core.version import DEVELOPERS, __version__
 from labyrinth_core.world.dynamics import STEP_LIMIT
-from pipeline.inspection.front_matter import DEVELOPERS
 from pipeline.machinery.console import tracked
 
 NAMESPACE = "labyrinth"

@@ -12,15 +12,12 @@ import yaml
 from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import SPLIT, TABLE, TABLE_COLUMNS, table_config
-from labyrinth_core.data.manifest import MANIFEST, Manifest, TableFile
+from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 
 DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
-
-DEVELOPERS = "The Labyrinth datasets developers"
-"""The makers of datasets and of the program, as a name."""
 
 LICENCE = "mit"
 """The licence of a dataset whose card names no other, as the Hub spells it."""
@@ -80,14 +77,61 @@ def with_values(values: dict[str, Any], text: str) -> str:
 def described(manifests: list[Manifest]) -> dict[str, Any]:
     """Return the values by which `load_dataset` knows configs, splits, features and counts."""
     default = default_config(manifests)
-    tables = [(m, m.labyrinths) for m in manifests if m.labyrinths is not None]
+    configs, infos = [], []
+    for manifest in manifests:
+        name, splits = manifest.config.name, manifest.config.splits
+        patterns = {split: shard_pattern(manifest, split) for split in splits}
+        own = {"default": True} if name == default else {}
+        configs.append(_config(name, patterns) | own)
+        shards = {split: manifest.of(split) for split in splits}
+        counts = {
+            split: (sum(shard.bytes for shard in each), sum(shard.rows for shard in each))
+            for split, each in shards.items()
+        }
+        infos.append(_info(name, COLUMNS, counts))
+    for manifest in manifests:
+        if manifest.labyrinths is not None:
+            name = table_config(manifest.config.name)
+            configs.append(_config(name, {SPLIT: f"{manifest.config.name}/{TABLE}"}))
+            rows = sum(shard.labyrinths for shard in manifest.shards)
+            infos.append(_info(name, TABLE_COLUMNS, {SPLIT: (manifest.labyrinths.bytes, rows)}))
+    return {"configs": configs, "dataset_info": infos}
+
+
+def _config(name: str, patterns: Mapping[str, str]) -> dict[str, Any]:
+    """Return where the files of a config are, given the pattern of each split."""
+    files = [{"split": split, "path": pattern} for split, pattern in patterns.items()]
+    return {"config_name": name, "data_files": files}
+
+
+def _info(
+    name: str, columns: Sequence[Column], splits: Mapping[str, tuple[int, int]]
+) -> dict[str, Any]:
+    """Return the information on a config, given the bytes and the rows of each split."""
+    size = sum(count for count, _ in splits.values())
     return {
-        "configs": [
-            *(_config(m, m.config.name == default) for m in manifests),
-            *(_table_config(m.config.name) for m, _ in tables),
+        "config_name": name,
+        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in columns],
+        "splits": [
+            {"name": split, "num_bytes": count, "num_examples": rows}
+            for split, (count, rows) in splits.items()
         ],
-        "dataset_info": [*map(_info, manifests), *(_table_info(m, file) for m, file in tables)],
+        "download_size": size,
+        "dataset_size": size,
     }
+
+
+def _dtype(feature: dict[str, Any]) -> Any:
+    """Return a feature in the form of the front matter."""
+    if feature["_type"] == "ClassLabel":
+        return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
+    return feature.get("dtype", feature["_type"].lower())
+
+
+def shard_pattern(manifest: Manifest, split: str) -> str:
+    """Return the pattern of the paths of a split's shards, and of no file left of another build."""
+    first = manifest.of(split)[0].path
+    return f"{manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
 
 
 def with_generated(text: str, generated: str) -> str:
@@ -136,61 +180,6 @@ def licence_of(values: Mapping[str, Any]) -> str:
     """Return the licence that a front matter names, or several of them."""
     licence = values.get("license") or LICENCE
     return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
-
-
-def _config(manifest: Manifest, default: bool) -> dict[str, Any]:
-    name, splits = manifest.config.name, manifest.config.splits
-    files = [{"split": split, "path": shard_pattern(manifest, split)} for split in splits]
-    return {"config_name": name, "data_files": files} | ({"default": True} if default else {})
-
-
-def shard_pattern(manifest: Manifest, split: str) -> str:
-    """Return the pattern of the paths of a split's shards, and of no file left of another build."""
-    first = manifest.of(split)[0].path
-    return f"{manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
-
-
-def _info(manifest: Manifest) -> dict[str, Any]:
-    counts = {
-        split: (sum(shard.bytes for shard in shards), sum(shard.rows for shard in shards))
-        for split, shards in ((split, manifest.of(split)) for split in manifest.config.splits)
-    }
-    return _info_of(manifest.config.name, COLUMNS, counts)
-
-
-def _table_config(name: str) -> dict[str, Any]:
-    files = [{"split": SPLIT, "path": f"{name}/{TABLE}"}]
-    return {"config_name": table_config(name), "data_files": files}
-
-
-def _table_info(manifest: Manifest, file: TableFile) -> dict[str, Any]:
-    rows = sum(shard.labyrinths for shard in manifest.shards)
-    name = table_config(manifest.config.name)
-    return _info_of(name, TABLE_COLUMNS, {SPLIT: (file.bytes, rows)})
-
-
-def _info_of(
-    name: str, columns: Sequence[Column], splits: Mapping[str, tuple[int, int]]
-) -> dict[str, Any]:
-    """Return the information on a config, given the bytes and the rows of each split."""
-    size = sum(count for count, _ in splits.values())
-    return {
-        "config_name": name,
-        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in columns],
-        "splits": [
-            {"name": split, "num_bytes": count, "num_examples": rows}
-            for split, (count, rows) in splits.items()
-        ],
-        "download_size": size,
-        "dataset_size": size,
-    }
-
-
-def _dtype(feature: dict[str, Any]) -> Any:
-    """Return a feature in the form of the front matter."""
-    if feature["_type"] == "ClassLabel":
-        return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
-    return feature.get("dtype", feature["_type"].lower())
 
 
 def _text(manifests: list[Manifest]) -> str:

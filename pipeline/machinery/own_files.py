@@ -1,7 +1,7 @@
 """The files that stages leave in a person's folder, told from the files of that person.
 
 `SHA256SUMS` lists what was left, with hashes. A file that it does not list, or lists with another
-hash, is somebody's own: it is neither written over, nor removed, nor published.
+hash, belongs to the user: it is neither written over, nor removed, nor published.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class OwnFiles:
             always: A pattern of the name of a file that every list of this folder names.
 
         Raises:
-            DatasetError: There is a list that somebody else made.
+            DatasetError: There is a list that no stage made.
         """
         path = folder / HASHES
         try:
@@ -50,20 +50,13 @@ class OwnFiles:
             raise DatasetError(f"{path} is somebody else's: move it away, or choose another folder")
         return cls(folder, hashes)
 
-    @classmethod
-    def adopted(cls, folder: AnyPath, names: Iterable[str]) -> OwnFiles:
-        """Return files of an earlier version, which left no list, as they are now."""
-        paths = {name: folder / name for name in names}
-        there = {name: path for name, path in paths.items() if path.is_file()}
-        return cls(folder, frozenset((name, file_sha256(p)) for name, p in there.items()))
-
     def has(self, name: str) -> bool:
         """Return whether a file is there as it was left."""
         path = self.folder / name
         return path.is_file() and (name, file_sha256(path)) in self.hashes
 
     def others(self, files: Mapping[str, bytes]) -> list[str]:
-        """Return the names at which files would be written over somebody else's."""
+        """Return the names at which files would be written over a user's."""
 
         def is_free(name: str, content: bytes) -> bool:
             path = self.folder / name

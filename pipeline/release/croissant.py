@@ -18,6 +18,7 @@ from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.limits import limits
@@ -44,7 +45,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "url": release.url,
         "version": release.version or "0.0.0-unreleased",
         "citeAs": citation().partition("\n\n")[0],
-        "creator": [{"@type": "Organization", "name": front_matter.DEVELOPERS}],
+        "creator": [{"@type": "Organization", "name": DEVELOPERS}],
         "rai:dataLimitations": limits(datasets),
         "prov:wasGeneratedBy": [
             {

@@ -1,4 +1,4 @@
-"""Which files of a folder belong to a release of its datasets, and which are somebody's own."""
+"""Which files of a folder belong to a release of its datasets, and which are the user's."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def own_files(data_dir: AnyPath) -> OwnFiles:
     """Return the files that the stage `card` has left in a folder.
 
     Raises:
-        DatasetError: There is a SHA256SUMS of somebody else.
+        DatasetError: There is a SHA256SUMS of another program.
     """
     # The second is in every list but one that a first run was killed over.
     return OwnFiles.read(data_dir, always=rf"{PICTURES}/[^/]+\.png|[^/]+/{MANIFEST}")
@@ -52,15 +52,6 @@ def changelog_of(data_dir: AnyPath) -> str | None:
     return text if is_changelog(text) else None
 
 
-def published_files(data_dir: AnyPath, manifests: Sequence[Manifest]) -> list[str]:
-    """Return the paths in a folder of all files of its finished datasets and their card.
-
-    Raises:
-        DatasetError: An analysis is damaged, or SHA256SUMS is somebody else's.
-    """
-    return _published(own_files(data_dir), manifests)
-
-
 def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
     """Return the files of a release by their paths on the Hub.
 
@@ -69,10 +60,10 @@ def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
         folder: A folder of datasets; or one that holds nothing but the files of the release.
 
     Raises:
-        DatasetError: As for `published_files`.
+        DatasetError: An analysis is damaged, or SHA256SUMS is another program's.
     """
     if kind is DATASET:
-        names = published_files(folder, front_matter.finished(folder))
+        names = _published(own_files(folder), front_matter.finished(folder))
     else:
         files = (path for path in sorted(folder.rglob("*")) if path.is_file())
         names = [path.relative_to(folder).as_posix() for path in files]
@@ -80,6 +71,7 @@ def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
 
 
 def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
+    """Return the paths in a folder of all files of its finished datasets and their card."""
     data_dir = own.folder
     pictures = pictures_of([manifest.config.name for manifest in manifests])
     names = [README, *([CHANGELOG] if changelog_of(data_dir) else [])]

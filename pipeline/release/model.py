@@ -7,7 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import yaml
@@ -17,33 +17,98 @@ from huggingface_hub.errors import RevisionNotFoundError
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.spec import CONFIG, OWN, WEIGHTS, NetworkSpec, PolicySpec
+from labyrinth_core.policies.spec import (
+    CONFIG,
+    OWN,
+    WEIGHTS,
+    MapperSpec,
+    NetworkSpec,
+    PlannerSpec,
+    PolicySpec,
+)
 from pipeline.config.run import Run
 from pipeline.config.training import POLICY
-from pipeline.release import model_card
-from pipeline.release.model_card import Trained
+from pipeline.machinery.markdown import count, table
 from pipeline.release.plan import DATASET
+from pipeline.release.provenance import code
 from pipeline.release.remote import PublishError, Remote, explained
 from pipeline.release.side_files import evaluation_task
+from pipeline.release.texts import citation, fill, paragraph
 
 EVAL_RESULTS = ".eval_results"
 """The folder in which the Hub looks for results (https://huggingface.co/docs/hub/eval-results)."""
 
 
+@dataclass(frozen=True)
+class Trained:
+    """A policy that is published, and what is known of it."""
+
+    model: str
+    """The id on the Hub, such as `user/planner-5x5`."""
+    version: str
+    spec: PolicySpec
+    weights: int
+    """The number of its weights."""
+    dataset: str
+    """The id on the Hub of the dataset that it was trained on."""
+    revision: str
+    """The revision of the dataset, as it was named."""
+    commit: str
+    """The commit that the revision means."""
+    manifest: Manifest
+    results: Results
+    """What it achieves on that dataset."""
+    run: TrainedRun
+    """The run that made it."""
+
+    @property
+    def config(self) -> str:
+        """The config of the dataset."""
+        return self.manifest.config.name
+
+
+def published_dataset(run: Run, api: HfApi) -> tuple[str, Manifest]:
+    """Return the commit and the manifest of the dataset on the Hub that a run names.
+
+    Raises:
+        PublishError: The Hub has no such revision, or refuses.
+    """
+    repo_id, revision = run.dataset_on_hub
+    with explained(repo_id):
+        try:
+            commit = Remote(api, repo_id, DATASET).commit(revision or "main")
+        except RevisionNotFoundError as error:
+            told = f"{repo_id} has no revision {revision}: publish the dataset first"
+            raise PublishError(told) from error
+        return commit, Manifest.read(locate(repo_id, run.dataset.name, [], commit))
+
+
 @contextmanager
-def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
+def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
     """Yield a folder with all that the repository of the policy of a run is to hold.
+
+    Args:
+        run: The run that trained and evaluated it.
+        commit: The commit of the dataset on the Hub.
+        manifest: The manifest of that dataset.
 
     Raises:
         DatasetError: There is no policy that was evaluated, or it does not load.
         PublishError: The dataset on the Hub is not the one that it was trained on.
     """
     source = run.training_folder
+    dataset, revision = run.dataset_on_hub
     results, made = _results(source)
+    if manifest.fingerprint != made.fingerprint:
+        raise PublishError(
+            f"{source} was trained on another dataset than {dataset}: their "
+            f"fingerprints are {made.fingerprint:.8} and {manifest.fingerprint:.8}"
+        )
     with tempfile.TemporaryDirectory(prefix="labyrinth-model-") as temporary:
         folder = Path(temporary)
         _copy_weights(source, folder, made)
@@ -54,8 +119,6 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
         except DatasetError as error:
             told = str(error).replace(str(folder / WEIGHTS), str(source / POLICY))
             raise DatasetError(told.replace(temporary, str(source))) from error
-        dataset, revision = run.dataset_on_hub
-        commit, manifest = _dataset(run, api, made)
         trained = Trained(
             model=run.options.publish.model,
             version=run.options.publish.version,
@@ -63,14 +126,15 @@ def staged_policy(run: Run, api: HfApi) -> Iterator[Path]:
             weights=sum(each.numel() for each in network.parameters()),
             dataset=dataset,
             revision=revision or commit,
+            commit=commit,
             manifest=manifest,
             results=results,
             run=made,
         )
-        write_text(folder / "README.md", model_card.text(trained))
+        write_text(folder / "README.md", _card(trained))
         (folder / EVAL_RESULTS).mkdir()
         name = f"{dataset.rpartition('/')[2]}.yaml"
-        write_text(folder / EVAL_RESULTS / name, eval_results(trained, commit))
+        write_text(folder / EVAL_RESULTS / name, _eval_results(trained))
         yield folder
 
 
@@ -112,45 +176,114 @@ def _spec(run: Run, made: TrainedRun) -> PolicySpec:
     )
 
 
-def _dataset(run: Run, api: HfApi, made: TrainedRun) -> tuple[str, Manifest]:
-    """Return the commit and the manifest of the dataset on the Hub that a run was trained on."""
-    repo_id, revision = run.dataset_on_hub
-    with explained(repo_id):
-        try:
-            commit = Remote(api, repo_id, DATASET).commit(revision or "main")
-        except RevisionNotFoundError as error:
-            told = f"{repo_id} has no revision {revision}: publish the dataset first"
-            raise PublishError(told) from error
-        manifest = Manifest.read(locate(repo_id, run.dataset.name, [], commit))
-    if manifest.fingerprint != made.fingerprint:
-        raise PublishError(
-            f"{run.training_folder} was trained on another dataset than {repo_id}: their "
-            f"fingerprints are {made.fingerprint:.8} and {manifest.fingerprint:.8}"
-        )
-    return commit, manifest
-
-
-def eval_results(trained: Trained, commit: str) -> str:
+def _eval_results(trained: Trained) -> str:
     """Return the success rates, in percent, in the form of the Hub's file of results.
 
     A split of which the policy was shown a part alone, as with `train_labyrinths`, is not in it.
-
-    Args:
-        trained: The policy, its dataset and its evaluation.
-        commit: The commit of the dataset.
     """
-    config, manifest = trained.manifest.config.name, trained.manifest
     entries = [
         EvalResultEntry(
             dataset_id=trained.dataset,
-            dataset_revision=commit,
-            task_id=evaluation_task(config, split),
+            dataset_revision=trained.commit,
+            task_id=evaluation_task(trained.config, split),
             value=round(100 * scores.sr, 6),
             source_url=f"https://huggingface.co/{trained.model}",
             source_name="Model card",
             notes="success rate in percent, one greedy episode a labyrinth",
         )
         for split, scores in trained.results.splits.items()
-        if len(scores.distance) == sum(shard.labyrinths for shard in manifest.of(split))
+        if len(scores.distance) == sum(shard.labyrinths for shard in trained.manifest.of(split))
     ]
     return yaml.safe_dump(eval_result_entries_to_yaml(entries), sort_keys=False)
+
+
+def _card(trained: Trained) -> str:
+    """Return the README.md, a pure function of the evaluation and the dataset."""
+    figures = trained.results.splits["test"].figures()
+    low, high = (f"{100 * bound:.0f}" for bound in figures["sr_interval"])
+    size = trained.spec.image_size
+    shown = ', observation="vector"' if trained.spec.observation == "vector" else ""
+    form = "a function from a batch of observations to the scores of the four actions"
+    if isinstance(trained.spec.own, MapperSpec):
+        shown = f", image_size={size}"
+        form = "an object with `reset(count)` and `act(observations)`, which returns actions"
+    return fill(
+        "model.md",
+        dataset=trained.dataset,
+        method=trained.run.method,
+        config=trained.config,
+        sees="vectors" if size is None else f"pictures of {size} x {size} pixels",
+        solved=f"{figures['sr']:.1%}",
+        low=low,
+        high=high,
+        labyrinths=f"{figures['labyrinths']:,}",
+        model=trained.model,
+        version=trained.version,
+        revision=trained.revision,
+        shown=shown,
+        form=form,
+        weights=f"{trained.weights:,}",
+        training=_training(trained),
+        results=_table_of_results(trained),
+        limits="\n".join(f"- {limit}" for limit in _limits(trained)),
+        code=code(),
+        citation=citation(),
+    )
+
+
+def _training(trained: Trained) -> str:
+    run, training = trained.run, trained.run.training
+    asked = run.train_labyrinths
+    held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
+    labyrinths = count(held if asked is None else asked, "labyrinth")
+    of = "" if asked is None else f", the first of {held:,}"
+    rows = [
+        ("dataset", f"`{trained.config}` of `{trained.dataset}`, revision `{trained.revision}`"),
+        ("its fingerprint", f"`{run.fingerprint}`"),
+        ("learnt from", f"{labyrinths} of `train`{of}"),
+        ("method", f"`{run.method}`, encoder `{run.encoder}`, seed {run.seed}"),
+        ("settings", ", ".join(f"`{name}={value}`" for name, value in run.settings.items())),
+        (
+            "budget",
+            f"{count(training['epochs'], 'epoch')}, {training['seconds']:.0f} seconds on "
+            f"{training['computed']['device']}",
+        ),
+        (
+            "chosen",
+            f"the weights after epoch {training['selected']['epoch']}, by the success rate on "
+            "`validation`",
+        ),
+    ]
+    return table(("what", "value"), rows, "ll")
+
+
+def _table_of_results(trained: Trained) -> str:
+    rows = []
+    for split, scores in trained.results.splits.items():
+        figures = scores.figures()
+        low, high = figures["sr_interval"]
+        efficiency = figures["path_efficiency"]
+        chance = trained.results.baselines["random"].get(split)
+        rows.append(
+            (
+                f"`{split}`",
+                SPLITS[split].meaning,
+                f"{figures['labyrinths']:,}",
+                f"{figures['sr']:.1%}",
+                f"{100 * low:.0f}-{100 * high:.0f}",
+                f"{figures['aer']:.2f} ± {figures['aer_std']:.2f}",
+                "-" if efficiency is None else f"{efficiency:.1%}",
+                "-" if chance is None else f"{chance['sr']:.1%}",
+            )
+        )
+    heading = ("split", "holds", "labyrinths", "SR", "95%", "AER", "efficiency", "random")
+    return table(heading, rows, "ll" + "r" * 6)
+
+
+def _limits(trained: Trained) -> list[str]:
+    """Return the points on what the results do not say."""
+    mapper = isinstance(trained.spec.own, MapperSpec)
+    names = ["one_seed", "chosen", "plans_once" if mapper else "no_memory"]
+    names += ["pictures"] * (trained.spec.observation == "image")
+    names += ["knowledge"] * isinstance(trained.spec.own, PlannerSpec)
+    return [paragraph(f"policy_{name}") for name in names]

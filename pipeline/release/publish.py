@@ -26,7 +26,7 @@ from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.release.card import write_card
 from pipeline.release.files import files_of, left_out
-from pipeline.release.model import staged_policy
+from pipeline.release.model import published_dataset, staged_policy
 from pipeline.release.plan import DATASET, MODEL, SPACE, Plan, make_plan
 from pipeline.release.remote import FAULTS, PublishError, Remote, explained, reasons, repeated
 from pipeline.release.space import staged_report
@@ -59,7 +59,8 @@ def run(run: Run) -> None:
                 config = front_matter.default_config(manifests)
                 say(f'load_dataset("{options.repo_id}", "{config}", {version})')
     if options.model:
-        with explained(options.model), staged_policy(run, api) as folder:
+        dataset = published_dataset(run, api)
+        with explained(options.model), staged_policy(run, *dataset) as folder:
             remote = Remote(api, options.model, MODEL)
             if _release(remote, options, folder, nullcontext(folder)):
                 say(f'load_policy("{options.model}", {version})')
@@ -165,7 +166,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     files = files_of(remote.kind, folder)
     plan = make_plan(remote.kind, files, remote.tree(head) if head else {})
     if others := list(left_out(folder, list(files))):
-        say(f"not published, since they are no files of the release: {', '.join(others)}.")
+        say(f"not part of the release, and not published: {', '.join(others)}.")
     _print_plan(plan, remote, options, exists)
     if options.dry_run:
         return False

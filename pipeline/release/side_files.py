@@ -10,8 +10,8 @@ import yaml
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
-from labyrinth_core.version import __version__
-from pipeline.inspection.front_matter import DEVELOPERS, LICENCE
+from labyrinth_core.version import DEVELOPERS, __version__
+from pipeline.inspection.front_matter import LICENCE
 from pipeline.release.provenance import Release
 from pipeline.release.texts import fill, read
 

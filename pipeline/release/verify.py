@@ -106,6 +106,8 @@ def _watch(process: subprocess.Popen[bytes], output: Path, total: int, patience:
                 raise TimeoutError(f"{waiting}, waiting for {what}")
             bars.update(bar, completed=min(downloaded, total), description=f"verify {what}")
             time.sleep(REFRESH)
+        if process.returncode == 0:
+            bars.update(bar, completed=total, description="verify")
 
 
 def _last_line(output: Path) -> str:

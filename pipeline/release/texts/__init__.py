@@ -7,8 +7,7 @@ from string import Template
 
 import yaml
 
-from labyrinth_core.version import __version__
-from pipeline.inspection.front_matter import DEVELOPERS
+from labyrinth_core.version import DEVELOPERS, __version__
 
 
 def read(name: str) -> str:

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.machinery import own_files
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
 
 
@@ -43,22 +42,13 @@ def test_what_a_person_made_or_changed_is_told_and_never_removed(tmp_path: Path)
     assert content_of(tmp_path) == {"page": b"2", "chart": b"mine", "photo": b"mine"}
 
 
-@pytest.mark.parametrize("moment", ["chart", "page"])
-def test_files_that_a_killed_run_has_written_are_still_known(
-    tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("names", [("chart", "page/impossible"), ("page/impossible", "chart")])
+def test_files_that_an_interrupted_run_has_written_are_still_known(
+    tmp_path: Path, names: tuple[str, str]
 ) -> None:
-    left(tmp_path, page=b"1", chart=b"1")
-    write = own_files.write_bytes
-
-    def crash(path: Path, content: bytes) -> None:
-        if path.name == moment:
-            raise KeyboardInterrupt
-        write(path, content)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(own_files, "write_bytes", crash)
-        with pytest.raises(KeyboardInterrupt):
-            left(tmp_path, chart=b"2", page=b"2")
+    own = left(tmp_path, page=b"1", chart=b"1")
+    with pytest.raises(OSError, match="page"):
+        own.replace(dict.fromkeys(names, b"2"), gone=[])
     own = OwnFiles.read(tmp_path, always="page")
     assert own.others({"page": b"3", "chart": b"3"}) == []
 

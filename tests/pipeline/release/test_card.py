@@ -44,7 +44,8 @@ from pipeline.inspection import analyse, front_matter
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
-from pipeline.release.files import published_files
+from pipeline.release.files import files_of
+from pipeline.release.plan import DATASET
 from pipeline.release.side_files import changelog, evaluation_task
 
 pytestmark = pytest.mark.slow
@@ -390,7 +391,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
     listed = (folder / card.HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
-    assert not {*FOREIGN} & {*published_files(folder, front_matter.finished(folder))}
+    assert not {*FOREIGN} & {*files_of(DATASET, folder)}
 
 
 def test_the_benchmark_has_a_task_for_each_split_but_random_that_results_can_refer_to(carded):
@@ -432,7 +433,7 @@ def test_the_card_of_an_earlier_version_is_written_anew_and_a_picture_in_it_is_n
 
 def test_an_analysis_of_other_rows_is_not_published(folder):
     (folder / DEFAULT / ANALYSIS).write_text('{"fingerprint": "of other rows"}', encoding="utf-8")
-    assert f"{DEFAULT}/{ANALYSIS}" not in published_files(folder, front_matter.finished(folder))
+    assert f"{DEFAULT}/{ANALYSIS}" not in files_of(DATASET, folder)
 
 
 @pytest.mark.parametrize(

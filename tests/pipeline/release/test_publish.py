@@ -317,7 +317,7 @@ def test_files_of_a_person_are_not_published_and_are_named(
     there = {name: digest for name, digest in built(releasable).items() if name not in theirs}
     assert held(local_hub) == there
     named = f"{stray}, CITATION.cff, notes.txt, pictures/my-passport.png, report/"
-    assert f"not published, since they are no files of the release: {named}." in printed
+    assert f"not part of the release, and not published: {named}." in printed
     assert all((releasable / name).read_bytes() == b"mine" for name in theirs)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import yaml
 from hub.local_hub import LocalHub
-from huggingface_hub import EvalResultEntry, HfApi, parse_eval_result_entries
+from huggingface_hub import EvalResultEntry, parse_eval_result_entries
 from publishing import (
     REPO,
     built,
@@ -31,12 +31,12 @@ from submitted import add_up
 
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
 from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.release import model
 from pipeline.release.model import staged_policy
-from pipeline.release.remote import PublishError, Remote
+from pipeline.release.remote import PublishError
 from pipeline.release.space import staged_report
 from pipeline.report.report import write_report
 from pipeline.training import train
@@ -218,13 +218,13 @@ def test_a_version_of_a_policy_is_published_once_and_a_dry_run_changes_nothing(
     assert changes(local_hub) == []
 
 
+COMMIT = "0" * 40
+
+
 @pytest.fixture
-def on_the_hub(trained: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder in the place of the dataset on the Hub."""
-    folder = Path(shutil.copytree(trained.local_dir / "3x3", tmp_path / "3x3"))
-    monkeypatch.setattr(Remote, "commit", lambda *_: "0" * 40)
-    monkeypatch.setattr(model, "locate", lambda *_: folder)
-    return folder
+def manifest(trained: Run) -> Manifest:
+    """The manifest of the dataset that the policy was trained on."""
+    return Manifest.read(trained.local_dir / "3x3")
 
 
 def of_hub(run: Run, **options: Any) -> Run:
@@ -233,20 +233,18 @@ def of_hub(run: Run, **options: Any) -> Run:
 
 
 def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
-    trained: Run, on_the_hub: Path
+    trained: Run, manifest: Manifest
 ) -> None:
-    manifest = json.loads((on_the_hub / "manifest.json").read_bytes())
-    manifest["shards"][0]["fingerprint"] = "0" * 64
-    (on_the_hub / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-    with pytest.raises(PublishError) as caught, staged_policy(of_hub(trained), HfApi()):
+    first, *others = manifest.shards
+    other = replace(manifest, shards=[replace(first, fingerprint="0" * 64), *others])
+    with pytest.raises(PublishError) as caught, staged_policy(of_hub(trained), COMMIT, other):
         pass
     told = f"{trained.training_folder} was trained on another dataset than {REPO}: their finger"
     assert str(caught.value).startswith(told)
 
 
-@pytest.mark.usefixtures("on_the_hub")
 def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
-    trained: Run, tmp_path: Path
+    trained: Run, manifest: Manifest, tmp_path: Path
 ) -> None:
     runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     run = of_hub(trained, run_dir=str(runs))
@@ -263,7 +261,7 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
         add_up(split, 9)
         split |= accuracies
     path.write_text(json.dumps(content), encoding="utf-8")
-    with staged_policy(run, HfApi()) as folder:
+    with staged_policy(run, COMMIT, manifest) as folder:
         card = (folder / "README.md").read_text(encoding="utf-8")
         entries = yaml.safe_load((folder / ".eval_results" / "labyrinth.yaml").read_bytes())
     assert "| learnt from | 5 labyrinths of `train`, the first of 6 |" in card
@@ -273,29 +271,30 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("on_the_hub")
-def test_a_mapper_is_published_and_loaded_as_it_was_trained(trained: Run, tmp_path: Path) -> None:
+def test_a_mapper_is_published_and_loaded_as_it_was_trained(
+    trained: Run, manifest: Manifest, tmp_path: Path
+) -> None:
     method = {"name": "mapper", "epochs": 2, "batch_size": 3, "channels": 8}
     run = replace(trained, options=replace(trained.options, method=method, run_dir=str(tmp_path)))
     train.run(run)
     evaluate_stage.run(run)
     content = json.loads((run.training_folder / "results.json").read_bytes())
-    with staged_policy(of_hub(run), HfApi()) as folder:
+    with staged_policy(of_hub(run), COMMIT, manifest) as folder:
         card = (folder / "README.md").read_text(encoding="utf-8")
         results = evaluate(load_policy(folder), run.source, "3x3", image_size=600)
     for split, scores in content["splits"].items():
-        assert results.splits[split].episodes.moves.tolist() == [scores["moves"]]
+        assert results.splits[split].episodes.moves.tolist() == scores["moves"]
         assert results.splits[split].episodes.solved.mean() == scores["sr"]
-    assert f'"{REPO}", "3x3", revision="{"0" * 40}", image_size=600' in card
+    assert f'"{REPO}", "3x3", revision="{COMMIT}", image_size=600' in card
     assert "`policy` is an object with `reset(count)` and `act(observations)`" in card
     assert "It plans once, in the first picture of an episode" in card
 
 
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
-    trained: Run, tmp_path: Path
+    trained: Run, manifest: Manifest, tmp_path: Path
 ) -> None:
     def refused(run: Run) -> str:
-        with pytest.raises(DatasetError) as caught, staged_policy(run, HfApi()):
+        with pytest.raises(DatasetError) as caught, staged_policy(run, COMMIT, manifest):
             pass
         return str(caught.value)
 
