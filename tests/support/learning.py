@@ -100,3 +100,17 @@ def targets_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], list[Any]]:
         return targets
 
     return note
+
+
+@pytest.fixture
+def states_seen(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """The states that learners look at from now on, those of each look in an array."""
+    seen: list[np.ndarray] = []
+    see = Learner.see
+
+    def noting(self: Learner, *states: np.ndarray) -> torch.Tensor:
+        seen.append(states[0])
+        return see(self, *states)
+
+    monkeypatch.setattr(Learner, "see", noting)
+    return seen

@@ -57,15 +57,6 @@ def test_the_loss_falls_and_train_is_learnt(name: str, problem_of: Problems) -> 
 
 
 @BOTH
-def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
-    name: str,
-    problem_of: Problems,
-    require_reproducible: Callable[..., None],
-) -> None:
-    require_reproducible(lambda seed: learner_of(name, problem_of(seed, "cnn"), pictures=64))
-
-
-@BOTH
 def test_they_see_squares_of_any_size_and_refuse_rectangles(name: str) -> None:
     method, settings = find(name, {})
     spec = NetworkSpec(name, 1, 5, 5, "navigation")

@@ -198,12 +198,6 @@ def test_it_remembers_its_plan_until_it_is_reset(trained: Mapper) -> None:
     assert [int(policy.act(each)[0]) for each in (first, later)] == [fresh[0]] * 2
 
 
-def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
-    problem_of: Problems, require_reproducible: Callable[..., None]
-) -> None:
-    require_reproducible(lambda seed: toy(problem_of(seed)))
-
-
 def test_both_stages_run_it_in_pictures_of_flat_colours(
     small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path
 ) -> None:

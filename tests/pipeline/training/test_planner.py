@@ -135,12 +135,6 @@ def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
     assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
 
 
-def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
-    problem_of: Problems, require_reproducible: Callable[..., None]
-) -> None:
-    require_reproducible(lambda seed: toy(problem_of(seed, "cnn"), pictures=64))
-
-
 def test_a_grid_of_cells_needs_as_many_rows_as_columns() -> None:
     spec = NetworkSpec("planner", 1, 3, 4, "navigation")
     with pytest.raises(ConfigError, match=r"size=3x4: .*method.grid_prior=false"):
