@@ -56,7 +56,7 @@ NEXT = {
     "analyse": "stages=card describes the dataset; stages=report shows it",
     "card": "stages=report shows it; stages=[train,evaluate] method=bc learns from it",
     "report": "stages=[train,evaluate] method=bc learns from a dataset; stages=publish shares it",
-    "publish": "labyrinth_core.load_transitions takes the id, from any machine",
+    "publish": "load_transitions, load_policy and evaluate take the ids, from any machine",
     "export": "docs/clients.md has the lines that load it with each library",
     "train": "stages=evaluate judges the policy on every split",
     "evaluate": "stages=results compares it with others; stages=report shows where it fails",
