@@ -143,18 +143,6 @@ def test_the_spaces_are_those_of_single_environments():
             assert ours.reset(seed=0)[0] in ours.observation_space
 
 
-def test_an_optimal_episode_returns_exactly_one_in_all_when_rewards_are_normalised():
-    envs = pair(8, task="icy_floor", reward="normalised", observation="state")
-    _, infos = both(envs, lambda env: env.reset(seed=0))
-    total, going = np.zeros(8), np.ones(8, np.bool_)
-    while going.any():
-        action = infos["optimal_actions"].argmax(axis=1)
-        _, paid, ended, _, infos = both(envs, lambda env, action=action: env.step(action))
-        total += paid * going
-        going &= ~ended
-    np.testing.assert_allclose(total, 1.0, atol=1e-12)
-
-
 def test_seeds_may_be_given_one_by_one():
     envs = pair(3, observation="state")
     both(envs, lambda env: env.reset(seed=[5, 1, 9]))
@@ -188,18 +176,6 @@ def test_given_labyrinths_are_dealt_out_in_turn_and_kept():
         *_, infos = env.step(np.array(actions))
     texts = [parse(text) for text in infos["labyrinth"]]
     assert texts == [parse(OPEN), parse(CLOSER)] * 2 + [parse(OPEN)]
-
-
-def test_key_and_door_come_back_with_the_next_episode():
-    env = LabyrinthVectorEnv(
-        1, labyrinths=[KEY_AND_DOOR], observation="vector", autoreset_mode="SameStep"
-    )
-    first, _ = env.reset()
-    for action in (0, 2, 1, 0):
-        last, _, terminated, _, infos = env.step(np.array([action]))
-    assert terminated[0]
-    assert infos["final_obs"][0][3:5].tolist() == [-1, -1]
-    assert (last == first).all()
 
 
 def test_make_vec_finds_it():

@@ -158,14 +158,6 @@ def test_each_line_is_a_row_as_it_is_or_the_difference_to_the_row_above(picture)
     np.testing.assert_array_equal(np.stack(rows[1:]).ravel(), pixels(strips, width).ravel())
 
 
-@given(pictures())
-def test_how_a_run_of_equal_rows_is_divided_does_not_change_the_pixels(picture):
-    strips, width = picture
-    single = [((row, 1),) for strip in strips for row, count in strip for _ in range(count)]
-    with Image.open(io.BytesIO(encode(single, width))) as image:
-        np.testing.assert_array_equal(np.asarray(image), pixels(strips, width))
-
-
 @given(pictures(), st.data())
 @example(large_picture(), None)
 def test_a_mosaic_with_strips_exchanged_is_the_picture_of_those_strips(picture, data):

@@ -261,20 +261,6 @@ def test_walls_are_as_thick_as_asked_up_to_a_quarter_of_a_cell(asked, drawn):
     assert middle.argmin() == drawn
 
 
-def test_up_in_the_labyrinth_is_up_in_the_picture_and_right_is_right():
-    labyrinth = parse(NAVIGATION)
-    agent = np.array(DEFAULT_STYLE.agent)
-
-    def middle(cell):
-        shown = (render(labyrinth, State(cell)) == agent).all(axis=2)
-        from_top, from_left = np.nonzero(shown)
-        return from_top.mean(), from_left.mean()
-
-    (top, left), (top_above, left_above), (top_beside, left_beside) = map(middle, (5, 9, 6))
-    assert (top_above < top, left_above) == (True, left)
-    assert (top_beside, left_beside > left) == (top, True)
-
-
 def test_an_open_door_keeps_its_frame_and_the_agent_loses_the_key_in_it():
     labyrinth = parse(KEY_AND_DOOR)
     with_key, opened = State(4, True), State(4, True, True)

@@ -37,11 +37,6 @@ def test_any_size_may_be_asked_for_larger_ones_too(image_size):
     np.testing.assert_array_equal(small, render(labyrinth, initial(labyrinth), image_size))
 
 
-def test_pure_white_stays_pure_white():
-    for image_size in (1, 7, 64, 600):
-        assert (shrink([((b"\xff" * 1800, 600),)], image_size) == 255).all()
-
-
 def test_what_is_remembered_takes_no_more_than_a_fixed_space():
     random = Random(0)
     tracemalloc.start()
