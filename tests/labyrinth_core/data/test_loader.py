@@ -7,8 +7,8 @@ import shutil
 import socket
 import subprocess
 import sys
-from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import huggingface_hub
@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
 
-from labyrinth_core.data import columns
+from labyrinth_core.data.columns import MOST_ROWS, arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import (
     load_episodes,
@@ -381,13 +381,17 @@ def test_a_shard_with_more_rows_than_the_manifest_says_is_not_read(data_dir, tmp
         list(load_episodes(other, "3x3", split="random"))
 
 
-def test_a_row_group_larger_than_any_of_ours_is_not_read(data_dir, tmp_path, monkeypatch):
-    monkeypatch.setattr(columns, "MOST_ROWS", 8)
-    for rows_a_group, found in ((8, None), (9, "a row group of 9 rows")):
-        sizes = {"rows_a_file": 1000, "rows_a_group": rows_a_group}
-        other = divided(data_dir, tmp_path / str(rows_a_group), "random", **sizes)
-        with pytest.raises(DatasetError, match=found) if found else nullcontext():
-            list(load_episodes(other, "3x3", split="random", image_size=8))
+@pytest.mark.parametrize(
+    ("count", "message"),
+    [(MOST_ROWS, "every row needs"), (MOST_ROWS + 1, f"a row group of {MOST_ROWS + 1} rows")],
+)
+def test_a_row_group_larger_than_any_of_ours_is_not_read(data_dir, tmp_path, count, message):
+    schema = arrow_schema()
+    table = pa.table([pa.nulls(count, field.type) for field in schema], schema=schema)
+    folder = Path(shutil.copytree(data_dir, tmp_path / "nulls"))
+    make_train(folder, table, row_group_size=count)
+    with pytest.raises(DatasetError, match=message):
+        list(load_episodes(folder, "3x3"))
 
 
 def at_an_end(rows):
@@ -451,20 +455,25 @@ PICTURES = {
 def edited(data_dir, folder, edit=lambda _: None):
     """Return a copy of the datasets; train of 3x3 is one shard, its rows changed."""
     shutil.copytree(data_dir, folder)
-    path = shards_of(folder, "3x3", "train")[0]
-    table = pq.read_table(path)
+    table = pq.read_table(shards_of(folder, "3x3", "train")[0])
     rows = table.to_pylist()
     edit(rows)
     schema = pa.schema([field for field in table.schema if field.name in rows[0]])
-    pq.write_table(pa.Table.from_pylist(rows, schema), path)
-    for other in shards_of(folder, "3x3", "train")[1:]:
+    make_train(folder, pa.Table.from_pylist(rows, schema))
+    return folder
+
+
+def make_train(folder, table, **options):
+    """Make a table the only shard of train of 3x3, in the manifest as well."""
+    path, *others = shards_of(folder, "3x3", "train")
+    pq.write_table(table, path, **options)
+    for other in others:
         other.unlink()
     manifest = Manifest.read(folder / "3x3")
     shards = [s for s in manifest.shards if s.split != "train"]
     first = next(s for s in manifest.shards if s.path == path.name)
-    shards.append(replace(first, sha256=file_sha256(path), rows=len(rows)))
+    shards.append(replace(first, sha256=file_sha256(path), rows=len(table)))
     Manifest(manifest.config, manifest.versions, tuple(shards)).write(folder / "3x3")
-    return folder
 
 
 def assert_refused(folder, message):
