@@ -8,7 +8,7 @@ read by a few lines that know no errors.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
@@ -37,10 +37,6 @@ class World:
 
     def places(self) -> list[Place]:
         return [(row, column) for row in range(self.height) for column in range(self.width)]
-
-    def without(self, *tiles: str) -> World:
-        """Return the world without its ice, or without its key and door."""
-        return replace(self, **{tile: frozenset() if tile == "ice" else None for tile in tiles})
 
 
 # The library's objects, there and back.

@@ -238,7 +238,7 @@ def test_where_tiles_cannot_be_placed_the_reason_is_given():
 @given(labyrinths())
 def test_tiles_matter_when_they_make_the_best_route_longer_than_it_would_be(labyrinth):
     world = world_of(labyrinth)
-    plain = world.without("key", "door", "ice")
+    plain = replace(world, key=None, door=None, ice=frozenset())
     matter = {
         Task.KEY_AND_DOOR: lambda: world.key not in on_shortest_routes(plain),
         Task.ICY_FLOOR: lambda: fewest_moves(world) > fewest_moves(plain),
@@ -296,10 +296,8 @@ def test_a_start_is_only_given_up_when_no_other_can_hold_the_task(labyrinth, see
             change_start(labyrinth, np.random.default_rng(seed))
 
 
-def test_on_two_by_two_cells_where_no_other_start_is_far_a_near_one_is_taken():
+def test_on_two_by_two_cells_start_and_goal_change_to_any_other_corners():
     labyrinth = Labyrinth(Structure.without_walls(2, 2), 0, 3)
-    starts = {change_start(labyrinth, np.random.default_rng(seed)).start for seed in range(50)}
-    assert starts == {1, 2}
     pairs = {
         (changed.start, changed.goal)
         for seed in range(50)
