@@ -7,8 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.route_memory import RouteMemory
+from labyrinth_core.world.solver import shortest_routes
 
 
 def leads_to_the_goal(world, cells):
@@ -34,6 +36,10 @@ def test_the_best_way_is_the_shortest_part_of_a_route_that_is_open(labyrinth, da
         for action in actions:  # Steps into walls are among them.
             route.append(moves[route[-1]][action])
         routes.append(route)
+    plain = Labyrinth(labyrinth.structure, labyrinth.start, labyrinth.goal)
+    for known in (plain, labyrinth):  # Also routes over ice, and to a door without its key.
+        some = shortest_routes(known, data.draw(st.sampled_from([0, 1, 5])))
+        routes += [[state.agent for state in replay(known, route).states] for route in some]
     ways = []
     for route in routes:
         visited = [cell for cell, _ in groupby(route)]
@@ -44,3 +50,10 @@ def test_the_best_way_is_the_shortest_part_of_a_route_that_is_open(labyrinth, da
     assert (None if best is None else len(best)) == min(ways, default=None)
     if best is not None:
         assert replay(labyrinth, best).states[-1].agent == labyrinth.goal
+
+
+def test_ice_bars_a_route():
+    room = Structure.without_walls(2, 2)
+    labyrinth = Labyrinth(room, 0, 3, Task.ICY_FLOOR, ice=frozenset({1}))
+    assert RouteMemory([[0, 1, 3]]).best(labyrinth) is None
+    assert RouteMemory([[0, 1, 3], [0, 2, 3]]).best(labyrinth) == [0, 1]
