@@ -18,7 +18,7 @@ from hub.request_log import Exchange
 
 ROOT = Path(__file__).parents[2]
 REPO = "user/labyrinth"
-SECONDS = 120
+SECONDS = 600
 MADE_BY_THE_HUB = ".gitattributes"
 STRICT = ("-W", "error", "-W", "ignore:Use 'content=<...>':DeprecationWarning")
 """The client's own uploads through LFS deserve the second warning."""
