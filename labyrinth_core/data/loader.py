@@ -119,12 +119,17 @@ def _asked_by(
     """Give a function of a request the fields of the request as arguments, `help` included."""
 
     def decorate(function: Callable[[AnyRequest], Result]) -> Callable[P, Result]:
-        @wraps(function)
-        def asked(*args: P.args, **kwargs: P.kwargs) -> Result:
-            return function(request(*args, **kwargs))
-
         returned = signature(function).return_annotation
         shown = signature(request).replace(return_annotation=returned)
+
+        @wraps(function)
+        def asked(*args: P.args, **kwargs: P.kwargs) -> Result:
+            try:
+                shown.bind(*args, **kwargs)
+            except TypeError as error:  # Which would name the class of the request.
+                raise TypeError(f"{function.__name__}() {error}") from None
+            return function(request(*args, **kwargs))
+
         asked.__signature__ = shown  # type: ignore[attr-defined]
         return asked
 

@@ -363,6 +363,14 @@ def test_an_impossible_argument_is_refused_at_once(data_dir, load, options, mess
         load(data_dir, "3x3", **options)
 
 
+@LOADS
+def test_an_argument_that_does_not_exist_is_refused_by_the_name_of_the_function(load):
+    with pytest.raises(
+        TypeError, match=rf"^{load.__name__}\(\) got an .* keyword argument 'spilt'$"
+    ):
+        load("data/labyrinth", "5x5", spilt="train")
+
+
 @pytest.mark.parametrize("cache_dir", ["", " ", 5])
 def test_a_cache_that_is_no_folder_is_refused(data_dir, cache_dir):
     with pytest.raises(ValueError, match=rf"\Acache_dir={cache_dir!r}: give a folder, True or"):
