@@ -202,35 +202,28 @@ def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
     blocks = list(replayed(part.rows(pictures=spec.decodes)))
     count = sum(len(block.states) for block in blocks)
     parts = (some for block in blocks for some in block.parts(spec.together))
-    frames: list[NDArray[Any]] = []
-    columns: list[Columns] = []
-    for seen, fields in _observed(parts, spec):
-        columns.append(fields)
-        if spec.observation != "image":
-            frames.append(seen)
-            continue
-        if not frames:
-            frames.append(np.empty((count, *seen.shape[1:]), seen.dtype))
-            filled = 0
-        frames[0][filled : filled + len(seen)] = seen
-        filled += len(seen)
+    shape = (count, spec.image_size, spec.image_size, 3)
+    pictures = np.empty(shape, np.uint8) if spec.observation == "image" else None
+    frames, columns = zip(*_observed(parts, spec, pictures), strict=True)
     return Transitions(
-        frames[0] if len(frames) == 1 else np.concatenate(frames), **joined_columns(columns)
+        np.concatenate(frames) if pictures is None else pictures, **joined_columns(columns)
     )
 
 
 def _observed(
-    parts: Iterable[Episodes], spec: ObservationSpec
+    parts: Iterable[Episodes], spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
 ) -> Iterator[tuple[NDArray[Any], Columns]]:
-    """Yield the observations of parts, with the columns of their transitions.
+    """Yield the observations of parts, in `pictures` if given, and their transitions' columns.
 
     Raises:
         DatasetError: There are no parts, or a picture cannot be decoded.
     """
     first = 0
     for episodes in parts:
-        yield spec.observe(episodes), columns_of(episodes, first)
-        first += len(episodes.states)
+        end = first + len(episodes.states)
+        own = None if pictures is None else pictures[first:end]
+        yield spec.observe(episodes, own), columns_of(episodes, first)
+        first = end
     if not first:
         raise DatasetError("there is no episode in the split")
 

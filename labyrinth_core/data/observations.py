@@ -82,8 +82,14 @@ class ObservationSpec:
         """How many rows are observed together: pictures of 8 MB, as large as a cache."""
         return max(1, DRAWN_BYTES // (3 * self.image_size**2))
 
-    def observe(self, episodes: Episodes) -> NDArray[Any]:
+    def observe(
+        self, episodes: Episodes, pictures: NDArray[np.uint8] | None = None
+    ) -> NDArray[Any]:
         """Return the observation in each row of episodes, shape (n, ...).
+
+        Args:
+            episodes: The episodes, n rows of them.
+            pictures: Where pictures go, shape (n, image_size, image_size, 3); None for a new array.
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
@@ -93,18 +99,28 @@ class ObservationSpec:
         if self.decodes:
             assert pngs is not None
             decode = _remembering_decoder(self.image_size)
-            return np.stack([decode(png) for png in pngs])
+            return np.stack([decode(png) for png in pngs], out=pictures)
         if self.observation == "vector":
             return vector_observations(labyrinths, which, states)
         if self.observation == "image" and self.image_size != PICTURE_SIZE:
             wall_pixels, resize = RESIZES[self.resize]
             size = self.image_size
             return draw_many(
-                labyrinths, which, states, size, wall_pixels=wall_pixels, resize=resize
+                labyrinths,
+                which,
+                states,
+                size,
+                wall_pixels=wall_pixels,
+                resize=resize,
+                out=pictures,
             )
         parsed = episodes.parsed()
         seen = zip(which.tolist(), states.tolist(), strict=True)
-        return self.look([(parsed[n], state_at(parsed[n], state)) for n, state in seen])
+        looks = self.look([(parsed[n], state_at(parsed[n], state)) for n, state in seen])
+        if pictures is None:
+            return looks
+        pictures[:] = looks
+        return pictures
 
     def look(
         self,

@@ -132,6 +132,7 @@ def draw_many(
     *,
     wall_pixels: int | None = None,
     resize: str = "area",
+    out: Pictures | None = None,
 ) -> Pictures:
     """Return what `draw` returns, given labyrinths and states in arrays.
 
@@ -142,6 +143,7 @@ def draw_many(
         image_size: Pixels on each side of a picture.
         wall_pixels: The thickness of walls, if it is not that of the labyrinths' look.
         resize: One of `resize.RESIZES`.
+        out: Where the pictures go, shape (N, image_size, image_size, 3); None for a new array.
 
     Raises:
         ValueError: The labyrinths are too large for every wall to have a pixel.
@@ -160,6 +162,7 @@ def draw_many(
         style_for(labyrinths.look, height, width, wall_pixels),
         resize,
         visible=visible,
+        out=out,
     )
 
 
@@ -173,6 +176,7 @@ def draw_states(
     resize: str = "area",
     *,
     visible: Callable[[Numbers, Numbers], Mask],
+    out: Pictures | None = None,
 ) -> Pictures:
     """Return the pictures of states of labyrinths of one size, task and style.
 
@@ -186,11 +190,12 @@ def draw_states(
         resize: One of `resize.RESIZES`.
         visible: Returns, given some of `which` and the agents' cells, which cells are seen, shape
             (n, height, width); called under partial observability alone.
+        out: Where the pictures go, shape (N, image_size, image_size, 3); None for a new array.
     """
     height, width, task = shape
     cells = height * width
     places, hides = grid_indices(height, width), task is Task.PARTIAL_OBSERVABILITY
-    pictures = np.empty((len(states), image_size, image_size, 3), np.uint8)
+    pictures = np.empty((len(states), image_size, image_size, 3), np.uint8) if out is None else out
     together = max(1, min(DRAWN_BYTES // (3 * image_size**2), DRAWN_CELLS // cells))
     for start in range(0, len(states), together):
         own = which[start : start + together]
