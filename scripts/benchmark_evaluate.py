@@ -7,7 +7,7 @@ The policy is the CNN of the baselines with fresh weights, since training does n
 of a forward pass. The script prints the times of:
 
 - five splits: loading their labyrinths, drawing all states at 64 x 64, one pass of the policy over
-  them, the look-ups and the intervals; everything in `stages=[evaluate]` but the baselines.
+  them, the look-ups and the intervals; everything in `stages=evaluate` but the baselines.
 - stepping: some labyrinths of train in `LabyrinthEnv`, one after the other, with one call of the
   policy in each step, on the frame of 600 x 600 that the environment renders, averaged to 64 x 64.
 - their ratio for a labyrinth of train; both ways have to agree on every move and return.

@@ -11,7 +11,7 @@ must have the passages and the ends of the mazes. Then the certificate is printe
 were made, how many different ones ("of") the test split has, and how many of these have a
 counterpart in train. With `--folder FOLDER` the files remain, for
 
-    python run.py stages=[analyse] leakage.source=FOLDER/5x5-1000
+    python run.py stages=analyse leakage.source=FOLDER/5x5-1000
 """
 
 from __future__ import annotations

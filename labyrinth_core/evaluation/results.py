@@ -75,7 +75,7 @@ class Results:
     version: str = __version__
     """The version of this package that evaluated it."""
     run: TrainedRun | None = None
-    """The run of `stages=[train]` that made the policy; None for any other policy."""
+    """The run of `stages=train` that made the policy; None for any other policy."""
     method: Description | None = None
     """What a file that was read says of the policy."""
 
@@ -157,7 +157,7 @@ class Results:
     def from_json(cls, content: Any) -> Results:
         """Return the results that `to_json` described; ValueError if it did not."""
         if isinstance(content, dict) and {"run", "training"} <= content.keys():
-            raise ValueError("an earlier version wrote it: stages=[evaluate] makes it anew")
+            raise ValueError("an earlier version wrote it: stages=evaluate makes it anew")
         check_shape(content, _SHAPE)
         about, evaluated, run = content["dataset"], content["evaluated"], content.get("run")
         rules = Rules.of(about["config"], evaluated["way"], evaluated["episodes"])

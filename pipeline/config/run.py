@@ -136,14 +136,14 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
 SECTIONS = {
     "Dataset": meanings(DatasetOptions),
     "Where and how it is built": meanings(PlaceOptions),
-    "Training, by stages=[train,evaluate]": meanings(TrainingOptions),
-    "Evaluation of policy=..., by stages=[evaluate]": meanings(EvaluationOptions, "evaluation."),
-    "Analysis, by stages=[analyse] and stages=[environments]": {
+    "Training, by 'stages=[train,evaluate]'": meanings(TrainingOptions),
+    "Evaluation of policy=..., by stages=evaluate": meanings(EvaluationOptions, "evaluation."),
+    "Analysis, by stages=analyse and stages=environments": {
         **meanings(LeakageOptions, "leakage."),
         **meanings(AnalysisOptions, "analysis."),
     },
-    "Publishing, by stages=[publish]": meanings(PublishOptions, "publish."),
-    "Export, by stages=[export]": meanings(ExportOptions, "export."),
+    "Publishing, by stages=publish": meanings(PublishOptions, "publish."),
+    "Export, by stages=export": meanings(ExportOptions, "export."),
 }
 """What each option means, in the order of `--help`, under its headings."""
 
@@ -211,8 +211,8 @@ _HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in 
 Train a policy on it.
 
     labyrinth-datasets size=5
-    labyrinth-datasets size=5 stages=[train,evaluate] method=bc encoder=cnn seed=0
-    labyrinth-datasets stages=[results]
+    labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc encoder=cnn seed=0
+    labyrinth-datasets stages=results
     labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
     labyrinth-datasets -m size=3,4,5
 
@@ -348,7 +348,7 @@ def resolve(options: RunConfig) -> Run:
     if stages & {"report", "publish"}:
         _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
     if options.policy and stages & {"train", "evaluate"}:
-        check("train" not in stages, f"policy={options.policy} is not trained: stages=[evaluate]")
+        check("train" not in stages, f"policy={options.policy} is not trained: stages=evaluate")
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options, run.dataset.task)

@@ -42,7 +42,7 @@ def judge_trained(run: Run) -> Judged:
     folder, options = run.training_folder, run.options
     record = read_record(folder)
     if record is None:
-        raise DatasetError(f"{folder} holds no finished run: stages=[train] makes it")
+        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
     device, about = choose_device(options), record["run"]
     method, settings = find(about["method"], about["settings"], about["protocol"])
     spec = spec_of(run)

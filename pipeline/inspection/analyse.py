@@ -74,7 +74,7 @@ def _analyse(run: Run) -> Iterator[str]:
     yield from _leaks(leakage, {})
     yield from _near(leakage)
     yield from _shifted(shifts)
-    yield f"{folder / ANALYSIS} has all of it; stages=[report] shows it as tables."
+    yield f"{folder / ANALYSIS} has all of it; stages=report shows it as tables."
 
 
 def read_contents(

@@ -132,7 +132,7 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
     """
     manifests = front_matter.finished(data_dir)
     if not manifests:
-        raise DatasetError(f"{data_dir} holds no finished dataset: stages=[build] makes one")
+        raise DatasetError(f"{data_dir} holds no finished dataset: stages=build makes one")
     datasets = []
     with progress() as bars:
         rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
@@ -244,7 +244,7 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except MALFORMED as error:
-        reason = f"{one_line(error):.300}; stages=[analyse] writes it anew"
+        reason = f"{one_line(error):.300}; stages=analyse writes it anew"
         raise DatasetError(f"{path} cannot be read: {reason}") from error
 
 

@@ -142,11 +142,11 @@ def _results(folder: Path) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and what they say of the run."""
     path = folder / RESULTS
     if not path.exists():
-        made = "stages=[train,evaluate] makes one"
+        made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no policy that was evaluated: {made}")
     results = Results.load(path)
     if results.run is None or results.fingerprint != results.run.fingerprint:
-        raise DatasetError(f"{path} is not of this run: stages=[evaluate] makes it anew")
+        raise DatasetError(f"{path} is not of this run: stages=evaluate makes it anew")
     return results, results.run
 
 
@@ -154,10 +154,10 @@ def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
     try:
         shutil.copyfile(source / POLICY, folder / WEIGHTS)
     except FileNotFoundError as error:
-        raise DatasetError(f"{source / POLICY} is not there: stages=[train] makes it") from error
+        raise DatasetError(f"{source / POLICY} is not there: stages=train makes it") from error
     if file_sha256(folder / WEIGHTS) != made.evaluated["weights"]:
         raise DatasetError(
-            f"{source / RESULTS} is of other weights than {POLICY}: stages=[evaluate] makes it anew"
+            f"{source / RESULTS} is of other weights than {POLICY}: stages=evaluate makes it anew"
         )
 
 

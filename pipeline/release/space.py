@@ -31,11 +31,11 @@ def staged_report(run: Run) -> Iterator[Path]:
     """
     source = run.local_dir / FOLDER
     if not (source / PAGE).is_file():
-        raise DatasetError(f"{source} holds no report: run stages=[report] first")
+        raise DatasetError(f"{source} holds no report: run stages=report first")
     own = OwnFiles.read(source, always=re.escape(PAGE))
     if not own.has(PAGE):
         raise DatasetError(
-            f"{source / PAGE} is not as stages=[report] left it: move it away, and run that again"
+            f"{source / PAGE} is not as stages=report left it: move it away, and run that again"
         )
     dataset, _ = run.dataset_on_hub
     with tempfile.TemporaryDirectory(prefix="labyrinth-space-") as temporary:

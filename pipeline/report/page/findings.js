@@ -44,7 +44,7 @@ function certificateOf(dataset) {
   const { analysis } = dataset;
   if (!analysis) {
     const task = dataset.task === "navigation" ? "" : ` task=${dataset.task}`;
-    const command = `labyrinth-datasets size=${sizeOf(dataset)}${task} stages=[analyse,report]`;
+    const command = `labyrinth-datasets size=${sizeOf(dataset)}${task} 'stages=[analyse,report]'`;
     return [notice("This dataset was not analysed, or has changed since. ", code(command),
       " (with the options that it was built with) makes the certificate and writes it here.")];
   }
@@ -157,7 +157,7 @@ function showResults() {
 function noResults() {
   return notice(
     "There are no results of training on these datasets in the folder of runs. ",
-    code("labyrinth-datasets stages=[train,evaluate,report] method=bc"),
+    code("labyrinth-datasets 'stages=[train,evaluate,report]' method=bc"),
     " (with the options of the dataset) makes some and writes them here.",
   );
 }

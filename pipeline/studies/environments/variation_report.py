@@ -64,7 +64,7 @@ def check_can_draw() -> None:
         import matplotlib  # noqa: F401
     except ModuleNotFoundError as error:
         raise ConfigError(
-            "stages=[environments] needs matplotlib: pip install 'labyrinth-datasets[analysis]'"
+            "stages=environments needs matplotlib: pip install 'labyrinth-datasets[analysis]'"
         ) from error
 
 

@@ -36,7 +36,7 @@ All figures are computed from the outcome and the moves of each episode. What a 
 from is as its authors state it; an empty cell is not stated. {MARK}: the dataset was not at hand
 when this was made, so labyrinths and shortest routes are those that the file tells.
 
-`leaderboard.csv` has all of this as numbers. `labyrinth-datasets stages=[results]` makes both files
+`leaderboard.csv` has all of this as numbers. `labyrinth-datasets stages=results` makes both files
 of `runs/` and `submissions/`.
 """
 

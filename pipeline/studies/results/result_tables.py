@@ -36,7 +36,7 @@ average return and SR imply.
 `results.csv` has all of this as numbers, and returns (AER), SR within n x n steps, SPL, SR on known
 and on new routes, path efficiency, accuracies, reasons for failure, and successes by the length of
 a shortest route. The runs themselves are in `runs/`. Ranked, and beside anyone's results, they are
-in `leaderboard.md`. `labyrinth-datasets stages=[results]` makes these files.
+in `leaderboard.md`. `labyrinth-datasets stages=results` makes these files.
 """
 
 

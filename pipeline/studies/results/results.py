@@ -50,7 +50,7 @@ def run(run: Run) -> None:
     if not (runs or submissions or refused):
         raise DatasetError(
             f"{results_dir} holds no results, and neither does run_dir: "
-            "stages=[train,evaluate] makes some"
+            "'stages=[train,evaluate]' makes some"
         )
     runs = comparable(runs)
     of_runs = [each.results for each in runs]

@@ -111,7 +111,7 @@ def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     trained, build, make_run, tmp_path
 ):
     options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
-    with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=\[train\]"):
+    with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=train"):
         stage.run(make_run(trained.data_dir, seed=7, **options))
     other = build(tmp_path, labyrinths=2)
     with pytest.raises(DatasetError, match=r"was trained on another dataset than .* evaluate_on="):

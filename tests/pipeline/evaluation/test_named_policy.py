@@ -175,7 +175,7 @@ def test_impossible_options_are_refused_in_one_line(run_of, options, message):
 
 
 def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):
-    with pytest.raises(ConfigError, match=r"policy=a:b is not trained: stages=\[evaluate\]"):
+    with pytest.raises(ConfigError, match=r"policy=a:b is not trained: stages=evaluate"):
         make_run(tmp_path, stages=["train", "evaluate"], policy="a:b")
 
 

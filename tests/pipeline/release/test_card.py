@@ -454,7 +454,7 @@ def refused(folder: Path, message: str) -> None:
         (
             f"{DEFAULT}/{ANALYSIS}",
             "{",
-            r"analysis\.json cannot be read: .*; stages=\[analyse\]",
+            r"analysis\.json cannot be read: .*; stages=analyse",
         ),
     ],
 )

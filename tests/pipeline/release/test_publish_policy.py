@@ -302,7 +302,7 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     run = replace(trained, options=replace(trained.options, run_dir=str(runs)))
     folder = run.training_folder
     (folder / "policy.safetensors").write_bytes(b"others")
-    told = f"{folder}/results.json is of other weights than policy.safetensors: stages=[evaluate"
+    told = f"{folder}/results.json is of other weights than policy.safetensors: stages=evaluate"
     assert refused(run).startswith(told)
     content = json.loads((folder / "results.json").read_bytes())
     content["run"]["evaluated"]["weights"] = hashlib.sha256(b"others").hexdigest()
@@ -311,11 +311,11 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     del content["run"]
     (folder / "results.json").write_text(json.dumps(content), encoding="utf-8")
     assert (
-        refused(run) == f"{folder}/results.json is not of this run: stages=[evaluate] makes it anew"
+        refused(run) == f"{folder}/results.json is not of this run: stages=evaluate makes it anew"
     )
     (folder / "policy.safetensors").unlink()
     other = replace(run, options=replace(run.options, seed=1))
-    told = "planner-seed1 holds no policy that was evaluated: stages=[train,evaluate] makes one"
+    told = "planner-seed1 holds no policy that was evaluated: 'stages=[train,evaluate]' makes one"
     assert refused(other).endswith(told)
 
 
@@ -328,10 +328,10 @@ def test_a_report_that_is_not_there_or_was_changed_is_not_published(
         return str(caught.value)
 
     run = replace(trained, data_dir=tmp_path)
-    assert refused() == f"{tmp_path}/report holds no report: run stages=[report] first"
+    assert refused() == f"{tmp_path}/report holds no report: run stages=report first"
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "index.html").write_text("mine", encoding="utf-8")
-    told = f"{tmp_path}/report/index.html is not as stages=[report] left it: move it away, and run"
+    told = f"{tmp_path}/report/index.html is not as stages=report left it: move it away, and run"
     assert refused().startswith(told)
 
 

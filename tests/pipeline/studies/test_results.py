@@ -167,7 +167,7 @@ def test_the_tables_are_made_of_the_kept_runs_alone_and_stay_the_same(evaluated,
 
 
 def test_without_results_there_is_one_clear_line(run_of, tmp_path):
-    with pytest.raises(DatasetError, match=r"holds no results, .* stages=\[train,evaluate\]"):
+    with pytest.raises(DatasetError, match=r"holds no results, .* 'stages=\[train,evaluate\]'"):
         stage.run(run_of(tmp_path / "nothing there"))
 
 
