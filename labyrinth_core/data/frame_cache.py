@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.storage import file_at, replacing, temporaries
 from labyrinth_core.data.transitions import COLUMNS, Columns, Transitions, joined_columns
 
 SUFFIX = ".frames.npy"
@@ -100,13 +101,9 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
     with locked(path.with_name(f".{path.name}.lock")):
         found = _read(path, key)
         if found is None:
-            temporary = path.with_name(f".{path.name}.tmp")
             _make_room(path, most - size)
-            try:
+            with replacing(path) as temporary:
                 _write(temporary, key, fill)
-                temporary.replace(path)
-            finally:
-                temporary.unlink(missing_ok=True)
             found = _read(path, key)
     if found is None:
         raise OSError(f"{path} was made, but is not what was written")
@@ -125,14 +122,27 @@ def _limit() -> int:
 def _read(path: Path, key: str) -> Transitions | None:
     """Return the transitions of a file, None if it is missing or damaged, or has another key."""
     try:
-        with path.open("rb") as file:
-            mapped = np.asarray(np.memmap(path, np.uint8, "r"))
-            frames = _next(file, mapped, np.dtype("u1"))
-            columns = {name: _next(file, mapped, dtype) for name, dtype in COLUMNS.items()}
-            digest = file.read()
+        frames, columns, digest = _parts(path)
     except (FileNotFoundError, ValueError, OverflowError):
         return None
     return Transitions(frames, **columns) if digest == _digest(key, frames.shape, columns) else None
+
+
+def _parts(path: Path) -> tuple[NDArray[Any], Columns, bytes]:
+    """Return the frames, the columns and the hash in a cache file; ValueError if it is none."""
+    with file_at(path).open("rb") as file:
+        mapped = np.asarray(np.memmap(path, np.uint8, "r"))
+        frames = _next(file, mapped, np.dtype("u1"))
+        columns = {name: _next(file, mapped, dtype) for name, dtype in COLUMNS.items()}
+        return frames, columns, file.read()
+
+
+def _is_cache(path: Path) -> bool:
+    """Return whether a file with the name of a cache file is one, of any key."""
+    try:
+        return len(_parts(path)[2]) == hashlib.sha256().digest_size
+    except (OSError, ValueError, OverflowError):
+        return False
 
 
 def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -190,7 +200,7 @@ def _make_room(path: Path, most: int) -> None:
     states = sorted(((each.stat(), each) for each in others), key=lambda pair: pair[0].st_mtime)
     total = sum(state.st_size for state, _ in states)
     for state, each in states:
-        if total > most:
+        if total > most and _is_cache(each):
             each.unlink(missing_ok=True)
             total -= state.st_size
 
@@ -199,4 +209,5 @@ def _remove_leftovers(folder: Path) -> None:
     """Remove what killed processes have left: files whose lock no process holds."""
     for lock in folder.glob(f".*{SUFFIX}.lock"):
         with suppress(OSError), locked(lock, wait=False):
-            lock.with_suffix(".tmp").unlink(missing_ok=True)
+            for left in temporaries(folder / lock.name[1 : -len(".lock")]):
+                left.unlink(missing_ok=True)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import socket
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_HOLDER = re.compile(rb"(process \d+ on .+)?")
+"""The content of the two files of a lock."""
 
 
 @contextmanager
@@ -25,11 +31,14 @@ def locked(
     Raises:
         TimeoutError: Another process has the lock, and `wait` is false.
         OSError: The file cannot be made, or its file system has no locks.
+        FileExistsError: A file that is not of a lock is there.
     """
     from filelock import FileLock, Timeout
 
     lock = FileLock(path, fallback_to_soft=False)
     holder = path.with_name(f"{path.name}.holder")
+    _refuse_others(path)
+    _refuse_others(holder)
     try:
         lock.acquire(blocking=False)
     except Timeout:
@@ -50,3 +59,13 @@ def locked(
             with suppress(OSError):
                 each.unlink()
         lock.release()
+
+
+def _refuse_others(path: Path) -> None:
+    """Raise FileExistsError if something is at a path that `locked` has not left there."""
+    with suppress(FileNotFoundError):
+        found = path.lstat()
+        # The file of a lock is empty; Windows lets nobody read one that is locked.
+        content = path.read_bytes() if stat.S_ISREG(found.st_mode) and found.st_size else b""
+        if not stat.S_ISREG(found.st_mode) or not _HOLDER.fullmatch(content):
+            raise FileExistsError(errno.EEXIST, "is not a lock: move it away", str(path))

@@ -2,13 +2,15 @@
 
 A local folder is a `pathlib.Path`. A URL that fsspec knows, such as `s3://bucket/data`, is a
 `RemotePath`, which has those methods of `Path` that are needed here. A file appears whole: a local
-one by a rename, a remote one by a single upload.
+one by a rename, a remote one by a single upload. Links are followed to the file that is replaced;
+what is there and is not a regular file, such as a device or a folder, is never replaced.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -128,18 +130,68 @@ class RemotePath:
 AnyPath = Path | RemotePath
 
 
+def file_at(path: Path) -> Path:
+    """Return the place of a file that is to be written, to which links at the path lead.
+
+    Raises:
+        FileExistsError: Something is there that is not a regular file.
+    """
+    if path.exists() and not path.is_file():
+        reason = "is not a regular file, so it is not replaced"
+        raise FileExistsError(errno.EEXIST, reason, str(path))
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def temporary_beside(path: Path, suffix: str = ".tmp") -> Path:
+    """Return a new name beside a path, for what is not in its place yet or no longer.
+
+    The end of the name is a hash of the rest, by which `temporaries` knows it.
+    """
+    return path.with_name(_sealed(f".{path.name}.{uuid4().hex[:12]}", suffix))
+
+
+def temporaries(path: Path, suffix: str = ".tmp") -> list[Path]:
+    """Return what is there under names of `temporary_beside`, left by killed processes."""
+    found = []
+    for each in path.parent.iterdir() if path.parent.is_dir() else ():
+        name = each.name.removesuffix(suffix).rpartition(".")[0]
+        if name.rpartition(".")[0] == f".{path.name}" and each.name == _sealed(name, suffix):
+            found.append(each)
+    return found
+
+
+def _sealed(name: str, suffix: str) -> str:
+    return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}{suffix}"
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Lend the name of a new file, which then takes the place of a local one.
+
+    Raises:
+        OSError: The file cannot be written, or something that is not a regular file is there.
+    """
+    target = file_at(path)
+    # Another process that makes the same file uses another name.
+    temporary = temporary_beside(target)
+    try:
+        yield temporary
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def write_bytes(path: AnyPath, content: bytes) -> None:
-    """Write a file, whole or not at all."""
+    """Write a file, whole or not at all.
+
+    Raises:
+        OSError: The file cannot be written, or something that is not a regular file is there.
+    """
     if isinstance(path, RemotePath):
         path._ask(lambda store, place: store.pipe_file(place, content))
         return
-    # Another process that makes the same file uses another name.
-    temporary = path.with_name(f".{path.name}.{uuid4().hex[:12]}.tmp")
-    try:
+    with replacing(path) as temporary:
         temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: AnyPath, text: str) -> None:
@@ -167,9 +219,12 @@ def size_and_time(path: AnyPath) -> tuple[int, float]:
 
 @contextmanager
 def local_copy(path: AnyPath) -> Iterator[Path]:
-    """Lend a local file with the content of a path: itself, or a temporary download."""
+    """Lend a local file with the content of a path: itself, or a temporary download.
+
+    Its path is absolute, as Arrow takes a relative one with a colon for a URL.
+    """
     if isinstance(path, Path):
-        yield path
+        yield path.absolute()
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
         local = Path(folder) / path.name
@@ -181,16 +236,24 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
 def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
     """Lend the name of a local file to be made, which is then moved or uploaded to a path.
 
+    The name is absolute, as Arrow takes a relative one with a colon for a URL.
+
     Args:
         path: The final place of the file, where it appears whole or not at all.
         scratch: Folder for the temporary file, on the same disk as a local path. A process that
             was given up may still write there while another makes the same file.
+
+    Raises:
+        OSError: The file cannot be written, or something that is not a regular file is there.
     """
-    place = scratch if isinstance(scratch, Path) else None
+    target = file_at(path) if isinstance(path, Path) else path
+    if target != path:  # A link may lead to another disk.
+        scratch = target.parent
+    place = scratch.absolute() if isinstance(scratch, Path) else None
     with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:
         local = Path(folder) / path.name
         yield local
-        if isinstance(path, Path):
-            local.replace(path)
+        if isinstance(target, Path):
+            local.replace(target)
         else:
-            path._ask(lambda store, place: store.put_file(str(local), place))
+            target._ask(lambda store, place: store.put_file(str(local), place))

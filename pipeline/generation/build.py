@@ -118,8 +118,8 @@ def _finished(run: Run) -> Manifest | None:
         unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
         if not unfinished and folder.exists() and any(folder.iterdir()):
             raise DatasetError(
-                f"{folder} holds files but no finished dataset: move them, choose another "
-                "data_dir, or give overwrite=true to replace what is left of a dataset"
+                f"{folder} holds files but no finished dataset: move them, or choose another "
+                "data_dir"
             )
         return None
     manifest = Manifest.read(folder)
@@ -144,7 +144,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, size: int) -> None
     # The table follows from what all shards were made of.
     again = damaged if has_table else manifest.shards
     expected = {shard.path: shard.sha256 for shard in again}
-    workplace.building.mkdir(parents=True, exist_ok=True)
+    workplace.begin(run.dataset)
     jobs = (
         replace(job, path=workplace.folder / name, expected=expected[name])
         for job in _jobs(run.dataset, workplace, size)

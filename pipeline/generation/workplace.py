@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     ANALYSIS,
@@ -20,19 +20,21 @@ from labyrinth_core.data.manifest import (
     Shard,
     current_versions,
 )
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
     file_sha256,
     size_and_time,
+    temporaries,
     write_text,
 )
-from pipeline.machinery.folders import move_into_place, recover, wait_for_disk
+from pipeline.inspection.statistics import own_files
+from pipeline.machinery.folders import move_into_place, recover, remove, wait_for_disk
+from pipeline.machinery.own_files import HASHES
 
 _CONFIG = "config.json"
-_SHARD = re.compile(r"\w+-\d{5,}-of-\d{5,}\.parquet", re.ASCII)
-_UNFINISHED = re.compile(r"\..+\.tmp")
-"""A file that a process was killed over; see `storage.write_bytes`."""
+_SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -64,21 +66,33 @@ class Workplace:
             recover(self.folder)
 
     def refuse_others_files(self) -> None:
-        """Raise DatasetError if there are files in the folder's place that no dataset has.
-
-        A dataset has its manifest, its shards, and what its analysis leaves.
-        """
+        """Raise DatasetError if a file is in the folder's place that no record says is ours."""
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file: move it, or choose another data_dir")
-        names = sorted(path.name for path in self.folder.iterdir())
-        if others := [name for name in names if not _may_be_ours(name)]:
-            more = f" and {len(others) - 3} more" if len(others) > 3 else ""
-            raise DatasetError(
-                f"{self.folder} holds {', '.join(others[:3])}{more}, which would be lost, being no "
-                "part of a dataset: move it elsewhere, or choose another data_dir"
-            )
+        recorded = self._recorded()
+        others = [p for p in self.folder.iterdir() if p.name not in recorded or not p.is_file()]
+        _refuse(self.folder, [path.name for path in others])
+
+    def _recorded(self) -> set[str]:
+        """Return the names in the folder that our records say are ours.
+
+        The manifest names the files of the dataset, SHA256SUMS what stages left beside them. In a
+        store, once a build has begun, which was refused before if there were other files, shards
+        are those of the build.
+        """
+        own = own_files(self.folder)
+        names = {path.name for path in own.unfinished([COUNTS, ANALYSIS, HASHES])}
+        names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
+        with suppress(DatasetError):
+            manifest = Manifest.read(self.folder)
+            names |= {MANIFEST, *(shard.path for shard in manifest.shards)}
+            names |= {TABLE} if manifest.labyrinths is not None else set()
+        if isinstance(self.folder, RemotePath) and self.has_begun:
+            there = {path.name for path in self.folder.iterdir()}
+            names |= {name for name in there if _SHARD.fullmatch(name) or name == TABLE}
+        return names
 
     def damaged(self, manifest: Manifest) -> list[Shard]:
         """Return the shards of the finished dataset that are missing, or not what they were.
@@ -108,24 +122,39 @@ class Workplace:
 
     def prepare(self, config: DatasetConfig) -> None:
         """Make the folders, emptied of what another configuration or version left in them."""
-        if isinstance(self.folder, RemotePath):  # The old manifest would describe new shards.
-            (self.folder / MANIFEST).unlink(missing_ok=True)
-        if not self.is_for(config):
+        same = self.is_for(config)
+        if isinstance(self.folder, RemotePath):
+            if not same:  # From now on shards in the folder are those of a build.
+                write_text(self.building / _CONFIG, _content(None))
+            (self.folder / MANIFEST).unlink(missing_ok=True)  # It would describe new shards.
+            for name in [] if same else sorted(self._recorded(), key=HASHES.__eq__):
+                (self.folder / name).unlink(missing_ok=True)
+        if not same:
             self.clear()
-            for path in self.shards.glob("*.parquet"):
-                if _SHARD.fullmatch(path.name) or path.name == TABLE:
-                    path.unlink()
-            self.building.mkdir(parents=True, exist_ok=True)
-            write_text(self.building / _CONFIG, _content(config))
+            self.begin(config)
         self.shards.mkdir(parents=True, exist_ok=True)
-        if isinstance(self.shards, Path):
-            for path in self.shards.glob(".*.tmp"):  # A run was killed while it wrote the manifest.
+        if isinstance(self.shards, Path):  # A run was killed while it wrote the manifest.
+            for path in temporaries(self.shards / MANIFEST):
                 path.unlink()
+
+    def begin(self, config: DatasetConfig) -> None:
+        """Write down what is built, unless a build has begun; raise DatasetError as above."""
+        if self.has_begun:
+            return
+        self.building.mkdir(parents=True, exist_ok=True)
+        if isinstance(self.building, Path):
+            unfinished = temporaries(self.building / _CONFIG)
+            others = [path.name for path in self.building.iterdir() if path not in unfinished]
+            _refuse(self.building, others)
+        write_text(self.building / _CONFIG, _content(config))
 
     @property
     def has_begun(self) -> bool:
         """Whether a build was stopped here."""
-        return (self.building / _CONFIG).exists()
+        with suppress(FileNotFoundError, *MALFORMED):
+            content = json.loads((self.building / _CONFIG).read_bytes())
+            return bool(content.keys() == json.loads(_content(None)).keys())
+        return False
 
     def is_for(self, config: DatasetConfig) -> bool:
         """Return whether the stopped build had this configuration and these versions."""
@@ -166,22 +195,28 @@ class Workplace:
         return True
 
     def clear(self) -> None:
-        """Remove all that is not the finished dataset."""
-        if isinstance(self.building, Path):
-            # A worker of a killed run may still write there.
-            shutil.rmtree(self.building, ignore_errors=True)
-        else:
+        """Remove all that is not the finished dataset, unless no build of ours has begun."""
+        if self.has_begun:
             # The configuration goes last, since it says what the other files belong to.
-            for path in sorted(self.building.iterdir(), key=lambda path: path.name == _CONFIG):
-                path.unlink(missing_ok=True)
+            paths: list[AnyPath] = [*self.building.iterdir()]
+            for path in sorted(paths, key=lambda path: path.name == _CONFIG):
+                remove(path)
+        if isinstance(self.building, Path):
+            with suppress(OSError):  # It is not there, or somebody's files are.
+                self.building.rmdir()
 
 
-def _content(config: DatasetConfig) -> str:
-    return json.dumps({"config": config.to_json(), "versions": current_versions()})
+def _content(config: DatasetConfig | None) -> str:
+    told = None if config is None else config.to_json()
+    return json.dumps({"config": told, "versions": current_versions()})
 
 
-def _may_be_ours(name: str) -> bool:
-    """Return whether a file in the folder of a dataset may be the dataset's, by its name."""
-    if name in (MANIFEST, TABLE, COUNTS, ANALYSIS):
-        return True
-    return any(form.fullmatch(name) for form in (_SHARD, _UNFINISHED))
+def _refuse(folder: AnyPath, others: list[str]) -> None:
+    """Raise DatasetError if there are others' files in a folder, given by name."""
+    if others:
+        named = ", ".join(sorted(others)[:3])
+        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+        raise DatasetError(
+            f"{folder} holds {named}{more}, which would be lost, being no part of a dataset: "
+            "move it elsewhere, or choose another data_dir"
+        )

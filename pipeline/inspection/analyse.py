@@ -6,6 +6,7 @@ elsewhere it leaves the leakage in `analysis/` in `data_dir`.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +20,7 @@ from rich.table import Column, Table
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
-from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.inspection.counts import Content
 from pipeline.inspection.elsewhere import read_elsewhere
@@ -28,9 +29,12 @@ from pipeline.inspection.measures import MeasuredShift, compare
 from pipeline.inspection.shift import PERMUTATIONS
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
 from pipeline.machinery.console import console, progress, say
+from pipeline.machinery.own_files import leave
 
 FORMAT = 1
 """The format of `analysis.json`."""
+FOLDER = "analysis"
+"""The folder, in `data_dir`, of what was found out about datasets from elsewhere."""
 LEAKS_SHOWN = 10
 """The largest number of labyrinths with the same fault that are named in the terminal."""
 SIGNIFICANT = 0.05
@@ -53,7 +57,6 @@ def _analyse(run: Run) -> Iterator[str]:
     folder = run.folder
     manifest = Manifest.read(folder)
     statistics, contents = read_contents(folder, manifest, run.options.workers)
-    statistics.write_counts(folder)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     leakage = find_leakage(labyrinths, statistics.certificate)
     pairs = [("train", split) for split in BASE_SPLITS[1:]] + [("validation", "test")]
@@ -70,7 +73,7 @@ def _analyse(run: Run) -> Iterator[str]:
             "measures": [shift.to_json() for shift in shifts],
         },
     }
-    _write(folder / ANALYSIS, content)
+    statistics.leave(folder, _as_text(content))
     yield from _leaks(leakage, {})
     yield from _near(leakage)
     yield from _shifted(shifts)
@@ -110,7 +113,6 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
     repeated = leakage.certificate.repeated
     repeated = {split: repeated[split] + copies for split, copies in found.copies.items()}
     leakage = replace(leakage, certificate=replace(leakage.certificate, repeated=repeated))
-    path = _path_of(run, source, config)
     content = {
         "source": source,
         "config": config,
@@ -119,7 +121,9 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         "leakage": leakage.to_json(),
         "files": found.files,
     }
-    _write(path, content)
+    name = _name_of(source, config)
+    leave(run.data_dir / FOLDER, {name: _as_text(content).encode()}, r".+\.json")
+    path = run.data_dir / FOLDER / name
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)
     if found.structures_alone:
@@ -133,18 +137,20 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         )
 
 
-def _path_of(run: Run, source: str, config: str | None) -> AnyPath:
-    """Return where the analysis of a dataset from elsewhere is written; make its folder."""
-    # A folder for the configs of a source, as a name of both could be that of another source.
-    parts = [source] if config is None else [source, config]
-    names = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "dataset" for part in parts]
-    path = run.data_dir / f"analysis/{'/'.join(names)}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
+def _name_of(source: str, config: str | None) -> str:
+    """Return the path in `FOLDER` of the analysis of a dataset from elsewhere, which no other has.
+
+    The configs of a source have a folder.
+    """
+    names = []
+    for part in (source,) if config is None else (source, config):
+        readable = re.sub(r"[^\w.-]+", "-", part).strip("-.")[:99]
+        names.append(f"{readable}-{hashlib.sha256(part.encode()).hexdigest()[:8]}")
+    return f"{'/'.join(names)}.json"
 
 
-def _write(path: AnyPath, content: Mapping[str, Any]) -> None:
-    write_text(path, json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n")
+def _as_text(content: Mapping[str, Any]) -> str:
+    return json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n"
 
 
 def _table(leakage: Leakage, *, with_routes: bool) -> Table:

@@ -27,7 +27,7 @@ from labyrinth_core.data.schema import (
     check_shape,
     read_json,
 )
-from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from labyrinth_core.world.grid import Action
 from pipeline.inspection import front_matter
@@ -35,6 +35,7 @@ from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.machinery.console import progress
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.own_files import OwnFiles, leave
 
 FORMAT = 1
 """The format of `counts.json`."""
@@ -100,13 +101,21 @@ class DatasetStatistics:
         """The number of rows of all splits."""
         return sum(counts.rows for counts in self.splits.values())
 
-    def write_counts(self, folder: AnyPath) -> None:
-        """Write counts and certificate into the folder of the dataset, all or nothing."""
+    def leave(self, folder: AnyPath, analysis: str | None = None) -> None:
+        """Write counts and certificate into the folder of the dataset, and an analysis.
+
+        Raises:
+            DatasetError: A user's file is in the place of one.
+            OSError: The folder cannot be written.
+        """
         content = _described(self.manifest) | {
             "splits": {split: counts.to_json() for split, counts in self.splits.items()},
             "certificate": asdict(self.certificate),
         }
-        write_text(folder / COUNTS, json.dumps(content) + "\n")
+        files = {COUNTS: f"{json.dumps(content)}\n".encode()}
+        if analysis is not None:
+            files[ANALYSIS] = analysis.encode()
+        leave(folder, files, COUNTS)
 
 
 def _described(manifest: Manifest) -> dict[str, Any]:
@@ -185,6 +194,15 @@ def count_dataset(
         advance(shard.rows)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
     return DatasetStatistics(manifest, splits, certificate)
+
+
+def own_files(folder: AnyPath) -> OwnFiles:
+    """Return the files that stages have left in the folder of a dataset, beside the dataset.
+
+    Raises:
+        DatasetError: There is a SHA256SUMS of another program.
+    """
+    return OwnFiles.read(folder, always=COUNTS)
 
 
 def read_counts(folder: AnyPath, manifest: Manifest) -> DatasetStatistics | None:

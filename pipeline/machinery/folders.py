@@ -10,8 +10,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from labyrinth_core.data.locks import locked
-from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.data.storage import AnyPath, RemotePath, temporaries, temporary_beside
 from pipeline.machinery.console import console
+
+_REPLACED = ".replaced"
+"""The end of the name of a folder that another takes the place of."""
 
 
 @contextmanager
@@ -23,7 +26,10 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
     Args:
         folder: The folder, which is made if it does not exist, and removed if it is empty at the
             end.
-        name: The name of what is changed; unfinished files of `storage.write_bytes` are removed.
+        name: The name of what is changed; what killed processes left unfinished is removed.
+
+    Raises:
+        FileExistsError: A file of somebody else's has the name of the lock.
     """
     if isinstance(folder, RemotePath):
         yield
@@ -39,9 +45,14 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
                 stack.callback(_remove_if_empty, each)
         with suppress(OSError):  # A folder that cannot be written is reported by the caller.
             folder.mkdir(parents=True, exist_ok=True)
+        try:
             stack.enter_context(locked(folder / f".{name}.lock", say_who))
-            for left in folder.glob(f".{name}.*.tmp"):  # Left by a process that was killed.
-                left.unlink()
+            for left in temporaries(folder / name):
+                remove(left)
+        except FileExistsError:
+            raise
+        except OSError:  # Likewise; or there are no locks.
+            pass
         yield
 
 
@@ -57,25 +68,24 @@ def wait_for_disk(folder: Path) -> None:
 
 
 def move_into_place(made: Path, folder: Path) -> None:
-    """Move a folder to its place, and replace a folder that is there.
+    """Move a folder to its place, and remove a folder that is there.
 
     After a crash on the way, `recover` puts the replaced folder back.
     """
-    replaced = _replaced(folder)
     if folder.exists():
-        _remove(replaced)
-        folder.replace(replaced)
+        folder.replace(temporary_beside(folder, _REPLACED))
     made.replace(folder)
-    _remove(replaced)
+    recover(folder)
     _wait(folder.parent)
 
 
 def recover(folder: Path) -> None:
-    """Put a folder back that a crash in `move_into_place` displaced."""
-    replaced = _replaced(folder)
-    if replaced.exists() and not folder.exists():
-        replaced.replace(folder)
-    _remove(replaced)
+    """Put a folder back that a crash in `move_into_place` displaced, or remove it."""
+    for replaced in temporaries(folder, _REPLACED):
+        if folder.exists():
+            remove(replaced)
+        else:
+            replaced.replace(folder)
 
 
 def _wait(path: Path) -> None:
@@ -91,13 +101,9 @@ def _wait(path: Path) -> None:
         os.close(descriptor)
 
 
-def _replaced(folder: Path) -> Path:
-    return folder.with_name(f".{folder.name}.replaced")
-
-
-def _remove(folder: Path) -> None:
-    """Remove a folder, or a link that a user put in its place."""
-    if folder.is_symlink():
-        folder.unlink()
+def remove(path: AnyPath) -> None:
+    """Remove a file, or a local folder with its content, in which a process may still write."""
+    if isinstance(path, Path) and path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
     else:
-        shutil.rmtree(folder, ignore_errors=True)
+        path.unlink(missing_ok=True)

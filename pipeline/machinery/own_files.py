@@ -1,7 +1,8 @@
 """The files that stages leave in a person's folder, told from the files of that person.
 
 `SHA256SUMS` lists what was left, with hashes. A file that it does not list, or lists with another
-hash, belongs to the user: it is neither written over, nor removed, nor published.
+hash, belongs to the user: it is neither written over, nor removed, nor published. What is made of
+many files, a dataset or an export, is replaced as a whole, and has no files but those listed.
 """
 
 from __future__ import annotations
@@ -10,9 +11,17 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes, write_text
+from labyrinth_core.data.storage import (
+    AnyPath,
+    file_sha256,
+    temporaries,
+    write_bytes,
+    write_text,
+)
+from pipeline.machinery.folders import held
 
 HASHES = "SHA256SUMS"
 """The name of the list, which `sha256sum -c` reads."""
@@ -66,6 +75,22 @@ class OwnFiles:
 
         return [name for name, content in files.items() if not is_free(name, content)]
 
+    def refuse_others(self, files: Mapping[str, bytes]) -> None:
+        """Raise DatasetError if files would be written over a user's."""
+        if others := self.others(files):
+            names = ", ".join(str(self.folder / name) for name in others[:3])
+            more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+            raise DatasetError(
+                f"{names}{more}: made or changed by somebody else, so not written over; move it "
+                "away, or choose another folder"
+            )
+
+    def unfinished(self, names: Iterable[str]) -> list[Path]:
+        """Return what killed processes left that were writing files of these names."""
+        if not isinstance(self.folder, Path):
+            return []
+        return [left for name in names for left in temporaries(self.folder / name)]
+
     def replace(self, files: Mapping[str, bytes], gone: Iterable[str]) -> OwnFiles:
         """Write files, remove others that were left, and return the files that are left now.
 
@@ -76,12 +101,17 @@ class OwnFiles:
             gone: The names of files that are not to be there any more.
         """
         new = {(name, hashlib.sha256(content).hexdigest()) for name, content in files.items()}
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for left in self.unfinished([*files, HASHES]):
+            left.unlink()
         write_list(self.folder, self.hashes | new)
         for name in gone:
             if self.has(name):
                 (self.folder / name).unlink()
         for name, content in files.items():
-            write_bytes(self.folder / name, content)
+            path = self.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, content)
         kept = {(name, digest) for name, digest in self.hashes - new if self.has(name)}
         return OwnFiles(self.folder, frozenset(kept | new))
 
@@ -90,3 +120,22 @@ def write_list(folder: AnyPath, hashes: Iterable[tuple[str, str]]) -> None:
     """Write the list of the files that were left in a folder: pairs of name and SHA-256."""
     lines = (f"{digest}  {name}\n" for name, digest in sorted(hashes))
     write_text(folder / HASHES, "".join(lines))
+
+
+def leave(folder: AnyPath, files: Mapping[str, bytes], always: str) -> None:
+    """Write files into a folder, in place of those that were left there before.
+
+    Args:
+        folder: The folder, which is made.
+        files: The content of each, by name.
+        always: As for `OwnFiles.read`.
+
+    Raises:
+        DatasetError: A file of a user is in the place of one; nothing is written.
+        OSError: The folder cannot be written.
+    """
+    place = folder.absolute() if isinstance(folder, Path) else folder
+    with held(place.parent, place.name):
+        own = OwnFiles.read(folder, always)
+        own.refuse_others(files)
+        write_list(folder, own.replace(files, gone=()).hashes)

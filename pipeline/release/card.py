@@ -126,7 +126,7 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         files[CHANGELOG] = changelog(versions, manifests, release.version).encode()
     files[README] = _with_front_matter(values, manifests, text).encode()
     for dataset in datasets:
-        dataset.write_counts(data_dir / dataset.name)
+        dataset.leave(data_dir / dataset.name)
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:

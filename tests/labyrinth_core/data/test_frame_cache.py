@@ -20,6 +20,7 @@ from labyrinth_core.data.loader import load_transitions
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.storage import temporary_beside
 from labyrinth_core.data.transitions import (
     COLUMNS,
     Transition,
@@ -311,18 +312,19 @@ def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
 
 def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(data_dir, cache):
     cache.mkdir()
-    temporary = cache / ".3x3-s0-8-0.frames.npy.tmp"
+    temporary = temporary_beside(cache / "3x3-s0-8-0.frames.npy")
     temporary.touch()
-    with locked(temporary.with_suffix(".lock")):
+    with locked(cache / ".3x3-s0-8-0.frames.npy.lock"):
         load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
         assert temporary.exists()
 
 
 def test_files_of_others_are_left_alone(data_dir, cache, monkeypatch):
     cache.mkdir()
-    others = [cache / name for name in (".other.npy.tmp", "x.frames.npy", "x.tmp")]
+    names = (".other.npy.tmp", "x.frames.npy", "x.tmp", f"5x5-train-64-{'0' * 16}.frames.npy")
+    others = [cache / name for name in names]
     for path in others:
-        path.write_bytes(bytes(1000))
+        path.write_bytes(bytes(1_000_000))
     monkeypatch.setenv(LIMIT_VARIABLE, "1e-3")
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert all(path.exists() for path in others)

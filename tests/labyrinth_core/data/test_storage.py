@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import socket
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +25,9 @@ from labyrinth_core.data.storage import (
     folder_at,
     local_copy,
     new_file,
+    replacing,
+    temporaries,
+    temporary_beside,
     write_bytes,
 )
 from pipeline.config.errors import ConfigError
@@ -124,6 +129,47 @@ def test_a_file_that_is_not_finished_is_not_there(
     with pytest.raises(RuntimeError):
         write_half()
     assert not list(folder.glob("*"))
+
+
+@pytest.mark.parametrize("write", ["write_bytes", "new_file", "replacing"])
+def test_a_link_stays_and_what_is_not_a_regular_file_is_never_replaced(
+    tmp_path: Path, write: str
+) -> None:
+    def put(path: Path) -> None:
+        if write == "write_bytes":
+            write_bytes(path, b"new")
+            return
+        with new_file(path, tmp_path) if write == "new_file" else replacing(path) as local:
+            local.write_bytes(b"new")
+
+    for place in ("there", "new"):
+        target, link = tmp_path / f"of-{place}", tmp_path / f"to-{place}"
+        if place == "there":
+            target.write_bytes(b"old")
+        link.symlink_to(target)
+        put(link)
+        assert link.is_symlink()
+        assert target.read_bytes() == b"new"
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "fifo")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "socket"))
+        for name in ("fifo", "folder", "link", "socket"):
+            before = (tmp_path / name).lstat()
+            with pytest.raises(FileExistsError, match=f"is not a regular file.*{name}"):
+                put(tmp_path / name)
+            assert (tmp_path / name).lstat() == before
+    assert len(list(tmp_path.iterdir())) == 8
+
+
+def test_only_names_with_their_own_hash_are_those_of_temporary_files(tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    made = temporary_beside(path)
+    for name in (made.name, f".README.md.{'0' * 12}.{'0' * 8}.tmp", ".README.md.tmp", "x.tmp"):
+        (tmp_path / name).touch()
+    assert temporaries(path) == [made]
+    assert temporaries(tmp_path / "README") == temporaries(path, ".replaced") == []
 
 
 class FailingStore(fsspec.AbstractFileSystem):

@@ -512,15 +512,6 @@ def test_files_that_are_no_dataset_stop_the_build(build: Build, tmp_path: Path) 
     assert (tmp_path / "3x3" / "thesis.txt").read_text() == "years of work"
 
 
-def test_what_is_left_of_a_dataset_may_be_replaced(
-    build: Build, tmp_path: Path, small_dataset: Run
-) -> None:
-    (build(tmp_path, labyrinths=1).folder / MANIFEST).unlink()
-    with pytest.raises(DatasetError, match="holds files but no finished dataset"):
-        build(tmp_path)
-    assert content_of(build(tmp_path, overwrite=True).folder) == content_of(small_dataset.folder)
-
-
 def test_an_empty_folder_in_its_place_is_used(build: Build, tmp_path: Path) -> None:
     (tmp_path / "3x3").mkdir()
     assert Manifest.read(build(tmp_path, labyrinths=1).folder).config.labyrinths == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ from tampering import TRAIN, content_of, identities, manifest_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from pipeline.config.run import Run
+from pipeline.inspection import analyse
 
 Build = Callable[..., Run]
 
@@ -98,17 +100,72 @@ def test_a_shard_that_this_version_would_not_make_is_named(build: Build, folder:
 # Files of a person.
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "train.parquet", "my-00001-of-2.parquet", "figures"])
+OTHERS = (
+    *("notes.txt", "train.parquet", "my-00001-of-2.parquet", "figures/"),
+    *("data-00000-of-00009.parquet", "train-00000-of-00009.parquet", f"{TEST}/", ".x.tmp"),
+    *("labyrinths.parquet/", "analysis.json", "counts.json", ".manifest.json.0123456789ab.tmp"),
+)
+
+
+@pytest.mark.parametrize("name", OTHERS)
 def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
     build: Build, folder: Path, name: str
 ) -> None:
-    (folder / name).mkdir() if name == "figures" else (folder / name).write_text("years of work")
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).mkdir() if name.endswith("/") else (folder / name).write_text("years of work")
     before = content_of(folder.parent)
-    with pytest.raises(DatasetError, match=rf"3x3 holds {name}, .*move it elsewhere") as caught:
+    reason = rf"3x3 holds {re.escape(name.strip('/'))}, .*move it elsewhere"
+    with pytest.raises(DatasetError, match=reason) as caught:
         build(folder.parent, seed=1, overwrite=True)
     assert "\n" not in str(caught.value)
     assert content_of(folder.parent) == before
     assert (folder / name).exists()
+
+
+@pytest.mark.parametrize(
+    "place", ["3x3/train-00000-of-00001.parquet", "3x3/labyrinths.parquet", ".3x3.building/x.json"]
+)
+def test_files_of_a_person_where_there_is_no_dataset_stop_a_build(
+    build: Build, tmp_path: Path, place: str
+) -> None:
+    (tmp_path / place).parent.mkdir()
+    (tmp_path / place).write_text("years of work")
+    with pytest.raises(DatasetError, match=f"{Path(place).parent} holds {Path(place).name}, which"):
+        build(tmp_path, overwrite=True)
+    assert content_of(tmp_path) == {place: b"years of work"}
+
+
+@pytest.mark.parametrize(
+    "name", [".3x3.tmp", ".3x3.x.tmp", ".README.md.0123456789ab.tmp", ".3x3.replaced"]
+)
+def test_files_called_like_what_a_killed_build_leaves_are_kept(
+    build: Build, folder: Path, name: str
+) -> None:
+    (folder.parent / name).write_text("years of work")
+    build(folder.parent, seed=1, overwrite=True)
+    assert (folder.parent / name).read_text() == "years of work"
+    assert Manifest.read(folder).config.seed == 1
+
+
+@pytest.mark.parametrize("name", [".3x3.lock", ".3x3.lock.holder"])
+def test_a_file_called_like_a_lock_is_named_and_kept(build: Build, folder: Path, name: str) -> None:
+    (folder.parent / name).write_text("years of work")
+    with pytest.raises(FileExistsError, match=f"is not a lock: move it away.*{name}"):
+        build(folder.parent)
+    assert (folder.parent / name).read_text() == "years of work"
+
+
+def test_what_was_analysed_of_a_dataset_is_replaced_with_it(
+    build: Build, folder: Path, make_run: Build
+) -> None:
+    analyse.run(make_run(folder.parent, stages=["analyse"]))
+    build(folder.parent, seed=1, overwrite=True)
+    assert not (folder / "analysis.json").exists()
+    analyse.run(make_run(folder.parent, stages=["analyse"]))
+    (folder / "analysis.json").write_text("years of work")
+    with pytest.raises(DatasetError, match=r"3x3 holds analysis\.json, which would be lost"):
+        build(folder.parent, seed=2, overwrite=True)
+    assert (folder / "analysis.json").read_text() == "years of work"
 
 
 def test_notes_that_came_during_the_build_are_not_lost_and_no_shard_is(
@@ -148,13 +205,3 @@ def test_a_folder_that_a_link_leads_to_is_replaced_and_the_link_stays(
         assert Manifest.read(elsewhere).config.seed == seed
         assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
         assert [path.name for path in elsewhere.parent.iterdir()] == ["large"]
-
-
-def test_a_link_that_an_earlier_version_left_does_not_stop_a_build(
-    build: Build, folder: Path, tmp_path: Path
-) -> None:
-    (tmp_path / "elsewhere").mkdir()
-    (folder.parent / ".3x3.replaced").symlink_to(tmp_path / "elsewhere")
-    build(folder.parent, seed=1, overwrite=True)
-    assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
-    assert (tmp_path / "elsewhere").is_dir()

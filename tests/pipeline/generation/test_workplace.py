@@ -21,6 +21,7 @@ from tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import temporary_beside
 from pipeline.config.run import Run
 from pipeline.generation import workplace
 from pipeline.machinery.folders import held
@@ -105,7 +106,8 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
 ) -> None:
     build(tmp_path)
     made = identities(tmp_path / "3x3")
-    folder, replaced = tmp_path / "3x3", tmp_path / ".3x3.replaced"
+    folder = tmp_path / "3x3"
+    replaced = temporary_beside(folder, ".replaced")
     folder.rename(replaced)  # The crash came between the two renames.
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
@@ -134,17 +136,17 @@ def test_a_crash_costs_no_shard_and_leaves_nothing_in_the_end(
 def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rmtree = shutil.rmtree
+    unlink, cleared = Path.unlink, []
 
-    def crash_midway(folder: str | Path, **options: Any) -> None:
-        config = Path(folder) / "config.json"
-        if config.exists():
-            config.unlink()
-            raise CrashError
-        rmtree(folder, **options)
+    def crash_midway(path: Path, **options: Any) -> None:
+        if path.parent.name == ".3x3.building":
+            cleared.append(path)
+            if len(cleared) == 5:
+                raise CrashError
+        unlink(path, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(shutil, "rmtree", crash_midway)
+        patch.setattr(Path, "unlink", crash_midway)
         with pytest.raises(CrashError):
             build(tmp_path)
     assert list(tmp_path.glob(".3x3.building/*-of-*.json"))
