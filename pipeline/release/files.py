@@ -91,8 +91,8 @@ def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:
     folders = {name.partition("/")[0] for name in published if "/" in name}
     for path in sorted(data_dir.glob("[!.]*")):
         if path.name in folders:
-            inside = (f"{path.name}/{each.name}" for each in sorted(path.glob("[!.]*")))
-            yield from (name for name in inside if name not in published)
+            inside = sorted(each.name for each in path.glob("[!.]*") if each.name != HASHES)
+            yield from (f"{path.name}/{n}" for n in inside if f"{path.name}/{n}" not in published)
         elif path.name not in published:
             yield f"{path.name}/" if path.is_dir() else path.name
 

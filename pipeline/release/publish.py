@@ -86,11 +86,13 @@ def _carded(run: Run) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
-        # What is written there takes the place of a link, and does not go through it.
+        # Shards are only read; what is written there would go through a link.
         shutil.copytree(
             run.local_dir.resolve(),
             folder,
-            copy_function=os.symlink,
+            copy_function=lambda file, copy: (
+                os.symlink if Path(file).suffix == ".parquet" else shutil.copyfile
+            )(file, copy),
             dirs_exist_ok=True,
             ignore=shutil.ignore_patterns(".*"),  # A build, or a lock.
         )

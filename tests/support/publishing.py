@@ -135,11 +135,11 @@ def kill_in(
 
 
 def built(data_dir: Path) -> dict[str, str]:
-    """Return the SHA-256 of all files of a folder."""
+    """Return the SHA-256 of all files of a folder but the lists of its configs."""
     return {
         path.relative_to(data_dir).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in data_dir.rglob("*")
-        if path.is_file()
+        if path.is_file() and not path.match("*/*x*/SHA256SUMS")
     }
 
 
