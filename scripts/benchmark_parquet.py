@@ -24,6 +24,7 @@ from measuring import machine, parser_of, take_turns
 from labyrinth_core.data.columns import Row
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import write as writing
+from pipeline.generation.candidates import unpack
 from pipeline.generation.render import render
 from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
@@ -61,7 +62,8 @@ def episodes_of(size: str, labyrinths: int, split: str) -> list[list[Row]]:
     """Return the rows of each episode of a split."""
     options = RunConfig(stages=["build"], size=size, labyrinths=labyrinths, data_dir="unused")
     config = resolve(options).dataset
-    labyrinths = (labyrinth_of(config, split, each) for each in sample(config)["train"])
+    train = unpack(config, sample(config).structures["train"])
+    labyrinths = (labyrinth_of(config, split, each) for each in train)
     solutions = enumerate(solve(config, split, labyrinths))
     return [rows for n, solution in solutions for rows in render(split, n, solution.episodes)]
 

@@ -66,10 +66,14 @@ def build() -> Callable[..., Run]:
     """A function that builds a dataset, by default 3x3 with 8 labyrinths a split."""
 
     def build_dataset(
-        data_dir: Path, *, cells_per_shard: int = generation.CELLS_PER_SHARD, **options: Any
+        data_dir: Path,
+        *,
+        cells_per_shard: int = generation.CELLS_PER_SHARD,
+        cells_per_chunk: tuple[int, int] = generation.CELLS_PER_CHUNK,
+        **options: Any,
     ) -> Run:
         run = run_of(data_dir, **options)
-        generation.run(run, cells_per_shard=cells_per_shard)
+        generation.run(run, cells_per_shard=cells_per_shard, cells_per_chunk=cells_per_chunk)
         return run
 
     return build_dataset

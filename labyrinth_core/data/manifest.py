@@ -28,7 +28,9 @@ ANALYSIS = "analysis.json"
 """The name of the file of the stage `analyse`, in the same folder."""
 COUNTS = "counts.json"
 """The name of the file of what is counted in the rows, in the same folder."""
-FORMAT = 2
+FORMAT, FORMAT_OF_CHUNKS = 2, 3
+"""The format of a manifest; 3 if the structures come from several chunks of candidates, where
+earlier versions took others."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,7 @@ class Manifest:
     """The shards, in the order of splits and of rows."""
     labyrinths: TableFile | None = None
     """The table of labyrinths; datasets of earlier versions have none."""
+    format: int = FORMAT
 
     @property
     def fingerprint(self) -> str:
@@ -116,7 +119,7 @@ class Manifest:
     def write(self, folder: AnyPath) -> None:
         """Write the manifest into a folder, whole or not at all."""
         content = {
-            "format": FORMAT,
+            "format": self.format,
             "name": self.config.name,
             "config": self.config.to_json(),
             "versions": dict(self.versions),
@@ -137,8 +140,10 @@ class Manifest:
         path = folder / MANIFEST
         try:
             content = json.loads(path.read_bytes())
-            if content["format"] != FORMAT:
-                raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+            if content["format"] not in (FORMAT, FORMAT_OF_CHUNKS):
+                raise ValueError(
+                    f"its format is {content['format']}, not {FORMAT} or {FORMAT_OF_CHUNKS}"
+                )
             return cls(
                 config=DatasetConfig.from_json(content["config"]),
                 versions={str(key): str(value) for key, value in content["versions"].items()},
@@ -146,6 +151,7 @@ class Manifest:
                 labyrinths=(
                     TableFile.from_json(content["labyrinths"]) if "labyrinths" in content else None
                 ),
+                format=content["format"],
             )
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error

@@ -1,5 +1,8 @@
 """The build, which composes sample, solve, render and write; the manifest comes last.
 
+Workers draw candidates in chunks. This process takes the structures of each split from them, which
+needs only their ids, and hands out shards. Workers solve, render and write a shard each.
+
 A local dataset is built in `.NAME.building` beside its final folder, and moved there once finished.
 In an object store, which cannot rename, shards are uploaded under their final names, and the
 manifest makes them a dataset. Either way each finished shard has a sidecar in `.NAME.building`,
@@ -11,17 +14,26 @@ from __future__ import annotations
 import json
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import islice
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile, current_versions
+from labyrinth_core.data.manifest import (
+    FORMAT,
+    FORMAT_OF_CHUNKS,
+    MANIFEST,
+    Manifest,
+    Shard,
+    TableFile,
+    current_versions,
+)
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
@@ -31,11 +43,19 @@ from labyrinth_core.data.storage import (
     write_bytes,
     write_text,
 )
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.generation.candidates import (
+    CELLS_PER_CHUNK,
+    Candidates,
+    Chunk,
+    Records,
+    draw_chunk,
+    unpack,
+)
 from pipeline.generation.render import render
-from pipeline.generation.sample import check_capacity, own_splits, stream
+from pipeline.generation.sample import check_capacity, sample
 from pipeline.generation.solve import solve
 from pipeline.generation.tabulate import FactsOfShard, facts_path, read_facts, write_table
 from pipeline.generation.variants import labyrinth_and_parent
@@ -64,7 +84,7 @@ class ShardJob:
     split: str
     first: int
     """The index of its first labyrinth in the split."""
-    structures: list[Structure]
+    structures: Records
     path: AnyPath
     sidecar: AnyPath
     """The file that marks the shard as finished, and describes it."""
@@ -74,12 +94,28 @@ class ShardJob:
     """The SHA-256 that the file must have, if it is known already."""
 
 
-def run(run: Run, *, cells_per_shard: int = CELLS_PER_SHARD) -> None:
+class Plan(NamedTuple):
+    """All shards of a dataset, before they are made."""
+
+    jobs: list[ShardJob]
+    """In the order of the manifest."""
+    format: int
+    """The format of the manifest."""
+
+
+def run(
+    run: Run,
+    *,
+    cells_per_shard: int = CELLS_PER_SHARD,
+    cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
+) -> None:
     """Build the dataset of a run, or the damaged and missing files of one that is finished.
 
     Args:
         run: The run.
         cells_per_shard: The cells of all labyrinths in a shard; at least one labyrinth is in it.
+        cells_per_chunk: The cells of all candidates in the first chunk and in any other; at least
+            one candidate is in each.
 
     Raises:
         ConfigError: There are fewer labyrinths than asked for.
@@ -88,13 +124,13 @@ def run(run: Run, *, cells_per_shard: int = CELLS_PER_SHARD) -> None:
         OSError: The folder cannot be written.
     """
     workplace = Workplace.of(run.folder)
-    size = max(1, cells_per_shard // (run.dataset.height * run.dataset.width))
+    plan_of = partial(_plan, run, workplace, cells_per_shard, cells_per_chunk)
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
         manifest = None if run.options.overwrite else _finished(run)
         if manifest is not None:
             try:
-                _mend(run, workplace, manifest, size)
+                _mend(run, workplace, manifest, plan_of)
             finally:
                 # Another run, with other options, may have been stopped here.
                 if workplace.is_for(run.dataset) or not workplace.has_begun:
@@ -103,7 +139,7 @@ def run(run: Run, *, cells_per_shard: int = CELLS_PER_SHARD) -> None:
             check_capacity(run.dataset)
             workplace.refuse_others_files()
             front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
-            manifest = _build(run, workplace, size)
+            manifest = _build(run, workplace, plan_of)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
@@ -135,7 +171,46 @@ def _finished(run: Run) -> Manifest | None:
     return manifest
 
 
-def _mend(run: Run, workplace: Workplace, manifest: Manifest, size: int) -> None:
+def _plan(
+    run: Run, workplace: Workplace, cells_per_shard: int, cells_per_chunk: tuple[int, int]
+) -> Plan:
+    """Return what there is to make; workers draw the candidates if there are many.
+
+    Raises:
+        ConfigError: There are fewer labyrinths than asked for.
+    """
+    config, building = run.dataset, workplace.building
+
+    def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
+        jobs = [(chunk, building) for chunk in chunks]
+        drawn = ordered_map(draw_chunk, jobs, run.options.workers)
+        for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
+            pass
+        return (chunk.read(building) for chunk in chunks)
+
+    candidates = Candidates(config, draw, cells=cells_per_chunk)
+    sampled = sample(config, candidates)
+    size = max(1, cells_per_shard // (config.height * config.width))
+    shards = -(-config.labyrinths // size)
+    jobs = [
+        ShardJob(
+            config,
+            split,
+            first,
+            sampled.structures[SPLITS[split].parent or split][first : first + size],
+            workplace.shards / f"{name}.parquet",
+            building / f"{name}.json",
+            facts_path(building, f"{name}.parquet"),
+        )
+        for split in config.splits
+        for first in range(0, config.labyrinths, size)
+        for name in [f"{split}-{first // size:05d}-of-{shards:05d}"]
+    ]
+    in_one_chunk = sampled.candidates <= candidates.first.size
+    return Plan(jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS)
+
+
+def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[[], Plan]) -> None:
     """Make the damaged and the missing shards of a finished dataset anew, and say which."""
     damaged, has_table = workplace.damaged(manifest), workplace.has_table(manifest)
     if not damaged and has_table:
@@ -145,11 +220,12 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, size: int) -> None
     again = damaged if has_table else manifest.shards
     expected = {shard.path: shard.sha256 for shard in again}
     workplace.begin(run.dataset)
-    jobs = (
+    plan = plan_of()
+    jobs = [
         replace(job, path=workplace.folder / name, expected=expected[name])
-        for job in _jobs(run.dataset, workplace, size)
-        if (name := job.path.name) in expected
-    )
+        for job in plan.jobs
+        if (name := job.path.name) in expected and plan.format == manifest.format
+    ]
     shards = ordered_map(make_shard, jobs, run.options.workers)
     total = sum(shard.labyrinths for shard in manifest.shards if shard.path in expected)
     made = {s.path for s in tracked(((s.labyrinths, s) for s in shards), "build", total=total)}
@@ -169,21 +245,15 @@ def _not_as_it_was(path: AnyPath) -> str:
     )
 
 
-def _build(run: Run, workplace: Workplace, size: int) -> Manifest:
+def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manifest:
     try:
         workplace.prepare(run.dataset)
-        jobs = _jobs(run.dataset, workplace, size)
-        most = _shards_of_split(run.dataset, size) * len(run.dataset.splits)
-        shards = ordered_map(make_shard, jobs, min(run.options.workers, most))
-        done = tracked(
-            ((shard.labyrinths, shard) for shard in shards),
-            "build",
-            total=run.dataset.labyrinths * len(run.dataset.splits),
-        )
-        places = run.dataset.splits
-        in_order = sorted(done, key=lambda s: (places.index(s.split), len(s.path), s.path))
-        labyrinths = _tabulate(run.dataset, workplace, workplace.shards, in_order)
-        manifest = Manifest(run.dataset, current_versions(), tuple(in_order), labyrinths)
+        plan = plan_of()
+        made = ordered_map(make_shard, plan.jobs, run.options.workers)
+        total = run.dataset.labyrinths * len(run.dataset.splits)
+        shards = tuple(tracked(((s.labyrinths, s) for s in made), "build", total=total))
+        labyrinths = _tabulate(run.dataset, workplace, workplace.shards, shards)
+        manifest = Manifest(run.dataset, current_versions(), shards, labyrinths, plan.format)
         workplace.commit(manifest)
     except ConfigError:  # The sampler found too few, so the shards are of no use.
         workplace.clear()
@@ -230,34 +300,6 @@ def _tabulate(
         return written
 
 
-def _shards_of_split(config: DatasetConfig, size: int) -> int:
-    return -(-config.labyrinths // size)
-
-
-def _jobs(config: DatasetConfig, workplace: Workplace, size: int) -> Iterator[ShardJob]:
-    """Yield the jobs that a list of `size` structures is for, as soon as it has been sampled."""
-    shards, own = _shards_of_split(config, size), own_splits(config)
-    made_of = {
-        split: [split, *(child for child in config.splits if SPLITS[child].parent == split)]
-        for split in own
-    }
-    first = dict.fromkeys(own, 0)
-    structures: dict[str, list[Structure]] = {split: [] for split in own}
-    for sampled, structure in stream(config):
-        part = structures[sampled]
-        part.append(structure)
-        if len(part) < min(size, config.labyrinths - first[sampled]):
-            continue
-        for split in made_of[sampled]:
-            name = f"{split}-{first[sampled] // size:05d}-of-{shards:05d}"
-            path = workplace.shards / f"{name}.parquet"
-            sidecar = workplace.building / f"{name}.json"
-            facts = facts_path(workplace.building, path.name)
-            yield ShardJob(config, split, first[sampled], part, path, sidecar, facts)
-        first[sampled] += len(part)
-        structures[sampled] = []
-
-
 def make_shard(job: ShardJob) -> Shard:
     """Make the shard of a job, or return the one that an earlier run has finished."""
     with suppress(FileNotFoundError, ValueError, AttributeError):
@@ -272,7 +314,7 @@ def make_shard(job: ShardJob) -> Shard:
     """The number and the parent of each labyrinth that is being solved."""
 
     def labyrinths() -> Iterator[Labyrinth]:
-        for number, structure in enumerate(job.structures, start=job.first):
+        for number, structure in enumerate(unpack(config, job.structures), start=job.first):
             try:
                 labyrinth, parent = labyrinth_and_parent(config, split, structure)
             except LabyrinthError:

@@ -1,8 +1,7 @@
-"""What follows from the id of a structure: its split, and all randomness in it; and sets of ids."""
+"""What follows from the id of a structure: its split, and all randomness in it."""
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +13,8 @@ from labyrinth_core.world.labyrinth import Structure
 PLACING, ACTING = 0, 1
 """The purposes of the randomness of a structure."""
 
-_EMPTY = -1
+DRAWING = 2
+"""The purpose of the randomness of a chunk of candidates."""
 
 
 def split_of(structure: Structure, buckets: Sequence[int]) -> str:
@@ -59,42 +59,3 @@ def item_rng(
     """
     key = (SPLITS[split].number, int(structure.structure_id, 16), purpose)
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
-
-
-class IdSet:
-    """A set of ids of structures as 63-bit numbers, 16 to 32 bytes for each.
-
-    There may be millions, and a Python set takes about a hundred bytes for each. Slots are probed
-    one after the other from where the low bits of the id point, and doubled when half are taken.
-    """
-
-    def __init__(self) -> None:
-        self._slots = array("q", [_EMPTY]) * 1024
-        self._count = 0
-
-    def add(self, number: int) -> bool:
-        """Add an id; return whether it is new."""
-        slot = self._slot(number)
-        if self._slots[slot] == number:
-            return False
-        self._slots[slot] = number
-        self._count += 1
-        if 2 * self._count > len(self._slots):
-            self._grow()
-        return True
-
-    def _slot(self, number: int) -> int:
-        """Return where an id is, or would be."""
-        slots = self._slots
-        last = len(slots) - 1
-        slot = number & last
-        while slots[slot] != _EMPTY and slots[slot] != number:
-            slot = (slot + 1) & last
-        return slot
-
-    def _grow(self) -> None:
-        numbers = self._slots
-        self._slots = array("q", [_EMPTY]) * (2 * len(numbers))
-        for number in numbers:
-            if number != _EMPTY:
-                self._slots[self._slot(number)] = number

@@ -4,135 +4,178 @@ The split of a structure follows from a hash of its canonical form, so that no s
 mirror image that keeps start and goal is ever in two of train, validation and test: neither within
 a dataset, nor across datasets of other seeds or lengths (with the same `buckets`).
 
-One stream of structures, which depends on the seed alone, is divided among the splits; so a longer
-dataset begins with the structures of a shorter one.
+The candidates, which depend on the seed and not on the number of labyrinths, are divided among the
+splits in order; so a longer dataset begins with the structures of a shorter one.
 
-With `splits.min_walls` train stays as it is. Validation and test then go through the stream once
-more, and take the structures that are far enough from train and from each other; so only train,
-and the splits on its structures, begin with the structures of a shorter dataset.
+With `splits.min_walls` train stays as it is. Validation and test then go through the candidates
+once more, and take those that are far enough from train and from each other; so only train, and the
+splits on its structures, begin with the structures of a shorter dataset.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain, combinations
+from math import ceil
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import Neighbourhood
-from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
-from pipeline.generation.identity import IdSet, bucket_of
-from pipeline.generation.selection import with_selected
+from pipeline.generation.candidates import Candidates, Records, record_type, unpack
+from pipeline.generation.identity import bucket_of
+from pipeline.generation.selection import selected
 from pipeline.generation.shifts import SELECTED_SHIFTS
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
 
 PATIENCE = 300_000
-"""The number of structures drawn without success after which the sampler gives up."""
+"""The number of candidates without success after which the sampler gives up."""
 
 COUNTABLE_EDGES = 13
 """The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
 
 
-def sample(config: DatasetConfig, *, patience: int = PATIENCE) -> dict[str, list[Structure]]:
+@dataclass(frozen=True)
+class Sample:
+    """The structures of a dataset."""
+
+    structures: Mapping[str, Records]
+    """Split -> its structures, `labyrinths` of each, for the splits that have their own."""
+    candidates: int
+    """The number of candidates up to the last one that was taken."""
+
+
+def own_splits(config: DatasetConfig) -> list[str]:
+    """Return the splits that have structures of their own."""
+    return [*SAMPLED_SPLITS, *(shift for shift in config.shifts if shift in SELECTED_SHIFTS)]
+
+
+def sample(
+    config: DatasetConfig, candidates: Candidates | None = None, *, patience: int = PATIENCE
+) -> Sample:
     """Return the structures of each split that has its own, `config.labyrinths` of each.
 
     Args:
         config: The configuration of the dataset.
-        patience: The number of structures drawn without success after which it gives up.
+        candidates: Its candidates; None to draw them in this process.
+        patience: The number of candidates without success after which it gives up.
 
     Raises:
-        ConfigError: The sampler does not find so many.
+        ConfigError: There seem to be fewer.
     """
-    found: dict[str, list[Structure]] = {split: [] for split in own_splits(config)}
-    for split, structure in stream(config, patience):
-        found[split].append(structure)
-    return found
-
-
-def own_splits(config: DatasetConfig) -> list[str]:
-    """Return the splits that have structures of their own, in the order in which they are found."""
-    return [*SAMPLED_SPLITS, *(shift for shift in config.shifts if shift in SELECTED_SHIFTS)]
-
-
-def stream(config: DatasetConfig, patience: int = PATIENCE) -> Iterator[tuple[str, Structure]]:
-    """Yield the structures of each split that has its own as they are found, each with its split.
-
-    It remembers only their 63-bit ids, and what `min_walls` and shifts need. The arguments are
-    those of `sample`.
-
-    Raises:
-        ConfigError: The sampler does not find `config.labyrinths` of each.
-    """
-    sampled = _sampled(config, patience)
-    selects = own_splits(config) != [*SAMPLED_SPLITS]
-    yield from with_selected(config, sampled) if selects else sampled
-
-
-def _sampled(config: DatasetConfig, patience: int) -> Iterator[tuple[str, Structure]]:
-    """Yield the structures of train, validation and test; see `stream`."""
+    candidates = candidates or Candidates(config)
     found = dict.fromkeys(SAMPLED_SPLITS, 0)
     if config.min_walls == 1:  # Two splits have no structure in common.
-        yield from _fill(config, found, SAMPLED_SPLITS, patience)
-        return
-    near = {
-        split: Neighbourhood(config.height, config.width, config.min_walls - 1, config.labyrinths)
-        for split in SAMPLED_SPLITS
-    }
-    for split, structure in _fill(config, found, SAMPLED_SPLITS[:1], patience):
-        near[split].add(structure)
-        yield split, structure
-    yield from _fill(config, found, SAMPLED_SPLITS[1:], patience, near)
+        taken, last = _fill(config, candidates, found, SAMPLED_SPLITS, patience)
+    else:
+        size = config.height, config.width
+        near = {
+            split: Neighbourhood(*size, config.min_walls - 1, config.labyrinths)
+            for split in SAMPLED_SPLITS
+        }
+        train, last_of_train = _fill(config, candidates, found, SAMPLED_SPLITS[:1], patience)
+        for structure in unpack(config, train["train"]):
+            near["train"].add(structure)
+        others, last = _fill(config, candidates, found, SAMPLED_SPLITS[1:], patience, near)
+        taken, last = train | others, max(last, last_of_train)
+    if own_splits(config) != [*SAMPLED_SPLITS]:
+        taken |= selected(config, taken)
+    return Sample(taken, last)
 
 
 def _fill(
     config: DatasetConfig,
+    candidates: Candidates,
     found: dict[str, int],
     splits: Sequence[str],
     patience: int,
     near: Mapping[str, Neighbourhood] | None = None,
-) -> Iterator[tuple[str, Structure]]:
-    """Yield the structures of some splits.
+) -> tuple[dict[str, Records], int]:
+    """Return the structures of some splits, and the number of candidates up to the last of them.
 
     Args:
         config: The configuration of the dataset.
+        candidates: Its candidates.
         found: Split -> the number of structures found, which is updated.
         splits: The splits to fill.
-        patience: The number of structures drawn without success after which it gives up.
+        patience: The number of candidates without success after which it gives up.
         near: Split -> the structures too near to it for other splits, which is updated.
     """
-    seen = IdSet()
-    without = 0
-    candidates = sample_structures(
-        config.height,
-        config.width,
-        np.random.default_rng(np.random.SeedSequence(config.seed)),
-        algorithm=config.sampler,
-        open_walls=config.open_walls,
-    )
-    for structure in candidates:
-        without += 1
-        if without > patience:
+    places = {split: SAMPLED_SPLITS.index(split) for split in splits}
+    taken = {split: [np.empty(0, record_type(config))] for split in splits}
+    known = np.empty(0, np.int64)
+    drawn = last = 0
+    while any(found[split] < config.labyrinths for split in splits):
+        if drawn - last > patience:
             raise _not_enough(config, found, patience)
-        split = bucket_of(config, structure)
-        if split is None or split not in splits or found[split] == config.labyrinths:
-            continue
-        if not seen.add(int(structure.structure_id, 16)):
-            continue
-        too_near = near and any(near[other].is_near(structure) for other in near if other != split)
-        if not too_near and holds_task(config, split, structure):
-            without = 0
-            if near:
-                near[split].add(structure)
-            found[split] += 1
-            # A copy without the cached properties, since a shard holds many structures.
-            yield split, Structure(structure.height, structure.width, structure.up, structure.right)
-            if all(found[each] == config.labyrinths for each in splits):
-                return
+        records = candidates.after(drawn, _expected(config, found, splits, drawn, patience))
+        fit = np.flatnonzero(np.isin(records["split"], [*places.values()]))
+        _, first = np.unique(records["id"][fit], return_index=True)
+        fresh = fit[np.sort(first)]
+        fresh = fresh[~np.isin(records["id"][fresh], known)]
+        known = np.concatenate([known, records["id"][fresh]])
+        if near:
+            fresh = _far_enough(config, records, fresh, found, near)
+        for split, place in places.items():
+            mine = fresh[records["split"][fresh] == place][: config.labyrinths - found[split]]
+            if len(mine):
+                taken[split].append(records[mine])
+                found[split] += len(mine)
+                last = max(last, drawn + int(mine[-1]) + 1)
+        drawn += len(records)
+    return {split: np.concatenate(parts) for split, parts in taken.items()}, last
+
+
+def _expected(
+    config: DatasetConfig,
+    found: Mapping[str, int],
+    splits: Sequence[str],
+    drawn: int,
+    patience: int,
+) -> int:
+    """Return the number of further candidates that are likely to fill some splits."""
+    expected = 1
+    for split in splits:
+        share = config.buckets[SAMPLED_SPLITS.index(split)] / 100
+        missing = config.labyrinths - found[split]
+        likely = missing * (drawn + 1) / (found[split] + share)
+        # So many are needed at least, or it gives up before.
+        expected = max(expected, ceil(min(likely, max(missing / share, patience))))
+    return expected
+
+
+def _far_enough(
+    config: DatasetConfig,
+    records: Records,
+    fresh: NDArray[np.int64],
+    found: Mapping[str, int],
+    near: Mapping[str, Neighbourhood],
+) -> NDArray[np.int64]:
+    """Return the places of records that are not too near to another split, as many as are missing.
+
+    Args:
+        config: The configuration of the dataset.
+        records: The candidates.
+        fresh: The places of those that are new, in order.
+        found: Split -> the number of structures found.
+        near: Split -> the structures too near to it for other splits, which is updated.
+    """
+    missing = {split: config.labyrinths - count for split, count in found.items()}
+    kept = []
+    for place, structure in zip(fresh.tolist(), unpack(config, records[fresh]), strict=True):
+        split = SAMPLED_SPLITS[records["split"][place]]
+        others = (near[other] for other in near if other != split)
+        if missing[split] and not any(other.is_near(structure) for other in others):
+            near[split].add(structure)
+            missing[split] -= 1
+            kept.append(place)
+    return np.array(kept, np.int64)
 
 
 def _not_enough(config: DatasetConfig, found: Mapping[str, int], patience: int) -> ConfigError:

@@ -7,7 +7,7 @@ nothing is trained on it, in no dataset; and no split has it yet.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from typing import NamedTuple
@@ -20,7 +20,8 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import Neighbourhood
 from labyrinth_core.world.route_memory import RouteMemory
 from pipeline.config.errors import ConfigError
-from pipeline.generation.identity import IdSet, bucket_of
+from pipeline.generation.candidates import UNFIT, Records, pack, unpack
+from pipeline.generation.identity import bucket_of
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train, measures_of
 from pipeline.generation.solve import solve
 from pipeline.generation.variants import labyrinth_of
@@ -33,10 +34,12 @@ class Candidate(NamedTuple):
     structure: Structure
 
 
-def with_selected(
-    config: DatasetConfig, sampled: Iterator[tuple[str, Structure]]
-) -> Iterator[tuple[str, Structure]]:
-    """Yield the sampled structures with their splits, then those of the shifts that select theirs.
+def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str, Records]:
+    """Return the structures of the shifts that select theirs.
+
+    Args:
+        config: The configuration of the dataset.
+        sampled: The structures of train, validation and test.
 
     Raises:
         ConfigError: There are too few for a shift.
@@ -45,25 +48,24 @@ def with_selected(
     needs_routes = any(SELECTED_SHIFTS[split].needs_routes for split in shifts)
     train, taken = Train(), Taken(config)
     routes: list[list[int]] = []
-    targets: list[Measures] = []
-    for split, structure in sampled:
-        taken.add(split, structure)
-        if split == "train":
-            labyrinth = labyrinth_of(config, split, structure)
-            train = train.with_labyrinth(labyrinth)
-            solutions = solve(config, split, [labyrinth]) if needs_routes else ()
-            episodes = (episode for solution in solutions for episode in solution.episodes)
-            routes += ([state.agent for state in episode.states] for episode in episodes)
-        elif split == "test":
-            measures = measures_of(config, split, structure)
-            assert measures is not None, "test is sampled from structures that hold the task"
-            targets.append(measures)
-        yield split, structure
+    for structure in unpack(config, sampled["train"]):
+        labyrinth = labyrinth_of(config, "train", structure)
+        train = train.with_labyrinth(labyrinth)
+        solutions = solve(config, "train", [labyrinth]) if needs_routes else ()
+        episodes = (episode for solution in solutions for episode in solution.episodes)
+        routes += ([state.agent for state in episode.states] for episode in episodes)
     if needs_routes:
         train = train._replace(memory=RouteMemory(routes))
-    for split in shifts:
-        for structure in select(config, split, train, targets, taken):
-            yield split, structure
+    for split, records in sampled.items():
+        for structure in unpack(config, records):
+            taken.add(split, structure)
+    measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
+    targets = [measures for measures in measured if measures is not None]  # As test holds the task.
+
+    def of(split: str) -> Iterator[tuple[Structure, int]]:
+        return ((each, UNFIT) for each in select(config, split, train, targets, taken))
+
+    return {split: pack(config, of(split)) for split in shifts}
 
 
 class Taken:
@@ -71,7 +73,7 @@ class Taken:
 
     def __init__(self, config: DatasetConfig) -> None:
         self._config = config
-        self._ids = IdSet()
+        self._ids: set[int] = set()
         self._near: Neighbourhood | None = None
         if config.min_walls > 1:
             size = config.height, config.width
@@ -90,7 +92,10 @@ class Taken:
             return False
         if self._near is not None and self._near.is_near(structure):
             return False
-        return self._ids.add(int(structure.structure_id, 16))
+        number = int(structure.structure_id, 16)
+        is_free = number not in self._ids
+        self._ids.add(number)
+        return is_free
 
 
 def select(
@@ -125,8 +130,7 @@ def select(
                 "were found, and no other after a long search; ask for fewer labyrinths, or leave "
                 f"{split} out"
             )
-        # A copy without the cached properties, since a shard holds many structures.
-        yield Structure(chosen.height, chosen.width, chosen.up, chosen.right)
+        yield chosen
 
 
 def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:

@@ -22,7 +22,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.near_twins import passage_table
 from labyrinth_core.world.solver import count_optimal
-from pipeline.generation.write import text_array, value_array
+from pipeline.generation.write import value_array
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -162,7 +162,8 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
     def column(name: str, kind: pa.DataType) -> pa.Array:
         values = given[name] if name in given else facts[name]
         if isinstance(values, str):
-            return text_array(kind, [values.encode()] * count)
+            ends = np.arange(count + 1, dtype=np.int32) * len(values)
+            return value_array(kind, count, ends, values.encode() * count)
         if name in ("parent_id", "turns") and (values == NOTHING).all():
             return pa.nulls(count, kind)
         if pa.types.is_string(kind):  # All digits at once, sixteen of each.

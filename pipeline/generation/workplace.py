@@ -15,6 +15,7 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     ANALYSIS,
     COUNTS,
+    FORMAT_OF_CHUNKS,
     MANIFEST,
     Manifest,
     Shard,
@@ -153,7 +154,7 @@ class Workplace:
         """Whether a build was stopped here."""
         with suppress(FileNotFoundError, *MALFORMED):
             content = json.loads((self.building / _CONFIG).read_bytes())
-            return bool(content.keys() == json.loads(_content(None)).keys())
+            return bool({"config", "versions"} <= content.keys())
         return False
 
     def is_for(self, config: DatasetConfig) -> bool:
@@ -188,8 +189,9 @@ class Workplace:
         self.clear()
 
     def abandon(self) -> bool:
-        """Remove what a failed build left, unless a shard is finished; return whether it did."""
-        if isinstance(self.folder, RemotePath) or any(self.building.glob("*-of-*.json")):
+        """Remove what a failed build left, unless it finished anything; return whether it did."""
+        finished = ("*-of-*.json", "*.chunk")
+        if isinstance(self.folder, RemotePath) or any(map(any, map(self.building.glob, finished))):
             return False
         self.clear()
         return True
@@ -208,7 +210,9 @@ class Workplace:
 
 def _content(config: DatasetConfig | None) -> str:
     told = None if config is None else config.to_json()
-    return json.dumps({"config": told, "versions": current_versions()})
+    # With the newest format, since earlier versions took other structures for large datasets.
+    content = {"config": told, "versions": current_versions(), "format": FORMAT_OF_CHUNKS}
+    return json.dumps(content)
 
 
 def _refuse(folder: AnyPath, others: list[str]) -> None:

@@ -35,6 +35,7 @@ from labyrinth_core.world.rollout import replay
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import render, workplace, write
+from pipeline.generation.candidates import unpack
 from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
 from pipeline.generation.validate import validate
@@ -213,7 +214,8 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     shutil.copytree(small_dataset.folder, folder)
     whole = Manifest.read(small_dataset.folder)
     (shard,) = whole.of("random")
-    labyrinths = (labyrinth_of(config, "random", each) for each in sample(config)["train"])
+    train = unpack(config, sample(config).structures["train"])
+    labyrinths = (labyrinth_of(config, "random", each) for each in train)
     solutions = enumerate(solve(config, "random", labyrinths))
     parts = (
         part

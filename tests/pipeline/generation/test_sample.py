@@ -30,6 +30,7 @@ from labyrinth_core.world.tasks import tiles_matter
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.generation.candidates import unpack
 from pipeline.generation.identity import item_rng, split_of
 from pipeline.generation.sample import check_capacity, sample
 from pipeline.generation.variants import labyrinth_of
@@ -60,6 +61,10 @@ def connected_3x3() -> list[Structure]:
     return list(all_connected(3, 3))
 
 
+def structures_of(config: DatasetConfig) -> dict[str, list[Structure]]:
+    return {split: [*unpack(config, of)] for split, of in sample(config).structures.items()}
+
+
 VARIETY: list[dict[str, Any]] = [
     {"size": "3", "labyrinths": 100, "seed": 0},
     {"size": "3", "labyrinths": 60, "seed": 1},
@@ -84,7 +89,7 @@ def test_structures_are_unique_and_connected_and_in_one_split_of_any_datasets_wi
     mirrored = repeated = 0
     for options in VARIETY:
         config = config_of(**options)
-        splits = sample(config)
+        splits = structures_of(config)
         assert list(splits) == list(SAMPLED_SPLITS)
         everything = [s for structures in splits.values() for s in structures]
         assert len(set(map(passages_of, everything))) == len(everything) == 3 * config.labyrinths
@@ -144,10 +149,10 @@ def test_a_shorter_dataset_is_the_beginning_of_a_longer_one(
     config_of: Callable[..., DatasetConfig], options: dict[str, Any]
 ) -> None:
     longer_config = config_of(**options | {"labyrinths": 25, "seed": 4})
-    longer = sample(longer_config)
+    longer = structures_of(longer_config)
     for labyrinths in (1, 2, 7, 24):
         shorter_config = config_of(**options | {"labyrinths": labyrinths, "seed": 4})
-        for split, structures in sample(shorter_config).items():
+        for split, structures in structures_of(shorter_config).items():
             assert structures == longer[split][:labyrinths]
         for split in BASE_SPLITS:
             for structure in longer[split if split in SAMPLED_SPLITS else "train"][:labyrinths]:
@@ -183,7 +188,7 @@ def test_every_structure_of_3x3_can_come_up(
     counts = Counter(split_of(structure, DEFAULT_BUCKETS) for structure in connected_3x3)
     most = min(counts.values())
     full = next(split for split in SAMPLED_SPLITS if counts[split] == most)
-    found = sample(config_of(labyrinths=most))
+    found = structures_of(config_of(labyrinths=most))
     expected = {s for s in connected_3x3 if split_of(s, DEFAULT_BUCKETS) == full}
     assert set(found[full]) == expected
 
@@ -254,16 +259,16 @@ def walls_between(one: Structure, other: Structure) -> int:
 def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
     config_of: Callable[..., DatasetConfig], options: dict[str, Any], walls: int
 ) -> None:
-    plain = sample(config_of(**options))
+    plain = structures_of(config_of(**options))
     config = config_of(**options, splits=SplitsConfig(walls))
-    apart = sample(config)
+    apart = structures_of(config)
     least = [
         min(walls_between(a, b) for a in found[first] for b in found[second])
         for found in (plain, apart)
         for first, second in combinations(SAMPLED_SPLITS, 2)
     ]
     assert min(least[:3]) < walls <= min(least[3:])
-    assert apart == sample(config)
+    assert apart == structures_of(config)
     assert apart["train"] == plain["train"]
     for split, structures in apart.items():
         assert len(set(structures)) == config.labyrinths
@@ -276,7 +281,7 @@ TASKS = [str(task) for task in Task]
 
 
 def labyrinths(config: DatasetConfig) -> Iterator[tuple[str, Labyrinth]]:
-    structures = sample(config)
+    structures = structures_of(config)
     for split in BASE_SPLITS:
         for structure in structures[split if split in SAMPLED_SPLITS else "train"]:
             yield split, labyrinth_of(config, split, structure)
@@ -349,7 +354,7 @@ def test_no_two_structures_share_their_randomness(
     config_of: Callable[..., DatasetConfig],
 ) -> None:
     config = config_of(size="4", labyrinths=20)
-    structures = sample(config)["train"]
+    structures = structures_of(config)["train"]
     draws = [
         item_rng(config, split, structure).integers(2**62)
         for split in BASE_SPLITS

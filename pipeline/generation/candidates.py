@@ -1,0 +1,167 @@
+"""The candidates of a dataset: random structures in chunks, each a function of its number alone.
+
+Any worker can draw a chunk. The first one is as long as most datasets need, and is what a single
+stream of the seed begins with: datasets that need no other have the bytes that they had before
+there were chunks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.data.storage import AnyPath, write_bytes
+from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.sampling import sample_structures
+from pipeline.generation.identity import DRAWING, bucket_of
+from pipeline.generation.variants import holds_task
+
+CELLS_PER_CHUNK = 1_638_400, 204_800
+"""The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
+
+UNFIT = -1
+"""Stands for the split of a candidate that is of no use, or that its chunk has already."""
+
+Records = NDArray[np.void]
+"""Structures of one size, shape (n,): the id of each as a number, the place of its split in
+`SAMPLED_SPLITS`, and its passages as bits."""
+
+
+def record_type(config: DatasetConfig) -> np.dtype[np.void]:
+    """Return the type of the items of `Records`."""
+    passages = f"V{-(-2 * config.height * config.width // 8)}"
+    return np.dtype([("id", "<i8"), ("split", "i1"), ("passages", passages)])
+
+
+def pack(config: DatasetConfig, structures: Iterable[tuple[Structure, int]]) -> Records:
+    """Return structures, each with the place of its split, as records."""
+    kind = record_type(config)
+    length, shift = kind["passages"].itemsize, config.height * config.width
+    items = [
+        (
+            int(each.structure_id, 16),
+            split,
+            (each.right << shift | each.up).to_bytes(length, "little"),
+        )
+        for each, split in structures
+    ]
+    return np.array(items, kind)
+
+
+def unpack(config: DatasetConfig, records: Records) -> Iterator[Structure]:
+    """Yield the structures that records hold."""
+    shift = config.height * config.width
+    for passages in records["passages"]:
+        bits = int.from_bytes(passages.tobytes(), "little")
+        yield Structure(config.height, config.width, bits & (1 << shift) - 1, bits >> shift)
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A part of the candidates of a dataset; equal chunks give equal records."""
+
+    config: DatasetConfig
+    number: int
+    size: int
+
+    @property
+    def name(self) -> str:
+        """The name of its file; chunks of other options have other names."""
+        key = json.dumps(self.config.to_json()), self.size
+        return f"{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}-{self.number:05d}.chunk"
+
+    def candidates(self) -> Iterator[tuple[Structure, int]]:
+        """Yield its candidates, and others without end, each with the place of its split."""
+        config, key = self.config, (self.number, DRAWING) if self.number else ()
+        structures = sample_structures(
+            config.height,
+            config.width,
+            np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key)),
+            algorithm=config.sampler,
+            open_walls=config.open_walls,
+        )
+        seen: set[str] = set()
+        for structure in structures:
+            place = UNFIT
+            if structure.structure_id not in seen:
+                seen.add(structure.structure_id)
+                split = bucket_of(config, structure)
+                if split is not None and holds_task(config, split, structure):
+                    place = SAMPLED_SPLITS.index(split)
+            yield structure, place
+
+    def records(self) -> Records:
+        """Draw it."""
+        return pack(self.config, islice(self.candidates(), self.size))
+
+    def read(self, folder: AnyPath) -> Records:
+        """Return what `draw_chunk` left in a folder.
+
+        Raises:
+            FileNotFoundError: It left nothing.
+            ValueError: The file is damaged.
+        """
+        path = folder / self.name
+        records: Records = np.frombuffer(path.read_bytes(), record_type(self.config))
+        if len(records) != self.size:
+            raise ValueError(f"{path} holds {len(records)} candidates, not {self.size}")
+        return records
+
+
+def draw_chunk(job: tuple[Chunk, AnyPath]) -> None:
+    """Draw a chunk into its file in a folder, unless it is there."""
+    chunk, folder = job
+    try:
+        chunk.read(folder)
+    except (FileNotFoundError, ValueError):
+        write_bytes(folder / chunk.name, chunk.records().tobytes())
+
+
+class Candidates:
+    """The candidates of a dataset in order, as many as are asked for."""
+
+    def __init__(
+        self,
+        config: DatasetConfig,
+        draw: Callable[[Sequence[Chunk]], Iterable[Records]] | None = None,
+        *,
+        cells: tuple[int, int] = CELLS_PER_CHUNK,
+    ) -> None:
+        """Prepare to draw.
+
+        Args:
+            config: The configuration of the dataset.
+            draw: Returns the records of chunks, where the first one does not suffice; None to draw
+                them in this process.
+            cells: The cells of all candidates in the first chunk and in any other.
+        """
+        first, size = (max(1, each // (config.height * config.width)) for each in cells)
+        self.first = Chunk(config, 0, first)
+        self._later = Chunk(config, 1, size)
+        self._draw = draw or partial(map, Chunk.records)
+        self._begun = self.first.candidates()
+
+    def after(self, drawn: int, count: int) -> Records:
+        """Return the candidates that follow those drawn already, at least one and about `count`.
+
+        Args:
+            drawn: The number of candidates that this method has returned, 0 to begin again.
+            count: The number of candidates that seems to be needed.
+        """
+        first, size = self.first, self._later.size
+        if drawn + count <= first.size or 0 < drawn < first.size:
+            if not drawn:
+                self._begun = first.candidates()
+            return pack(first.config, islice(self._begun, min(count, first.size - drawn)))
+        begin, end = (-(-(number - first.size) // size) for number in (drawn, drawn + count))
+        chunks = [replace(self._later, number=1 + number) for number in range(max(begin, 0), end)]
+        return np.concatenate(list(self._draw(chunks if drawn else [first, *chunks])))

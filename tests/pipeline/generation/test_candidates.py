@@ -1,0 +1,176 @@
+"""The candidates of a dataset in chunks, and datasets that need more than one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from interrupting import CrashError, before_each_shard
+from joblib.externals.loky import get_reusable_executor
+from tampering import content_of
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
+from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.sampling import sample_structures
+from pipeline.config.run import Run
+from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
+from pipeline.generation.identity import bucket_of
+from pipeline.generation.sample import sample
+from pipeline.generation.validate import validate
+
+Build = Callable[..., Run]
+
+CHUNKS = 16 * 40, 16 * 15
+"""The cells of chunks of 40 and of 15 candidates at 4x4."""
+OF_CHUNKS = {"size": "4", "labyrinths": 20, "random_steps": 20, "cells_per_chunk": CHUNKS}
+
+
+@pytest.fixture(scope="module")
+def config(make_run: Callable[..., Run]) -> DatasetConfig:
+    return make_run(Path("nowhere"), size="4", labyrinths=20, task="key_and_door").dataset
+
+
+@pytest.fixture(scope="module")
+def of_chunks(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A dataset whose structures come from several chunks."""
+    return build(tmp_path_factory.mktemp("chunks") / "labyrinth", **OF_CHUNKS)
+
+
+def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetConfig) -> None:
+    def drawn(counts: list[int]) -> Records:
+        candidates, found = Candidates(config, cells=CHUNKS), candidates_of_none
+        for count in cycle(counts):
+            found = np.concatenate([found, candidates.after(len(found), count)])
+            if len(found) >= 85:
+                return found[:85]
+        raise AssertionError
+
+    candidates_of_none = pack(config, [])
+    whole = drawn([85])
+    for counts in ([40, 45], [1], [41, 1], [3, 100], [7, 30, 3, 1]):
+        assert (drawn(counts) == whole).all()
+
+
+def test_the_first_chunk_is_the_stream_of_the_seed_and_later_ones_are_others(
+    config: DatasetConfig,
+) -> None:
+    rng = np.random.default_rng(np.random.SeedSequence(config.seed))
+    expected = list(islice(sample_structures(4, 4, rng), 70))
+    structures = list(unpack(config, Candidates(config, cells=CHUNKS).after(0, 70)))
+    assert structures[:40] == expected[:40]
+    assert not set(structures[40:]) & set(expected[40:])
+    assert len(set(structures[40:])) > 25
+
+
+def test_a_candidate_has_the_split_of_its_bucket_once_in_its_chunk(config: DatasetConfig) -> None:
+    candidates = Candidates(config, cells=(16 * 2_000, 16))
+    records = candidates.after(0, 2_000)
+    fit = records[records["split"] != UNFIT]
+    assert 100 < len(fit) < 2_000
+    assert len(set(fit["id"].tolist())) == len(fit)
+    for place, structure in zip(fit["split"], unpack(config, fit), strict=True):
+        assert SAMPLED_SPLITS[place] == bucket_of(config, structure)
+
+
+@given(st.integers(0, 2**32), st.integers(2, 9), st.integers(2, 9))
+def test_structures_are_unpacked_as_they_were_packed(
+    make_run: Callable[..., Run], seed: int, height: int, width: int
+) -> None:
+    config = make_run(Path("nowhere"), size=f"{height}x{width}", labyrinths=1).dataset
+    drawn = sample_structures(height, width, np.random.default_rng(seed))
+    structures = [*islice(drawn, 3), Structure.without_walls(height, width)]
+    records = pack(config, [(each, UNFIT) for each in structures])
+    assert list(unpack(config, records)) == structures
+    assert records["id"].tolist() == [int(each.structure_id, 16) for each in structures]
+
+
+@pytest.mark.parametrize("options", [{}, {"task": "icy_floor"}, {"goals": "varied"}], ids=str)
+def test_a_shorter_dataset_of_chunks_is_the_beginning_of_a_longer_one(
+    make_run: Callable[..., Run], options: dict[str, Any]
+) -> None:
+    def found(labyrinths: int) -> dict[str, Records]:
+        run = make_run(Path("nowhere"), size="4", labyrinths=labyrinths, **options)
+        candidates = Candidates(run.dataset, cells=CHUNKS)
+        return dict(sample(run.dataset, candidates).structures)
+
+    longer = found(60)
+    for labyrinths in (1, 10, 30, 59):
+        for split, records in found(labyrinths).items():
+            assert (records == longer[split][:labyrinths]).all()
+    for records in longer.values():
+        assert len(set(records["id"].tolist())) == 60
+
+
+def test_only_a_dataset_that_one_chunk_does_not_suffice_for_has_the_newer_format(
+    build: Build, tmp_path: Path, of_chunks: Run, small_dataset: Run
+) -> None:
+    manifest = Manifest.read(of_chunks.folder)
+    assert manifest.format == FORMAT_OF_CHUNKS
+    assert validate(of_chunks.folder, manifest) == []
+    assert Manifest.read(small_dataset.folder).format == FORMAT
+    begun = build(tmp_path / "a", **OF_CHUNKS | {"labyrinths": 8})
+    whole = build(tmp_path / "b", **OF_CHUNKS | {"labyrinths": 8, "cells_per_chunk": (10**6, 1)})
+    assert Manifest.read(begun.folder).format == FORMAT
+    assert content_of(begun.data_dir) == content_of(whole.data_dir)
+
+
+@pytest.mark.slow
+def test_workers_that_draw_chunks_make_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, of_chunks: Run
+) -> None:
+    try:
+        run = build(tmp_path, **OF_CHUNKS, workers=2)
+    finally:
+        get_reusable_executor().shutdown(wait=True)
+    assert content_of(run.data_dir) == content_of(of_chunks.data_dir)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+@pytest.mark.parametrize("damage", [None, cut, Path.unlink])
+def test_a_build_that_goes_on_draws_only_the_chunks_that_are_missing(
+    build: Build, tmp_path: Path, of_chunks: Run, damage: Callable[[Path], None] | None
+) -> None:
+    building = tmp_path / ".4x4.building"
+    times: list[dict[str, int]] = []
+
+    def stop() -> None:
+        times.append({path.name: path.stat().st_mtime_ns for path in building.glob("*.chunk")})
+        raise CrashError
+
+    for _ in range(2):
+        with before_each_shard(stop), pytest.raises(CrashError):
+            build(tmp_path, **OF_CHUNKS)
+        chunks = sorted(building.glob("*.chunk"))
+        if damage and len(times) == 1:
+            damage(chunks[1])
+    assert len(chunks) >= 3
+    changed = {path.name for path in chunks if times[0][path.name] != times[1][path.name]}
+    assert changed == ({chunks[1].name} if damage else set())
+    assert content_of(build(tmp_path, **OF_CHUNKS).data_dir) == content_of(of_chunks.data_dir)
+
+
+def test_a_damaged_shard_of_a_dataset_of_chunks_is_made_anew(
+    build: Build, tmp_path: Path, of_chunks: Run
+) -> None:
+    run = build(tmp_path, **OF_CHUNKS)
+    (run.folder / "test-00000-of-00001.parquet").unlink()
+    build(tmp_path, **OF_CHUNKS)
+    assert content_of(run.data_dir) == content_of(of_chunks.data_dir)
+    (run.folder / "test-00000-of-00001.parquet").unlink()
+    # As if an earlier version had built it, which knew no chunks.
+    manifest = run.folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"format": 3', '"format": 2'))
+    with pytest.raises(DatasetError, match="cannot be made again"):
+        build(tmp_path, **OF_CHUNKS)
