@@ -133,6 +133,7 @@ HOMES = {
 
 AT_ONCE_IN_THE_LIBRARY = {
     "labyrinth_core": ("numpy",),
+    "labyrinth_core.data.hub": ("numpy", "huggingface_hub"),
     "labyrinth_core.env": ("numpy", "gymnasium"),
     "labyrinth_core.env.window": ("numpy", "pygame"),
     "labyrinth_core.policies.networks": ("numpy", "torch"),

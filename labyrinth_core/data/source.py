@@ -259,9 +259,14 @@ def _available(source: str) -> Iterator[None]:
     """Raise DatasetError for an error within that says that a dataset is not available."""
     import yaml
 
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
     try:
         yield
-    except (OSError, ValueError, yaml.YAMLError) as error:
+    except DatasetError:
+        raise
+    except (*UNAVAILABLE, yaml.YAMLError) as error:
         reason = (
             f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
         )

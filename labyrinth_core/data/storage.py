@@ -51,6 +51,10 @@ def _filesystem(protocol: str) -> Any:
     """Return the file system of a protocol, which fsspec keeps; its library finds credentials."""
     import fsspec
 
+    if protocol == "hf":
+        from labyrinth_core.data.hub import limit_silence
+
+        limit_silence()
     # A cached listing would hide what other processes write.
     return fsspec.filesystem(protocol, use_listings_cache=False)
 

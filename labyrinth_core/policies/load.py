@@ -65,6 +65,10 @@ def _located(source: str | Path, revision: str | None) -> Path:
         raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
     from huggingface_hub import hf_hub_download
 
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
+
     def download(name: str, **options: Any) -> Any:
         return hf_hub_download(str(source), name, revision=revision, **options)
 
@@ -72,7 +76,9 @@ def _located(source: str | Path, revision: str | None) -> Path:
         for name in MOST_BYTES:  # Before anything is downloaded.
             _check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
         folders = {Path(download(name)).parent for name in MOST_BYTES}
-    except (OSError, ValueError) as error:
+    except DatasetError:
+        raise
+    except UNAVAILABLE as error:
         reason = f"{source} is not a folder, and cannot be loaded from the Hub"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     if len(folders) > 1:

@@ -21,6 +21,7 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, co
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.hub import announced, limit_silence
 from pipeline.config.run import PublishOptions, Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
@@ -45,6 +46,7 @@ def run(run: Run) -> None:
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
+    limit_silence()
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
     options, api = run.options.publish, HfApi()
     version = f'revision="{options.version}"'
@@ -203,30 +205,40 @@ def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: boo
 def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) -> str:
     """Upload what is missing, commit everything at once, and return the commit.
 
-    A commit whose answer was lost is told from one that was refused by reading the branch again.
+    A commit whose answer was lost is told from one that was refused by reading the branch again, or
+    the open pull requests, of which an earlier run may have made one.
     """
+    title = f"Release {options.version}"
 
     def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
         addition = CommitOperationAdd(path_in_repo=path, path_or_fileobj=plan.files[path])
-        remote.api.preupload_lfs_files(
-            remote.repo_id,
-            [addition],
-            repo_type=remote.kind.name,
-            revision=options.branch,
-            create_pr=options.create_pr,
-        )
+        with announced(f"the upload of {path}"):
+            remote.api.preupload_lfs_files(
+                remote.repo_id,
+                [addition],
+                repo_type=remote.kind.name,
+                revision=options.branch,
+                create_pr=options.create_pr,
+            )
         return plan.files[path].stat().st_size, addition
 
     # One by one, so that a run that was stopped does not send a file again.
     additions = list(tracked(map(uploaded, plan.add), "upload", total=plan.bytes))
     deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
 
+    def is_held_by(revision: str) -> bool:
+        return make_plan(plan.kind, plan.files, remote.tree(revision)).is_done
+
     def commit() -> str:
+        if options.create_pr:
+            for ref, url in remote.proposals(title).items():
+                if is_held_by(ref):
+                    return url
         try:
             info = remote.api.create_commit(
                 remote.repo_id,
                 [*additions, *deletions],
-                commit_message=f"Release {options.version}",
+                commit_message=title,
                 repo_type=remote.kind.name,
                 revision=options.branch,
                 parent_commit=parent,
@@ -236,10 +248,9 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
             head = remote.head(options.branch)
             if head == parent:
                 raise
-            if make_plan(plan.kind, plan.files, remote.tree(head)).is_done:
+            if is_held_by(head):
                 return head
             raise PublishError(reasons(remote.repo_id)[412]) from error
         return str(info.pr_url if options.create_pr else info.oid)
 
-    # A pull request may be there in spite of a fault, and would be made a second time.
-    return commit() if options.create_pr else repeated(commit)
+    return repeated(commit)

@@ -20,6 +20,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 )
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.hub import SilentHubError
 from pipeline.release.plan import SPACE, Kind
 
 WAITS = (0.2, 1.0, 3.0)
@@ -51,10 +52,16 @@ def repeated(
         try:
             return call()
         except faults as error:
-            if not may_pass(error):
+            if silence(error) or not may_pass(error):
                 raise
         time.sleep(seconds)
     return call()
+
+
+def silence(error: Exception) -> SilentHubError | None:
+    """Return the error, or its cause, that says that the Hub was silent for long, twice."""
+    cause = error.__cause__ or error
+    return cause if isinstance(cause, SilentHubError) else None
 
 
 def status_of(error: Exception) -> int | None:
@@ -135,6 +142,13 @@ class Remote:
             if isinstance(entry, RepoFile)
         }
 
+    def proposals(self, title: str) -> dict[str, str]:
+        """Return ref -> address of each open pull request with a title."""
+        call, kind = self.api.get_repo_discussions, self.kind.name
+        found = repeated(lambda: [*call(self.repo_id, discussion_status="open", repo_type=kind)])
+        mine = (each for each in found if each.is_pull_request and each.title == title)
+        return {str(each.git_reference): each.url for each in mine}
+
     def tags(self) -> dict[str, str]:
         """Return the commit that each tag points to."""
         tags = self._call("list_repo_refs").tags
@@ -179,18 +193,21 @@ def explained(repo_id: str) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except HfHubHTTPError as error:
-        status = status_of(error)
-        other = f"the Hub answers {status}: {one_line(error)}"
-        raise PublishError(reasons(repo_id).get(status, other)) from error
-    except ValueError as error:
-        raise PublishError(f"the Hub's client refuses: {one_line(error)}") from error
-    except (HTTPError, ConnectionError, RuntimeError) as error:
+    except (HTTPError, ValueError, ConnectionError, RuntimeError) as error:
         # What fails while contents are sent comes as a RuntimeError or a ConnectionError.
-        reason = one_line(error.__cause__ or error)
-        raise PublishError(
-            f"{constants.ENDPOINT} does not answer as it should: {reason}"
-        ) from error
+        raise PublishError(_explanation(error, repo_id)) from error
+
+
+def _explanation(error: Exception, repo_id: str) -> str:
+    if silent := silence(error):
+        return str(silent)
+    if isinstance(error, HfHubHTTPError):
+        status = status_of(error)
+        return reasons(repo_id).get(status, f"the Hub answers {status}: {one_line(error)}")
+    if isinstance(error, ValueError):
+        return f"the Hub's client refuses: {one_line(error)}"
+    reason = one_line(error.__cause__ or error)
+    return f"{constants.ENDPOINT} does not answer as it should: {reason}"
 
 
 def reasons(repo_id: str) -> dict[int | None, str]:

@@ -22,6 +22,7 @@ from huggingface_hub import HfApi, get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.hub import limit_silence
 from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import opened
@@ -40,8 +41,8 @@ CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)"
 PATIENCE = 180.0
 """Seconds without a byte from the Hub, or another file or split, after which it is given up.
 
-The clients repeat what fails for many minutes: a call ends after ten seconds without a byte, and is
-made five times.
+Each call of the clients ends earlier (`data.hub`), but they repeat for many minutes what fails,
+such as connections that are refused.
 """
 REFRESH = 0.5
 """Seconds between two looks at what has come."""
@@ -217,6 +218,7 @@ def main() -> None:
     """Verify what the command line names, and end with 0 if all is well, else 1."""
     repo_id, commit, folder, kind = sys.argv[1:]
     end_with_parent(os.getppid())
+    limit_silence()
     status = 0
     try:
         _tell(verify(repo_id, commit, Path(folder), KINDS[kind]))

@@ -20,6 +20,7 @@ from urllib.parse import parse_qs, unquote, urlencode
 from hub.card import errors_of, read_front_matter
 from hub.state import (
     LFS_SUFFIXES,
+    MAIN,
     Account,
     Commit,
     Entry,
@@ -82,6 +83,8 @@ class Answer:
     status: int = 200
     body: bytes = b""
     headers: dict[str, str] = field(default_factory=dict)
+    before_the_rest: Callable[[], None] = lambda: None
+    """Called when half of the body has been sent."""
 
 
 class RefusalError(RuntimeError):
@@ -366,6 +369,20 @@ def commit(hub: HubState, request: Request, kind: str, name: str, revision: str)
     made = repository.commit(ref, tree, header[1]["summary"])
     hub.save()
     return as_json(told | {"commitOid": made.oid, "commitUrl": f"{url}/commit/{made.oid}"})
+
+
+@route("GET", f"{REPO}/discussions")
+def list_discussions(hub: HubState, request: Request, kind: str, name: str) -> Answer:
+    """List the pull requests, which are open until they are merged."""
+    repository = _visible(hub, request, kind, name)
+    about = {"createdAt": "2026-11-23T00:00:00.000Z", "isPullRequest": True, "status": "open"}
+    found = [
+        {"num": int(ref.rpartition("/")[2]), "title": repository.commits[oid].title, **about}
+        | {"author": {"name": "user"}, "repo": {"name": name, "type": kind}}
+        for ref, oid in repository.refs.items()
+        if ref.startswith("refs/pr/") and oid != repository.refs[MAIN]
+    ]
+    return as_json({"discussions": found, "start": 0, "count": len(found)})
 
 
 @route("POST", f"{REPO}/tag/{REVISION}")

@@ -17,7 +17,7 @@ class Rule:
     """What to do with the calls that match, after `skip` of them, `times` times."""
 
     effect: str
-    """`fail`, `drop`, `hold`, `hold after` or `lose response`."""
+    """`fail`, `drop`, `hold`, `hold after`, `stall` or `lose response`."""
     method: str
     path: str
     times: int = 1
@@ -81,6 +81,10 @@ class Faults:
         """
         return self._add(Rule("hold after" if after else "hold", method, path, times, skip))
 
+    def stall(self, method: str, path: str, times: int = 1, skip: int = 0) -> Rule:
+        """Send half of the answer, and the rest after `release`."""
+        return self._add(Rule("stall", method, path, times, skip))
+
     def lose_response(
         self, method: str, path: str, status: int = 0, times: int = 1, skip: int = 0
     ) -> Rule:
@@ -99,7 +103,7 @@ class Faults:
         """Let the calls go on that are held, and hold no more."""
         with self._lock:
             for rule in self.rules:
-                if rule.effect.startswith("hold"):
+                if rule.effect.startswith(("hold", "stall")):
                     rule.times = 0
                     rule.released.set()
 

@@ -124,6 +124,8 @@ class Handler(BaseHTTPRequestHandler):
         for rule in rules:
             if rule.effect == "hold after":
                 self._hold(rule)
+            if rule.effect == "stall":
+                told.before_the_rest = rule.released.wait
             if rule.effect == "lose response":
                 if rule.status == 0:
                     raise DroppedError
@@ -168,7 +170,10 @@ class Handler(BaseHTTPRequestHandler):
             self.send_header(name, value)
         self.end_headers()
         if self.command != "HEAD":
-            self.wfile.write(told.body)
+            half = len(told.body) // 2
+            self.wfile.write(told.body[:half])
+            told.before_the_rest()
+            self.wfile.write(told.body[half:])
 
     def _control(self, body: bytes) -> Answer:
         """Change the faults, as another process asks."""

@@ -67,11 +67,13 @@ def located(source: str) -> Path:
     if path.suffix == ".zip" or not re.fullmatch(r"[\w.-]+/[\w.-]+", source, re.ASCII):
         raise DatasetError(f"{source} is neither an archive (a .zip) nor an id on the Hub")
     from huggingface_hub import hf_hub_download
-    from huggingface_hub.errors import HfHubHTTPError, HFValidationError
 
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
     try:
         return Path(hf_hub_download(source, f"{source.rpartition('/')[2]}.zip"))
-    except (OSError, HfHubHTTPError, HFValidationError) as error:
+    except UNAVAILABLE as error:
         raise DatasetError(
             f"{source} is no file, and not to be had from the Hub: {one_line(error):.300}"
         ) from error

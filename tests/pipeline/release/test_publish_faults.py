@@ -133,6 +133,54 @@ def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
     )
 
 
+SILENT = [
+    ("GET", "/whoami-v2"),
+    ("GET", f"{R}$"),
+    ("POST", "/repos/create"),
+    ("GET", "/xet-write-token"),
+    ("POST", "/preupload/"),
+    ("POST", "/commit/"),
+    ("POST", "/tag/"),
+]
+
+
+@pytest.mark.parametrize(("method", "path"), SILENT, ids=lambda part: part.strip("/$"))
+def test_a_call_that_is_never_answered_ends_with_one_line(
+    local_hub: LocalHub, releasable: Path, method: str, path: str
+) -> None:
+    rule = local_hub.faults.hold(method, path, times=UNLIMITED)
+    disable_xet = "0" if "xet" in path else "1"
+    more = {"LABYRINTH_HUB_SECONDS": "1", "HF_HUB_DISABLE_XET": disable_xet}
+    done = publish(local_hub, releasable, **more)
+    assert rule.reached.is_set()
+    assert UNLIMITED - rule.times == 2
+    error = error_of(done)
+    if "xet" not in path:
+        assert error.startswith(f"the Hub sent nothing for 1 seconds, twice: {method} http")
+    assert (done.stdout + done.stderr).count("waiting for the Hub: ") == 1
+    assert done.stderr.count("Retrying in") <= 1
+
+
+def test_a_commit_that_is_made_and_never_answered_is_found_and_made_once(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    local_hub.faults.hold("POST", "/commit/", after=True)
+    done = publish(local_hub, releasable, LABYRINTH_HUB_SECONDS="1")
+    assert "tagged 1.0.0" in done.stdout
+    assert len(local_hub.history(REPO)) == 2
+
+
+def test_a_pull_request_whose_answer_is_lost_is_found_and_made_once(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    local_hub.create_repo(REPO)
+    local_hub.faults.lose_response("POST", "/commit/")
+    for _ in range(2):  # By the same run, and by the next.
+        printed = published(local_hub, releasable, "1.0.0", "publish.create_pr=true")
+        assert f"pull request: {local_hub.url}/datasets/{REPO}/discussions/1; " in printed
+    assert local_hub.refs(REPO).keys() == {"refs/heads/main", "refs/pr/1"}
+
+
 def test_a_hub_that_is_not_there_is_told_in_one_line(local_hub: LocalHub, releasable: Path) -> None:
     local_hub.stop()
     error = error_of(publish(local_hub, releasable))
