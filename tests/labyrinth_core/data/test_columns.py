@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
 from labyrinth_core.data.columns import arrow_schema, open_shard, read_schema
 from pipeline.config.run import Run
 
 
+@pytest.mark.slow
 def test_a_closed_shard_is_out_of_memory_at_once(small_dataset: Run) -> None:
     # Its metadata have megabytes, and the collector of cycles may not come for a hundred shards.
     path = next(Path(small_dataset.local_dir).glob("*/train-*.parquet"))

@@ -74,6 +74,7 @@ OBSERVED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observed", OBSERVED)
 def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(run, observed):
     """Of episodes loaded and streamed, and of the transitions that are made of them."""
@@ -116,6 +117,7 @@ def test_random_episodes_end_at_the_goal_or_on_ice_or_are_cut(run):
     assert {(False, False)} <= set(lasts) <= {(True, True), (False, False)}
 
 
+@pytest.mark.slow
 def test_optimal_actions_are_those_of_each_state(run):
     for split in ("train", "random"):
         transitions = load_transitions(

@@ -35,6 +35,7 @@ def fingerprint(some_rows: list[Row]) -> str:
     return fingerprint.hexdigest()
 
 
+@pytest.mark.slow
 @given(st.lists(rows, max_size=4), st.lists(rows, max_size=4))
 def test_other_rows_have_another_fingerprint(some: list[Row], others: list[Row]) -> None:
     # The value minus zero is equal to zero, and yet not the same bytes.

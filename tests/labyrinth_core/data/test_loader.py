@@ -128,6 +128,7 @@ def divided(data_dir, folder, split, *, rows_a_file, rows_a_group):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rows_a_file", "rows_a_group"), [(50, 7), (64, 1), (1000, 9)])
 def test_files_and_batches_may_end_in_the_middle_of_an_episode(
     data_dir, tmp_path, rows_a_file, rows_a_group

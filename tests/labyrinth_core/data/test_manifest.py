@@ -56,6 +56,7 @@ def test_a_manifest_survives_the_way_to_disk_and_back(small_dataset: Run, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == [MANIFEST]
 
 
+@pytest.mark.slow
 @given(data=st.data())
 def test_an_edited_manifest_is_read_as_one_or_refused(
     content: Any, scratch: Path, data: st.DataObject

@@ -326,6 +326,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
         LabyrinthEnv(labyrinth=tmp_path / "none.labyrinth")
 
 
+@pytest.mark.slow
 def test_a_size_that_can_never_hold_the_task_is_said_to_be_so():
     env = LabyrinthEnv(2, "icy_floor")
     with pytest.raises(ValueError, match=r"size=2x2, task=icy_floor, .* none of 10,000"):

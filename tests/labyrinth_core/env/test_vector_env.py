@@ -91,6 +91,7 @@ def test_every_step_is_that_of_single_environments(mode, task, kind):
     assert ended >= 2 * count, "the walk must see ends and new beginnings"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
 def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(task):
     count, rng = 130, np.random.default_rng(0)
@@ -225,6 +226,7 @@ def test_what_was_returned_is_never_changed_later(kind):
             np.testing.assert_array_equal(infos[name], array)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 @pytest.mark.parametrize("keeping", [{}, {"copy": False}, {"picture_memory": 40_000}])
 def test_pictures_are_those_of_the_renderer_whatever_is_kept(task, keeping):

@@ -56,6 +56,7 @@ def observed(arrays):
 # Both ways.
 
 
+@pytest.mark.slow
 @every_config
 @given(
     split=st.sampled_from(EVALUATED_SPLITS),
@@ -129,6 +130,7 @@ class Chance:
         return self.rng.integers(4, size=len(observations))
 
 
+@pytest.mark.slow
 def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets, arrays_of):
     results = evaluate(chance, datasets, "3x4", image_size=8, splits=["train"], episodes=300)
     scores, exact = results.splits["train"], random_figures(arrays_of["3x4", "train"])

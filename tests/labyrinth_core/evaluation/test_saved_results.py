@@ -68,6 +68,7 @@ ABOUT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
     policies = {"planner": (forgetful(3, 4), {}), "rounds": (Rounds(2), {"episodes": 2})}
@@ -170,6 +171,7 @@ def change(content, path):
         value[last] += 1 if type(value[last]) is int else 1e-6 if value[last] < 0.5 else -1e-6
 
 
+@pytest.mark.slow
 @given(data=st.data())
 def test_one_change_to_whatever_is_told_of_a_split_is_found(results, known, read, data):
     content = content_of(results)

@@ -37,6 +37,7 @@ def test_a_gif_holds_the_pictures_of_every_state_to_the_pixel(task):
     assert durations == [300] * (len(frames) - 1) + [1500]
 
 
+@pytest.mark.slow
 def test_a_route_at_5x5_takes_less_than_a_tenth_of_a_megabyte():
     for task in Task:
         assert len(gif([frames_of(episode(task), image_size=600)])) < 100_000

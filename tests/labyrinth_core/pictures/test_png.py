@@ -188,6 +188,7 @@ def some_pictures():
     return [(random.Random(number).choices(strips, k=9), 30) for number in range(60)]
 
 
+@pytest.mark.slow
 def test_another_process_that_encoded_other_pictures_before_makes_the_same_bytes():
     """What the encoder remembers, and the hashes of a process, change no byte."""
     program = (

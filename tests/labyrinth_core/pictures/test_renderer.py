@@ -193,6 +193,7 @@ def test_the_png_holds_the_very_pixels_of_the_array(labyrinth, data):
         np.testing.assert_array_equal(np.asarray(image), render(labyrinth, state))
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(labyrinths(), randoms)
 def test_a_painter_that_drew_other_states_draws_like_a_new_one(labyrinth, random):
@@ -290,6 +291,7 @@ def test_cells_of_a_rectangle_are_square_with_the_margin_on_both_sides(height, w
     assert (margin == COLOURFUL.floor).all()
 
 
+@pytest.mark.slow
 def test_every_colour_of_a_style_is_used_and_no_other():
     shown = set()
     drawn = [(NAVIGATION, State(0)), (PARTIAL_OBSERVABILITY, State(0)), (ICY_FLOOR, State(0))]
@@ -377,6 +379,7 @@ def test_a_wall_between_two_cells_out_of_sight_does_not_show(labyrinth, data):
             assert all(shows_wall(picture, structure, *way) for way in permutations(pair))
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(labyrinths(Task.PARTIAL_OBSERVABILITY), st.data())
 def test_what_is_seen_looks_as_it_does_with_nothing_hidden(labyrinth, data):
@@ -413,6 +416,7 @@ def most_runs(dark):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [2, 3, 25, 100, 149, 150, 151, 200, 298, MAX_PICTURED_SIDE])
 def test_every_wall_and_every_cell_has_a_pixel_in_each_direction(side):
     labyrinth = all_open(side, side)

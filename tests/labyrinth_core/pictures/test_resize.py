@@ -17,6 +17,7 @@ from labyrinth_core.world.dynamics import initial, state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 
+@pytest.mark.slow
 @given(labyrinths(), st.integers(1, 130), st.data())
 def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
     state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))

@@ -41,12 +41,14 @@ def assert_plain(pictures: np.ndarray, drawn: list[tuple[Labyrinth, State]]) -> 
         np.testing.assert_array_equal(picture, plainly(*view, image_size), repr(view))
 
 
+@pytest.mark.slow
 @given(views(), st.integers(1, 130))
 @settings(max_examples=40)
 def test_states_drawn_together_are_those_drawn_plainly(drawn, image_size):
     assert_plain(draw(drawn, image_size), drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("image_size", [224, 299, 599, 600, 601])
 def test_large_pictures_are_those_drawn_plainly_too(image_size):
     labyrinth = parse(KEY_AND_DOOR)
@@ -54,6 +56,7 @@ def test_large_pictures_are_those_drawn_plainly_too(image_size):
     assert_plain(draw(drawn, image_size), drawn)
 
 
+@pytest.mark.slow
 @given(st.lists(views(), min_size=2, max_size=3), st.integers(1, 40), st.randoms())
 @settings(max_examples=15)
 def test_labyrinths_of_all_sizes_tasks_and_looks_may_be_drawn_together(several, image_size, random):
@@ -62,6 +65,7 @@ def test_labyrinths_of_all_sizes_tasks_and_looks_may_be_drawn_together(several, 
     assert_plain(draw(drawn, image_size), drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 @pytest.mark.parametrize(("height", "width", "image_size"), [(17, 30, 64), (40, 9, 31), (6, 6, 61)])
 def test_cells_hardly_larger_than_a_pixel_or_smaller_are_exact(height, width, image_size, task):
@@ -72,6 +76,7 @@ def test_cells_hardly_larger_than_a_pixel_or_smaller_are_exact(height, width, im
     assert_plain(draw(drawn, image_size), drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 def test_many_pictures_are_those_of_each_labyrinth_alone(task):
     """They are drawn in several turns, since they and their sums are larger than a cache."""

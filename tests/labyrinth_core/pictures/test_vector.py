@@ -1,6 +1,7 @@
 """The vector form: positions first, then the wall grid."""
 
 import numpy as np
+import pytest
 from brute_force import sees
 from hypothesis import given
 from hypothesis import strategies as st
@@ -91,6 +92,7 @@ def test_the_wall_grid_is_open_exactly_where_there_is_a_passage(situation):
     assert walls == borders - len(list(structure.passages()))
 
 
+@pytest.mark.slow
 @given(situations(Task.PARTIAL_OBSERVABILITY))
 def test_what_is_out_of_sight_looks_like_a_wall(situation):
     labyrinth, state = situation

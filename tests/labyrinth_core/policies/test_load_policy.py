@@ -91,6 +91,7 @@ def test_the_description_of_a_policy_is_the_same_as_in_earlier_versions() -> Non
     assert json.dumps(spec.to_json()) == json.dumps(plain)
 
 
+@pytest.mark.slow
 def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
     tmp_path: Path, small_dataset: Any
 ) -> None:

@@ -62,6 +62,7 @@ def unions(labyrinth, states, image_size):
     return draw(views, image_size, seen_from=seen_from)
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from([(5, 5, 64), (3, 3, 64), (4, 5, 64), (2, 4, 64), (7, 7, 96), (10, 10, 128)]),
     st.integers(0, 2**32 - 1),
@@ -116,6 +117,7 @@ def test_the_policy_is_asked_once_about_a_picture_of_an_episode():
     assert asked == [1, 1] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.2, 0.6, 1.0])
 def test_an_episode_that_goes_round_ends_as_after_all_its_steps(datasets, share):
     arrays = load_arrays(datasets, "3x4-partial_observability", "train")

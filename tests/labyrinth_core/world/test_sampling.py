@@ -107,6 +107,7 @@ def test_wilson_gives_every_tree_the_same_probability(height, width, trees):
     assert chi_square(counts.values(), [100.0] * trees) < 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
 def test_every_algorithm_can_give_every_tree_of_two_by_two(algorithm):
     counts = Counter(draw(4000, 2, 2, 12, algorithm=algorithm, open_walls=0))
@@ -131,6 +132,7 @@ def test_the_default_sampler_reaches_every_structure_as_often_as_it_should():
     assert chi_square([counts[each] for each in expected], expected.values()) < 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("height", "width", "share"),
     [(3, 3, 0.12), (4, 4, 0.09), (5, 5, 0.08), (3, 4, 0.08), (2, 8, 0.08), (10, 10, 0.08)],

@@ -189,6 +189,7 @@ A_KEY_TO_FETCH = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("drawing", "count"), [(WITHOUT_WALLS, 6), (ONE_BRANCH_HIDES_MORE, 7), (A_KEY_TO_FETCH, 6)]
 )

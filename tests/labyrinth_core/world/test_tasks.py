@@ -152,6 +152,7 @@ def test_ice_lies_on_shortest_routes_and_leaves_none_but_longer_ones(where, seed
     assert tiles_matter(labyrinth)
 
 
+@pytest.mark.slow
 def test_ice_is_placed_wherever_it_can_matter():
     """In every structure of three by three, and in some larger ones."""
     everything = [each for each in all_structures(3, 3) if is_connected(3, 3, passages_of(each))]

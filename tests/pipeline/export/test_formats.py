@@ -20,6 +20,7 @@ from pipeline.export import imitation, lerobot
 SPLITS = ("train", "random")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", SPLITS)
 def test_the_trajectories_for_imitation_are_the_episodes(small_dataset: Run, tmp_path, split):
     folder = tmp_path / "parts"
@@ -42,6 +43,7 @@ def test_the_trajectories_for_imitation_are_the_episodes(small_dataset: Run, tmp
         ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", SPLITS)
 def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(small_dataset: Run, tmp_path, split):
     folder = tmp_path / "parts"

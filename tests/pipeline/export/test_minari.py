@@ -23,6 +23,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("task", "splits"), CASES, ids=[task for task, _ in CASES])
 def test_every_episode_replays_in_the_recovered_environment(
     build: Callable[..., Run], tmp_path, monkeypatch, task, splits

@@ -130,6 +130,7 @@ class OtherMosaic(Mosaic):
         return file.getvalue()
 
 
+@pytest.mark.slow
 def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_path: Path) -> None:
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
@@ -428,6 +429,7 @@ def identity(path: Path) -> tuple[int, int]:
     return path.stat().st_ino, path.stat().st_mtime_ns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage",
     ["shard", "sidecar", "no sidecar", "no shard", "a stray file", "no facts", "cut facts"],
@@ -474,6 +476,7 @@ def test_what_another_configuration_left_is_discarded(
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 
 
+@pytest.mark.slow
 def test_what_another_version_left_is_discarded(
     build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -527,6 +530,7 @@ def front_of(data_dir: Path) -> dict[str, Any]:
     return yaml.safe_load(front)
 
 
+@pytest.mark.slow
 def test_the_card_lists_every_finished_config_with_true_counts(
     build: Build, tmp_path: Path
 ) -> None:

@@ -60,6 +60,7 @@ def test_a_table_that_is_right_has_no_problems_however_it_is_written(folder: Pat
     assert problems(folder) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, ROW, 35])
 @pytest.mark.parametrize("column", [column.name for column in TABLE_COLUMNS])
 def test_a_value_that_was_changed_is_named_with_its_row(

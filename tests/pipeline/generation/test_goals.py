@@ -25,6 +25,8 @@ from pipeline.generation import build as generation
 from pipeline.generation.identity import bucket_of, split_of
 from pipeline.release import card
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 MakeRun = Callable[..., Run]
 

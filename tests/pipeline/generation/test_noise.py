@@ -22,6 +22,8 @@ from pipeline.config.run import Run
 from pipeline.generation import validate as validation
 from pipeline.inspection.routes import routes_of
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 
 OPTIONS = {"size": "5", "labyrinths": 30, "random_steps": 10}

@@ -70,6 +70,7 @@ def problems(run: Run) -> list[str]:
     return validation.validate(run.folder, Manifest.read(run.folder))
 
 
+@pytest.mark.slow
 def test_a_dataset_in_pieces_is_valid(both: tuple[Run, Run]) -> None:
     parts, whole = both
     assert problems(parts) == problems(whole) == []
@@ -77,6 +78,7 @@ def test_a_dataset_in_pieces_is_valid(both: tuple[Run, Run]) -> None:
     assert random[0] == random[1]
 
 
+@pytest.mark.slow
 def test_the_transitions_are_those_of_whole_routes(both: tuple[Run, Run]) -> None:
     for split in both[0].dataset.splits:
         mine, its = (
@@ -253,6 +255,7 @@ def joined(rows: Rows, second: range) -> str:
     return f"{TRAIN} row 0 actions: a route in pieces of {begin - 1 + len(second) - 1}, "
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", [elsewhere, on_the_start, in_no_order, of_no_cell, left_out, without_an_end, joined]
 )

@@ -140,6 +140,7 @@ def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure
     assert set(Counter(split_of(s, DEFAULT_BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [{"size": "3"}, {"size": "4x6"}, {"size": "4", "task": "icy_floor"}, {"sampler": "kruskal"}],
@@ -193,6 +194,7 @@ def test_every_structure_of_3x3_can_come_up(
     assert set(found[full]) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["icy_floor", "key_and_door"])
 def test_the_capacity_for_a_task_is_what_can_be_sampled(
     config_of: Callable[..., DatasetConfig], task: str
@@ -246,6 +248,7 @@ def walls_between(one: Structure, other: Structure) -> int:
     return len(passages_of(one) ^ passages_of(other))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "walls"),
     [

@@ -215,6 +215,7 @@ def test_workers_make_no_difference(build: Build, plain: Run, tmp_path: Path) ->
     assert Manifest.read(with_two.folder) == Manifest.read(plain.folder)
 
 
+@pytest.mark.slow
 def test_several_shards_are_numbered_like_their_parents(build: Build, tmp_path: Path) -> None:
     shifts = ("g", "one_wall", "recoloured")
     run = build(tmp_path, **OPTIONS, shifts=shifts, cells_per_shard=200)
@@ -262,6 +263,7 @@ REDRAWN = ("recoloured", "thin_walls")
 SAMPLED_BY = ("depth_first", "kruskal", "prim")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("split", "change", "words"),
     [
@@ -289,6 +291,7 @@ def test_a_labyrinth_without_the_property_of_its_shift_is_found(
     assert says(found, split, words)
 
 
+@pytest.mark.slow
 def test_a_wall_that_leaves_the_route_as_good_is_found(folder: Path) -> None:
     """The parent has one wall changed that is nowhere near its only shortest route."""
     parents = {each.number: each for each in shown(folder, "train")}
@@ -308,6 +311,7 @@ def test_a_wall_that_leaves_the_route_as_good_is_found(folder: Path) -> None:
     assert says(found, "one_wall", "as short as any")
 
 
+@pytest.mark.slow
 def test_a_route_of_train_is_found_where_routes_are_new(folder: Path, plain: Run) -> None:
     routes = [each.actions for each in shown(plain.folder, "train")]
     known = next(
@@ -332,6 +336,7 @@ def test_another_route_in_the_look_is_found(build: Build, tmp_path: Path) -> Non
     assert says(problems(run.folder), "recoloured", "the routes are not its parent's", "actions")
 
 
+@pytest.mark.slow
 def test_pictures_in_the_usual_colours_are_found(folder: Path) -> None:
     with rows_of(folder, "recoloured-00000-of-00001.parquet") as rows:
         usual = read_rows(folder / "test-00000-of-00001.parquet")
@@ -339,6 +344,7 @@ def test_pictures_in_the_usual_colours_are_found(folder: Path) -> None:
     assert says(problems(folder), "recoloured", "not the picture of the state", "obs")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", ["g", "one_wall", "thin_walls"])
 def test_a_labyrinth_that_is_left_out_without_a_reason_is_found(folder: Path, split: str) -> None:
     file = f"{split}-00000-of-00001.parquet"
@@ -352,6 +358,7 @@ def test_a_labyrinth_that_is_left_out_without_a_reason_is_found(folder: Path, sp
 # What is loaded, and what is refused.
 
 
+@pytest.mark.slow
 def test_every_shift_is_loaded_by_the_loader_and_by_datasets(plain: Run) -> None:
     from datasets import load_dataset
 
@@ -365,6 +372,7 @@ def test_every_shift_is_loaded_by_the_loader_and_by_datasets(plain: Run) -> None
         assert len(decoded) + len(shown(plain.folder, split)) == dataset[split].num_rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift", "labyrinths"), [("longer", 32), ("test_new_routes", 32), ("one_wall", 3)]
 )

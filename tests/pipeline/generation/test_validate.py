@@ -182,6 +182,7 @@ def put(rows: Rows, row: int, column: str, value: Any) -> int:
     return row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "column", "value"), ALONE)
 def test_a_wrong_field_is_found_and_nothing_else(
     folder: Path, row: int, column: str, value: Any
@@ -193,6 +194,7 @@ def test_a_wrong_field_is_found_and_nothing_else(
     assert names(found, row, "obs" if column in ("path", "bytes") else column, OTHER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "column", "value", "place"), WITH_OTHERS)
 def test_a_wrong_field_is_found_whatever_follows_from_it(
     folder: Path, row: int, column: str, value: Any, place: int | tuple[int, str]
@@ -204,6 +206,7 @@ def test_a_wrong_field_is_found_whatever_follows_from_it(
     assert names(problems(folder), *where, OTHER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [1, 2, 3])
 @pytest.mark.parametrize("file", [TRAIN, "s0_and_g-00000-of-00001.parquet"])
 def test_a_swapped_action_is_found(folder: Path, file: str, change: int) -> None:
@@ -504,6 +507,7 @@ def test_a_damaged_file_is_found(folder: Path, damage: str) -> None:
     assert all(f"cannot be compared with {TRAIN}" in other for other in others)
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_anywhere_in_a_file_is_found(folder: Path) -> None:
     path = folder / TRAIN
     content = path.read_bytes()
@@ -573,6 +577,7 @@ def retyped(name: str, type_: pa.DataType) -> Callable[[pa.Table], pa.Table]:
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -635,6 +640,7 @@ def wide_open(side: int) -> Labyrinth:
     return Labyrinth(Structure.from_passages(side, side, passages), 0, side * side - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "info",
     [
@@ -695,6 +701,7 @@ HOSTILE_PICTURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE_PICTURES)
 def test_a_hostile_picture_is_found(folder: Path, name: str) -> None:
     rows = read_rows(folder / TRAIN)

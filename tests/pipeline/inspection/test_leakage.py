@@ -40,6 +40,7 @@ EXAMPLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structures", EXAMPLES.values(), ids=EXAMPLES)
 def test_the_counts_are_those_of_brute_force(structures):
     third = len(structures) // 3

@@ -226,6 +226,7 @@ def test_counts_that_are_there_are_not_counted_again_but_the_files_are_compared(
         statistics_of(folder, "card")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

@@ -13,6 +13,7 @@ from labyrinth_core.data.manifest import Manifest
 from pipeline.release.verify import check_config
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "labyrinths", "message"),
     [

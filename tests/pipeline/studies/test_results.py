@@ -171,6 +171,7 @@ def test_without_results_there_is_one_clear_line(run_of, tmp_path):
         stage.run(run_of(tmp_path / "nothing there"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [

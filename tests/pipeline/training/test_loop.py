@@ -75,6 +75,7 @@ def bf16_learner(problem_of: Callable[..., Problem], **settings: Any) -> bc.Meth
     return bc.Method(problem, settings_of("bc", batch_size=8, **settings))
 
 
+@pytest.mark.slow
 def test_in_bf16_weights_and_gradients_stay_float32_and_the_policy_learns(
     problem_of: Callable[..., Problem], tmp_path: Path
 ) -> None:
