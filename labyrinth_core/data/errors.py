@@ -11,8 +11,12 @@ class DatasetError(RuntimeError):
 
 
 def one_line(error: BaseException) -> str:
-    """Return the message of an error in one line, or its type if the message is empty."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """Return the message of an error in one line, or its type if there is no message."""
+    try:
+        message = " ".join(str(error).split())
+    except Exception:  # An error of a stranger's program, such as a policy.
+        message = ""
+    return message or type(error).__name__
 
 
 def lacks_memory(error: BaseException) -> bool:

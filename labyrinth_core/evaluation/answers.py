@@ -36,13 +36,13 @@ def asked(call: Callable[..., Any], *arguments: Any) -> Any:
     """Return what a part of a policy returns.
 
     Raises:
-        PolicyError: It raises an error.
+        PolicyError: It raises an error, or ends the program.
     """
     try:
         return call(*arguments)
     except PolicyError:
         raise
-    except Exception as error:  # Of any kind: the policy is a stranger's.
+    except (Exception, SystemExit) as error:  # Of any kind: the policy is a stranger's.
         shown = "" if not arguments else f" when given {_described(arguments[0])}"
         reason = f"{type(error).__name__}: {one_line(error):.300}"
         raise PolicyError(f"the policy raised {reason}{shown}") from error
@@ -89,18 +89,34 @@ def decide(
     return counting.astype(np.int64)
 
 
-def _as_array(answer: Any) -> NDArray[Any]:
-    if hasattr(answer, "detach"):  # A tensor of PyTorch, on any device.
-        answer = answer.detach().cpu()
-        # Numpy has no bfloat16, and every number of a smaller kind is one of double's.
-        answer = answer.double() if answer.is_floating_point() else answer
+def memory_of(remembered: Callable[[], Any], count: int) -> NDArray[Any]:
+    """Return what a policy remembers of some episodes, a row for each.
+
+    Raises:
+        PolicyError: It raises an error, or answers with anything but such an array.
+    """
+    given = asked(remembered)
+    held = _as_array(given, "remembered()")
+    if held.dtype == object or held.ndim == 0 or len(held) != count:
+        raise PolicyError(
+            f"remembered() answered {_described(given if held.dtype == object else held)}: give an "
+            f"array with a row for each of the {count} episodes"
+        )
+    return held
+
+
+def _as_array(answer: Any, who: str = "the policy") -> NDArray[Any]:
     try:
+        if hasattr(answer, "detach"):  # A tensor of PyTorch, on any device.
+            answer = answer.detach().cpu()
+            # Numpy has no bfloat16, and every number of a smaller kind is one of double's.
+            answer = answer.double() if answer.is_floating_point() else answer
         array = np.asarray(answer)
         # JAX's bfloat16, which is no kind of numpy's.
         return array.astype(np.float64) if array.dtype.kind == "V" else array
-    except (TypeError, ValueError) as error:
+    except Exception as error:  # Of any kind: the answer is a stranger's.
         name = type(answer).__name__
-        raise PolicyError(f"the policy answered {name}, which is no array: give one") from error
+        raise PolicyError(f"{who} answered {name}, which is no array: give one") from error
 
 
 def _described(value: Any) -> str:
@@ -165,7 +181,7 @@ class Player:
         Raises:
             PolicyError: It is none of these.
         """
-        remembers = hasattr(policy, "reset") and hasattr(policy, "act")
+        remembers = asked(lambda: hasattr(policy, "reset") and hasattr(policy, "act"))
         if isinstance(policy, type) or not (remembers or callable(policy)):
             name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
             what = "the class" if isinstance(policy, type) else "an object of"
@@ -186,5 +202,5 @@ class Player:
 def _takes_rng(function: Callable[..., Any]) -> bool:
     try:
         return "rng" in inspect.signature(function).parameters
-    except (TypeError, ValueError):  # Of a function that is not written in Python.
+    except Exception:  # A function that is not written in Python, or one that hides what it takes.
         return False

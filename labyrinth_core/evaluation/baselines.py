@@ -29,6 +29,9 @@ BASELINES = {
 }
 """Baseline -> what it does."""
 
+BLIND = ("majority", "fixed_path")
+"""The baselines that do not look at a labyrinth."""
+
 REFERENCES = {
     "route_memory": "the shortest demonstrated way of train that is open here, if one is",
     "local_walls": "what train does most often in the same cell with the same walls around it",
@@ -89,25 +92,25 @@ class TrainMemory:
         return max([*routes, ()], key=lambda route: follow_route(train, route).solved.sum())
 
     def figures(
-        self, arrays: LabyrinthArrays
+        self, arrays: LabyrinthArrays, *, blind: bool = False
     ) -> tuple[NDArray[np.bool_], dict[str, dict[str, float]]]:
-        """Return of which labyrinths a shortest route is remembered, and each reference's figures.
+        """Return of which labyrinths a shortest route is remembered, and each baseline's figures.
 
-        The first has the shape (L,).
+        The first has the shape (L,). Those of `BLIND` are only among the others if `blind` says so.
         """
         walked = self.walk(arrays)
         looked_up = follow(arrays, self.actions[arrays.position, surroundings(arrays)])
         known: NDArray[np.bool_] = walked.moves == arrays.distance
-        found = zip(REFERENCES, (walked, looked_up), strict=True)
-        return known, {name: summary_of(episodes, arrays) for name, episodes in found}
+        references = zip(REFERENCES, (walked, looked_up), strict=True)
+        found = {name: summary_of(episodes, arrays) for name, episodes in references}
+        found |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
+        return known, found | (self.blind_figures(arrays) if blind else {})
 
     def blind_figures(self, arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
         """Return the figures of the baselines that do not look at a labyrinth."""
-        found = {
-            "majority": follow(arrays, self.majority[arrays.position]),
-            "fixed_path": follow_route(arrays, self.best_route),
-        }
-        return {name: summary_of(episodes, arrays) for name, episodes in found.items()}
+        majority = follow(arrays, self.majority[arrays.position])
+        found = zip(BLIND, (majority, follow_route(arrays, self.best_route)), strict=True)
+        return {name: summary_of(episodes, arrays) for name, episodes in found}
 
     def walk(self, arrays: LabyrinthArrays) -> Episodes:
         """Return the episodes of the agent that takes remembered ways; without one it stays."""

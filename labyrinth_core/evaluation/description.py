@@ -7,8 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 LONGEST = 300
 """The largest number of characters of a text."""
+
+MOST_EPISODES = 1_000
+"""The largest number of episodes in each labyrinth."""
+
+MOST_SEED = 2**64 - 1
+"""The largest seed, of a dataset and of a policy."""
 
 DETAILS = {
     "labyrinths": "labyrinths that it has learnt from",
@@ -17,7 +25,7 @@ DETAILS = {
 }
 """Detail -> what it is the number of."""
 
-_DATE = re.compile(r"\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])", re.ASCII)
+_DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _URL = re.compile(r"https?://\S+")
 
 
@@ -55,13 +63,20 @@ class Description:
                 )
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")
-        if self.date and not _DATE.fullmatch(self.date):
+        if self.date and not _is_day(self.date):
             raise ValueError(f"date={self.date}: give a day such as 2026-11-30")
         for detail, number in self.details.items():
             if detail not in DETAILS:
                 raise ValueError(f"details: {detail!r:.60}: choose from {', '.join(DETAILS)}")
             if type(number) is not int or not 0 <= number < 10**15:
                 raise ValueError(f"details: {detail}={number!r:.60}: give a whole number from 0 on")
+
+
+def _is_day(text: str) -> bool:
+    try:
+        return _DATE.fullmatch(text) is not None and not np.isnat(np.datetime64(text))
+    except ValueError:
+        return False
 
 
 @dataclass(frozen=True, kw_only=True)

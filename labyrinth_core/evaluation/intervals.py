@@ -2,17 +2,25 @@
 
 The percentile bootstrap (Efron 1979; Efron and Tibshirani 1993, chapter 13): labyrinths are
 resampled with replacement, and so are seeds where there are several. As every seed is evaluated on
-the same labyrinths, the two are resampled independently of each other.
+the same labyrinths, the two are resampled independently of each other. Of many values the means are
+normally distributed, with a variance that needs no resampling (Owen 2007, "The pigeonhole
+bootstrap"): 2,000 resamples of 100,000 values take ten seconds.
 """
 
 from __future__ import annotations
+
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 RESAMPLES = 2_000
 CONFIDENCE = 0.95
+_TAIL = (1 - CONFIDENCE) / 2
 _TOGETHER = 100
+
+MOST_RESAMPLED = 5_000
+"""The largest number of values that are resampled."""
 
 
 def interval(
@@ -27,11 +35,33 @@ def interval(
         values: A value for each seed and labyrinth, shape (seeds, labyrinths).
         minus: Values of the same seeds on other labyrinths, whose mean is subtracted.
     """
+    if values.size > MOST_RESAMPLED:
+        return _normal(values, minus)
     rng = np.random.default_rng(0)
     means = [_resampled(values, minus, rng) for _ in range(RESAMPLES // _TOGETHER)]
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(np.concatenate(means), [tail, 1 - tail])
+    low, high = np.quantile(np.concatenate(means), [_TAIL, 1 - _TAIL])
     return float(low), float(high)
+
+
+def _normal(values: NDArray[np.float64], minus: NDArray[np.float64] | None) -> tuple[float, float]:
+    """Return the bounds of the interval of many values, from the variance of resampled means.
+
+    It is that of the means of seeds, of the means of labyrinths, and of what neither explains, each
+    divided by how many are drawn.
+    """
+    parts = [values] if minus is None else [values, minus]
+    of_seeds = values.mean(axis=1) - (0 if minus is None else minus.mean(axis=1))
+    variance = float(of_seeds.var()) / len(values)
+    for part in parts:
+        of_labyrinths, rest = part.mean(axis=0), part - part.mean(axis=1, keepdims=True)
+        variance += float(of_labyrinths.var()) / len(of_labyrinths)
+        rest -= of_labyrinths - part.mean()
+        variance += float(np.square(rest).mean()) / part.size
+    mean, margin = float(of_seeds.mean()), NormalDist().inv_cdf(1 - _TAIL) * variance**0.5
+    low, high = values.min(), values.max()
+    if minus is not None:
+        low, high = low - minus.max(), high - minus.min()
+    return max(mean - margin, float(low)), min(mean + margin, float(high))
 
 
 def _resampled(

@@ -6,18 +6,17 @@ A file may come from anyone, so that nothing in it is used before it was checked
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.labyrinth_table import TABLE, table_rows
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import locate
+from labyrinth_core.evaluation.description import MOST_EPISODES
 from labyrinth_core.evaluation.playing import Episodes
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import ACCURACIES, INTERVALS, Scores
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 
@@ -49,79 +48,16 @@ class Rules:
             raise ValueError(f"config={config}: there is none of this name")
         if way == "look-ups" and episodes != 1:
             raise ValueError(f"episodes={episodes}: a policy has one in each labyrinth by look-ups")
+        if episodes > MOST_EPISODES:
+            raise ValueError(
+                f"episodes={episodes}: {MOST_EPISODES:,} in each labyrinth are the most"
+            )
         return cls(height * width, Task(task or "navigation"), way == "look-ups", episodes)
 
     @property
     def states(self) -> int:
         """The largest number of states of a labyrinth: without key, with it, the door open."""
         return self.cells * (3 if self.task is Task.KEY_AND_DOOR else 1)
-
-
-@dataclass(frozen=True, eq=False)
-class KnownDataset:
-    """The labyrinths of a dataset, with which results are compared."""
-
-    place: str
-    """Folder, or id on the Hub, and the config."""
-    fingerprint: str
-    splits: Mapping[str, Mapping[str, int]]
-    """Split -> labyrinth id -> moves on a shortest route, in the order of the dataset."""
-
-    @classmethod
-    def read(cls, source: str, config: str, revision: str | None = None) -> KnownDataset:
-        """Return the labyrinths of a dataset in a folder or on the Hub.
-
-        Raises:
-            ValueError: A folder is given with a revision.
-            DatasetError: There is no such dataset.
-        """
-        folder = locate(source, config, [TABLE], revision)
-        manifest = Manifest.read(folder)
-        splits: dict[str, dict[str, int]] = {}
-        for row in table_rows(folder, manifest):
-            splits.setdefault(row["split"], {})[row["labyrinth_id"]] = row["moves"]
-        return cls(f"{source}/{config}", manifest.fingerprint, splits)
-
-    def compare(
-        self, fingerprint: str, scores: Mapping[str, Scores], counts: Mapping[str, int]
-    ) -> None:
-        """Check that scores are of these labyrinths, in their order.
-
-        Args:
-            fingerprint: The fingerprint of the dataset that they are said to be of.
-            scores: The scores by split.
-            counts: The number of labyrinths, the first ones, for each split of which not all
-                labyrinths were evaluated.
-
-        Raises:
-            ValueError: They are not; the message says where.
-        """
-        if fingerprint != self.fingerprint:
-            raise ValueError(
-                f"it is of another dataset than {self.place}: their fingerprints are "
-                f"{fingerprint:.16} and {self.fingerprint:.16} (dataset= names another one)"
-            )
-        for split, found in scores.items():
-            refuse(split, self._other_labyrinths(split, found, counts.get(split)))
-
-    def _other_labyrinths(self, split: str, scores: Scores, count: int | None) -> Iterator[str]:
-        """Yield what differs from the labyrinths of the dataset."""
-        if split not in self.splits:
-            yield f"{self.place} has no such split"
-            return
-        right = list(self.splits[split].items())[:count]
-        if len(scores.distance) != len(right):
-            yield f"{len(scores.distance)} labyrinths, but {self.place} has {len(right)}"
-            return
-        for place, (name, moves) in enumerate(right):
-            found = f"{scores.labyrinth_ids[place]:016x}"
-            if found != name:
-                yield f"labyrinth {place + 1} is {found}, but {name} in {self.place}"
-            elif scores.distance[place] != moves:
-                yield (
-                    f"labyrinth {name} has a shortest route of {scores.distance[place]} moves, but "
-                    f"of {moves} in {self.place}"
-                )
 
 
 def scores_of(split: str, told: Mapping[str, Any], rules: Rules) -> Scores:
@@ -184,6 +120,10 @@ def _impossible(told: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterat
         yield f"step_limit is {told['step_limit']}, not {limit}"
     iced = episodes.outcomes == "ice"
     ended, most = solved | iced, rules.states - 1
+    for name in ACCURACIES:
+        if told[name] is not None and not rules.looks_up:
+            yield f"{name} is {told[name]}, which a policy has by look-ups alone"
+    detour = moves - distance
     cases: list[tuple[Bools, str]] = [
         (np.broadcast_to(distance > most, moves.shape), f"a shortest route of more than {most}"),
         (moves > limit, f"more moves than the limit of {limit}"),
@@ -191,20 +131,38 @@ def _impossible(told: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterat
         (~ended & (moves != limit), f"a failure before the limit of {limit} moves"),
         (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task has not"),
         (ended & (moves > most) & rules.looks_up, f"more than {most} moves to an end by look-ups"),
+        (solved & (detour % 2 == 1) & rules.looks_up, "a detour of an odd number of moves"),
     ]
+    yield from cases_of(scores, cases)
+
+
+def cases_of(scores: Scores, cases: Iterable[tuple[Bools, str]]) -> Iterator[str]:
+    """Yield for each impossible case the first episode that is one.
+
+    Args:
+        scores: The scores.
+        cases: Which episodes are such a case, shape (E, L), and what they have.
+    """
+    episodes = scores.episodes
     for wrong, what in cases:
         for episode, labyrinth in np.argwhere(wrong)[:1].tolist():
-            of = f"episode {episode + 1}, " if rules.episodes > 1 else ""
+            of = f"episode {episode + 1}, " if len(episodes.moves) > 1 else ""
+            name, outcome, moves, distance = (
+                f"{scores.labyrinth_ids[labyrinth]:016x}",
+                episodes.outcomes[episode, labyrinth],
+                episodes.moves[episode, labyrinth],
+                scores.distance[labyrinth],
+            )
             yield (
-                f"{of}labyrinth {told['labyrinth_ids'][labyrinth]} has {what}: "
-                f"{episodes.outcomes[episode, labyrinth]} after {moves[episode, labyrinth]} moves, "
-                f"with a shortest route of {distance[labyrinth]}"
+                f"{of}labyrinth {name} has {what}: {outcome} after {moves} moves, with a shortest "
+                f"route of {distance}"
             )
 
 
 def _other_figures(told: Mapping[str, Any], scores: Scores) -> Iterator[str]:
-    """Yield the figures that do not follow from the outcomes."""
-    for name, right in scores.figures().items():
+    """Yield the figures that do not follow from the outcomes; the intervals take longest."""
+    counted = scores.counted().items()
+    for name, right in chain(counted, ((each, scores.interval(each)) for each in INTERVALS)):
         if not _equal(told[name], right):
             yield f"{name} is {told[name]!r:.60}, but {right} follows from the outcomes"
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Player, Policy, asked, decide
+from labyrinth_core.evaluation.answers import Player, Policy, asked, decide, memory_of
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY
 from labyrinth_core.world.rollout import Episode, replay
@@ -128,7 +128,7 @@ def play(
             moved[running[~going & ~ended & (after != here)]] = limit
         running = running[going]
         if remembered is not None:
-            held = asked(remembered)
+            held = memory_of(remembered, len(state))
             situations = [(each, state[each], held[each].tobytes()) for each in running.tolist()]
             begun = np.array([first.setdefault(each, step) for each in situations], np.int64)
             # What has happened since then will happen again and again, until the end.

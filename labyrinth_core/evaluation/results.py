@@ -23,13 +23,14 @@ from labyrinth_core.data.schema import (
     check_shape,
     read_json,
 )
-from labyrinth_core.data.splits import SPLITS, is_of_train
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.description import Description, TrainedRun
-from labyrinth_core.evaluation.outcomes import KnownDataset, Rules, scores_of
+from labyrinth_core.evaluation.description import MOST_SEED, Description, TrainedRun
+from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation.outcomes import Rules, refuse, scores_of
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import WHY_SPL, Scores
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
@@ -41,9 +42,10 @@ FORMAT = 2
 LARGEST = 1 << 28
 """The most bytes of a file that is read; five splits of 100,000 labyrinths have 16 million."""
 
-HEADINGS = ("split", "SR", "95%", "n x n", "SPL", "known / new", "AER", "failures")
-NOTE = """\
-n x n: SR within as many steps as there are cells. SPL: success weighted by path length.
+HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known / new", "AER", "failures")
+NOTE = f"""\
+{WHY_SPL}
+n x n: SR within as many steps as there are cells. 95%: the interval of SR.
 known / new: SR where train demonstrates an optimal route, and where it does not."""
 
 
@@ -84,7 +86,7 @@ class Results:
         rows = [list(HEADINGS)]
         rows += [[split, *_cells(scores)] for split, scores in self.splits.items()]
         lines = [self._title(), *_aligned(rows), NOTE, ""]
-        rows = [["SR / SPL", *(name.replace("_", " ") for name in self.baselines)]]
+        rows = [["SPL / SR", *(name.replace("_", " ") for name in self.baselines)]]
         for split in self.splits:
             rows.append([split, *(_pair(found[split]) for found in self.baselines.values())])
         lines += _aligned(rows)
@@ -130,6 +132,7 @@ class Results:
             ValueError: The name is empty, or one of the others is none of what is allowed.
         """
         content = self.to_json(Description(name, author, url, date, budget, details or {}))
+        _rules_of(content)  # What could not be read again is not written.
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
         write_text(place, _as_text(content))
@@ -158,17 +161,14 @@ class Results:
         """Return the results that `to_json` described; ValueError if it did not."""
         if isinstance(content, dict) and {"run", "training"} <= content.keys():
             raise ValueError("an earlier version wrote it: stages=evaluate makes it anew")
-        check_shape(content, _SHAPE)
+        rules = _rules_of(content)
         about, evaluated, run = content["dataset"], content["evaluated"], content.get("run")
-        rules = Rules.of(about["config"], evaluated["way"], evaluated["episodes"])
         splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
         if not splits:
             raise ValueError("it has results on no split")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
-        if run is not None:
-            check_shape(run, _RUN, "it.run")
-            run = TrainedRun(**{name: run[name] for name in _RUN})
+        method = {each.name: content["method"][each.name] for each in fields(Description)}
         return cls(
             dataset=about["source"],
             revision=about["revision"],
@@ -176,20 +176,39 @@ class Results:
             fingerprint=about["fingerprint"],
             **{name: evaluated[name] for name in _EVALUATED},
             splits=splits,
-            baselines=content["baselines"],
-            run=run,
-            method=Description(
-                **{each.name: content["method"][each.name] for each in fields(Description)}
-            ),
+            baselines={
+                name: {split: _figures_of(by_split[split]) for split in splits}
+                for name, by_split in content["baselines"].items()
+            },
+            run=None if run is None else _run_of(run),
+            method=Description(**method),
         )
 
     def compare_with(self, known: KnownDataset) -> None:
-        """Check that the labyrinths are those of a dataset; ValueError if they are not."""
-        counts = {}
-        if self.run is not None and self.run.fingerprint == self.fingerprint:
-            most = self.run.train_labyrinths
-            counts = {split: most for split in self.splits if most and is_of_train(split)}
-        known.compare(self.fingerprint, self.splits, counts)
+        """Check all that a dataset settles: labyrinths, known routes, outcomes, baselines.
+
+        Raises:
+            ValueError: Something is not so; the message says what and where.
+            DatasetError: The rows of the dataset cannot be read.
+        """
+        run, right = self.run, known.fingerprint
+        if self.fingerprint != right:
+            raise ValueError(
+                f"it is of another dataset than {known.place}: their fingerprints are "
+                f"{self.fingerprint:.16} and {right:.16} (dataset= names another one)"
+            )
+        if run is not None and (run.fingerprint, run.config) != (right, self.config):
+            raise ValueError(
+                f"its policy learnt from another dataset than {known.place}, on which it is judged"
+            )
+        learnt = None if run is None else run.train_labyrinths
+        for split, scores in self.splits.items():
+            refuse(split, known.miscounted(split, len(scores.distance), learnt))
+        for split, scores in self.splits.items():
+            known_split = known.split(split, learnt)
+            refuse(split, known_split.differences(scores, looks_up=self.way == "look-ups"))
+            baselines = {name: by_split[split] for name, by_split in self.baselines.items()}
+            refuse(split, known_split.other_baselines(baselines, blind=run is not None))
 
     def to_json(self, method: Description) -> dict[str, Any]:
         """Return what `save` writes, in plain types."""
@@ -223,6 +242,7 @@ _TEXT = Text(r"(?s).*")
 _CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")
 _HASH = Text(r"[0-9a-f]{64}")
 _COUNTED = Number(1, whole=True)
+_SEED = Number(0, MOST_SEED, whole=True)
 _SPLIT_NAME = Text("|".join(SPLITS))
 
 _FIGURES = {
@@ -246,7 +266,7 @@ _EVALUATED = {
     "image_size": Maybe(_COUNTED),
     "way": Text("look-ups|steps"),
     "episodes": _COUNTED,
-    "seed": Number(whole=True),
+    "seed": _SEED,
     "version": Text(r"[\w.+-]{1,50}"),
 }
 
@@ -290,7 +310,7 @@ _RUN = {
     "precision": _WORD,
     "memory": OneOf((True, False)),
     "train_labyrinths": Maybe(_COUNTED),
-    "seed": COUNT,
+    "seed": _SEED,
     "settings": Named(_WORD, None),
     "config": _CONFIG,
     "dataset": _TEXT,
@@ -309,6 +329,33 @@ _RUN = {
 """The shape of a `TrainedRun`."""
 
 
+def _figures_of(content: Mapping[str, Any]) -> dict[str, float]:
+    return {name: content[name] for name in _FIGURES}
+
+
+def _run_of(content: Mapping[str, Any]) -> TrainedRun:
+    return TrainedRun(**{name: content[name] for name in _RUN})
+
+
+def _rules_of(content: Any) -> Rules:
+    """Return what holds for the episodes of a file, whose form is checked; ValueError if wrong."""
+    check_shape(content, _SHAPE)
+    evaluated = content["evaluated"]
+    if (evaluated["observation"] == "image") != (evaluated["image_size"] is not None):
+        raise ValueError(
+            f"image_size={evaluated['image_size']}: observation={evaluated['observation']} has "
+            f"{'one' if evaluated['observation'] == 'image' else 'none'}"
+        )
+    if "run" in content:
+        check_shape(content["run"], _RUN, "it.run")
+        run = _run_of(content["run"])
+        told = {"method.name": content["method"]["name"], "evaluated.seed": evaluated["seed"]}
+        for (name, value), right in zip(told.items(), (run.name, run.seed), strict=True):
+            if value != right:
+                raise ValueError(f"it.{name} is {value!r:.60}, but {right!r:.60} by it.run")
+    return Rules.of(content["dataset"]["config"], evaluated["way"], evaluated["episodes"])
+
+
 def _described(scores: Scores) -> dict[str, Any]:
     """Return the figures, and what they follow from: each episode in each labyrinth."""
     return scores.figures() | {
@@ -325,10 +372,10 @@ def _cells(scores: Scores) -> list[str]:
     low, high = figures["sr_interval"]
     failures = (f"{count} {name}" for name, count in figures["failures"].items())
     return [
+        _percent(scores.spl),
+        _percent(scores.sr_within_cells),
         f"{scores.sr:.1%}",
         f"{100 * low:.0f}-{100 * high:.0f}",
-        _percent(scores.sr_within_cells),
-        _percent(scores.spl),
         f"{_percent(scores.sr_known_route)} / {_percent(scores.sr_new_route)}",
         f"{scores.aer:.2f} ± {figures['aer_std']:.2f}",
         ", ".join(failures) or "none",
@@ -336,7 +383,7 @@ def _cells(scores: Scores) -> list[str]:
 
 
 def _pair(figures: Mapping[str, float]) -> str:
-    return f"{_percent(figures['sr'])} / {_percent(figures['spl'])}"
+    return f"{_percent(figures['spl'])} / {_percent(figures['sr'])}"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -358,7 +405,7 @@ def _as_text(content: Mapping[str, Any]) -> str:
 
     def lines(value: Any, depth: int) -> str:
         if not (isinstance(value, dict) and value and depth < 3):
-            return json.dumps(value, ensure_ascii=False)
+            return json.dumps(value, ensure_ascii=False, allow_nan=False)
         indent = " " * (depth + 1)
         inner = (
             f"{indent}{json.dumps(key)}: {lines(each, depth + 1)}" for key, each in value.items()

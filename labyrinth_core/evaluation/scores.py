@@ -22,6 +22,17 @@ from labyrinth_core.evaluation.playing import (
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits that a policy is evaluated on."""
 
+WHY_SPL = """\
+SPL (success weighted by path length) comes before SR (success rate), because SR rewards wandering:
+40 steps a cell are so many that random steps solve most labyrinths."""
+"""The sentence that stands beside every table of scores."""
+
+ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
+"""The shares of optimal actions; see `Scores`."""
+
+INTERVALS = ("sr_interval", "aer_interval")
+"""The intervals among the figures."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scores:
@@ -62,7 +73,13 @@ class Scores:
 
         For a solved episode moves on a shortest route divided by moves taken, else 0; averaged.
         """
-        return float((self.episodes.solved * self.distance / self.episodes.moves).mean())
+        return float(self.weighted.mean())
+
+    @property
+    def weighted(self) -> NDArray[np.float64]:
+        """What each episode adds to `spl`, shape (L,)."""
+        weighted: NDArray[np.float64] = self.episodes.solved * self.distance / self.episodes.moves
+        return weighted
 
     @property
     def sr_known_route(self) -> float | None:
@@ -113,11 +130,20 @@ class Scores:
         }
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures in plain types; intervals are over labyrinths and episodes.
+        """Return the figures in plain types; intervals are over labyrinths and episodes."""
+        return self.counted() | {name: self.interval(name) for name in INTERVALS}
+
+    def interval(self, name: str) -> list[float]:
+        """Return one of `INTERVALS`."""
+        episodes = self.episodes
+        values = episodes.solved if name == "sr_interval" else episodes.returns
+        return list(interval(np.atleast_2d(values).astype(np.float64)))
+
+    def counted(self) -> dict[str, Any]:
+        """Return the figures in plain types, but for the intervals, which take long to compute.
 
         `known_route` has 1 for each labyrinth of which train demonstrates an optimal route, else 0.
         """
-        solved, returns = self.episodes.solved, self.episodes.returns
         known = self.known_route
         return {
             "labyrinths": len(self.distance),
@@ -125,15 +151,13 @@ class Scores:
             "sr_known_route": self.sr_known_route,
             "sr_new_route": self.sr_new_route,
             "known_route": None if known is None else "".join(map(str, known.astype(int))),
-            "sr_interval": list(interval(np.atleast_2d(solved).astype(np.float64))),
-            "aer_interval": list(interval(np.atleast_2d(returns))),
             "path_efficiency": self.path_efficiency,
             "accuracy_on_demonstrations": self.accuracy_on_demonstrations,
             "accuracy_elsewhere": self.accuracy_elsewhere,
             "failures": {
                 name: int((self.episodes.outcomes == name).sum())
                 for name in OUTCOMES
-                if name in self.episodes.outcomes[~solved]
+                if name in self.episodes.outcomes[~self.episodes.solved]
             },
         }
 

@@ -15,7 +15,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
-from labyrinth_core.evaluation.description import DETAILS
+from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS
 from labyrinth_core.world.labyrinth import Task
@@ -40,6 +40,9 @@ IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 
 POLICY = "policy.safetensors"
 """The name of the file of a run's policy, in the folder of the run."""
+
+RECORD = "run.json"
+"""The name of the file that says how a run was trained, in the same folder."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +175,10 @@ class EvaluationOptions:
         IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
     )
     episodes: int | None = option(
-        None, "episodes a labyrinth, for a policy that draws at random", at_least=1
+        None,
+        "episodes a labyrinth, for a policy that draws at random",
+        at_least=1,
+        at_most=MOST_EPISODES,
     )
     splits: tuple[str, ...] = option((), "splits, [test] or more (all but random)")
     gifs: int = option(
@@ -242,6 +248,23 @@ def check_training(options: TrainingOptions, task: Task) -> None:
             given in allowed,
             f"memory=true does not go with {each}={given}: choose {' or '.join(allowed)}",
         )
+
+
+def check_run(run: RunName, observation: str) -> None:
+    """Raise a ConfigError if no method of ours makes a run of this name for an observation."""
+    for name, given, allowed in (
+        ("protocol", run.protocol, PROTOCOLS),
+        ("precision", run.precision, PRECISIONS),
+    ):
+        check(given in allowed, f"{name}={given}: choose from {', '.join(allowed)}")
+    folder = CONF / "method" / PROTOCOLS[run.protocol].methods
+    methods = sorted(path.stem for path in folder.glob("*.yaml"))
+    check(run.method in methods, f"method={run.method}: choose from {', '.join(methods)}")
+    own = "own_network" in abilities_of(run.method)
+    encoders = {run.method: "image"} if own else ENCODERS
+    check(run.encoder in encoders, f"encoder={run.encoder}: choose from {', '.join(encoders)}")
+    seen = encoders[run.encoder]
+    check(observation == seen, f"observation={observation}: encoder={run.encoder} looks at {seen}")
 
 
 def abilities_of(method: str) -> list[str]:

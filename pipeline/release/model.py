@@ -14,13 +14,16 @@ import yaml
 from huggingface_hub import EvalResultEntry, HfApi, eval_result_entries_to_yaml
 from huggingface_hub.errors import RevisionNotFoundError
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.schema import check_shape, read_json
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
+from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import (
     CONFIG,
@@ -32,8 +35,8 @@ from labyrinth_core.policies.spec import (
     PolicySpec,
 )
 from pipeline.config.run import Run
-from pipeline.config.training import POLICY
-from pipeline.machinery.markdown import count, table
+from pipeline.config.training import POLICY, RECORD
+from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import code
 from pipeline.release.remote import PublishError, Remote, explained
@@ -103,12 +106,13 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
     """
     source = run.training_folder
     dataset, revision = run.dataset_on_hub
-    results, made = _results(source)
+    results, made = _results(run)
     if manifest.fingerprint != made.fingerprint:
         raise PublishError(
             f"{source} was trained on another dataset than {dataset}: their "
             f"fingerprints are {made.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
+    _require_true(results, made, run, _known(run, commit, manifest))
     with tempfile.TemporaryDirectory(prefix="labyrinth-model-") as temporary:
         folder = Path(temporary)
         _copy_weights(source, folder, made)
@@ -138,16 +142,42 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
         yield folder
 
 
-def _results(folder: Path) -> tuple[Results, TrainedRun]:
+def _results(run: Run) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and what they say of the run."""
+    folder, name = run.training_folder, run.run_name.name
     path = folder / RESULTS
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no policy that was evaluated: {made}")
     results = Results.load(path)
-    if results.run is None or results.fingerprint != results.run.fingerprint:
+    made_by = results.run
+    if made_by is None or (results.config, made_by.name) != (run.dataset.name, name):
         raise DatasetError(f"{path} is not of this run: stages=evaluate makes it anew")
-    return results, results.run
+    return results, made_by
+
+
+def _require_true(results: Results, made: TrainedRun, run: Run, known: KnownDataset) -> None:
+    """Raise a DatasetError if results are impossible, or say another thing than `run.json`."""
+    folder = run.training_folder
+    try:
+        results.compare_with(known)
+        record = read_json(folder / RECORD)
+        check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made.training)})
+        told = {name: record[name] for name in made.training}
+        if (told, record["run"]["settings"]) != (made.training, made.settings):
+            raise ValueError(f"{RECORD} records another training")
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(
+            f"{folder / RESULTS} is refused: {one_line(error):.400} (stages=evaluate makes it anew)"
+        ) from error
+
+
+def _known(run: Run, commit: str, manifest: Manifest) -> KnownDataset:
+    """Return the dataset with which results are compared: the one in data_dir, or on the Hub."""
+    config = run.dataset.name
+    if (run.folder / MANIFEST).is_file() and Manifest.read(run.folder) == manifest:
+        return KnownDataset(str(run.data_dir), config, None, manifest)
+    return KnownDataset(run.dataset_on_hub[0], config, commit, manifest)
 
 
 def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
@@ -199,8 +229,8 @@ def _eval_results(trained: Trained) -> str:
 
 def _card(trained: Trained) -> str:
     """Return the README.md, a pure function of the evaluation and the dataset."""
-    figures = trained.results.splits["test"].figures()
-    low, high = (f"{100 * bound:.0f}" for bound in figures["sr_interval"])
+    test = trained.results.splits["test"]
+    low, high = (f"{100 * bound:.0f}" for bound in test.interval("sr_interval"))
     size = trained.spec.image_size
     shown = ', observation="vector"' if trained.spec.observation == "vector" else ""
     form = "a function from a batch of observations to the scores of the four actions"
@@ -210,13 +240,15 @@ def _card(trained: Trained) -> str:
     return fill(
         "model.md",
         dataset=trained.dataset,
-        method=trained.run.method,
+        method=plain(trained.run.method),
         config=trained.config,
         sees="vectors" if size is None else f"pictures of {size} x {size} pixels",
-        solved=f"{figures['sr']:.1%}",
+        spl=f"{test.spl:.1%}",
+        solved=f"{test.sr:.1%}",
         low=low,
         high=high,
-        labyrinths=f"{figures['labyrinths']:,}",
+        labyrinths=f"{len(test.distance):,}",
+        why=WHY_SPL,
         model=trained.model,
         version=trained.version,
         revision=trained.revision,
@@ -232,7 +264,7 @@ def _card(trained: Trained) -> str:
 
 
 def _training(trained: Trained) -> str:
-    run, training = trained.run, trained.run.training
+    run, training, settings = trained.run, trained.run.training, trained.run.settings.items()
     asked = run.train_labyrinths
     held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
     labyrinths = count(held if asked is None else asked, "labyrinth")
@@ -241,12 +273,15 @@ def _training(trained: Trained) -> str:
         ("dataset", f"`{trained.config}` of `{trained.dataset}`, revision `{trained.revision}`"),
         ("its fingerprint", f"`{run.fingerprint}`"),
         ("learnt from", f"{labyrinths} of `train`{of}"),
-        ("method", f"`{run.method}`, encoder `{run.encoder}`, seed {run.seed}"),
-        ("settings", ", ".join(f"`{name}={value}`" for name, value in run.settings.items())),
+        (
+            "method",
+            f"{verbatim(run.method)}, encoder {verbatim(run.encoder)}, seed {run.seed}",
+        ),
+        ("settings", ", ".join(verbatim(f"{n}={value}") for n, value in settings)),
         (
             "budget",
             f"{count(training['epochs'], 'epoch')}, {training['seconds']:.0f} seconds on "
-            f"{training['computed']['device']}",
+            f"{plain(training['computed']['device'])}",
         ),
         (
             "chosen",
@@ -263,21 +298,23 @@ def _table_of_results(trained: Trained) -> str:
         figures = scores.figures()
         low, high = figures["sr_interval"]
         efficiency = figures["path_efficiency"]
-        chance = trained.results.baselines["random"].get(split)
+        chance = trained.results.baselines["random"][split]
         rows.append(
             (
                 f"`{split}`",
                 SPLITS[split].meaning,
                 f"{figures['labyrinths']:,}",
+                f"{figures['spl']:.1%}",
+                f"{figures['sr_within_cells']:.1%}",
                 f"{figures['sr']:.1%}",
                 f"{100 * low:.0f}-{100 * high:.0f}",
                 f"{figures['aer']:.2f} ± {figures['aer_std']:.2f}",
                 "-" if efficiency is None else f"{efficiency:.1%}",
-                "-" if chance is None else f"{chance['sr']:.1%}",
+                f"{chance['spl']:.1%} / {chance['sr']:.1%}",
             )
         )
-    heading = ("split", "holds", "labyrinths", "SR", "95%", "AER", "efficiency", "random")
-    return table(heading, rows, "ll" + "r" * 6)
+    heading = ("split", "holds", "labyrinths", "SPL", "SR in n x n", "SR", "95%", "AER")
+    return table((*heading, "efficiency", "random"), rows, "ll" + "r" * 8)
 
 
 def _limits(trained: Trained) -> list[str]:

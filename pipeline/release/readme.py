@@ -13,7 +13,7 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.machinery.markdown import count, table
+from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits, names_of_varied
 from pipeline.release.provenance import Release, code, command
@@ -71,7 +71,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         limits="\n".join(f"- {point}" for point in limits(datasets)),
         licence="[MIT](https://opensource.org/license/mit)."
         if mit
-        else f"`{release.licence}`, as the head of this file says.",
+        else f"{verbatim(release.licence)}, as the head of this file says.",
         citation=citation(),
     )
 
@@ -117,7 +117,7 @@ def _making(datasets: Sequence[DatasetStatistics]) -> str:
     rows = (
         (
             f"`{dataset.name}`",
-            ", ".join(f"{name} {v}" for name, v in dataset.manifest.versions.items()),
+            plain(", ".join(f"{name} {v}" for name, v in dataset.manifest.versions.items())),
             f"`{dataset.manifest.fingerprint}`",
         )
         for dataset in datasets

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -11,9 +11,9 @@ import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
 
@@ -22,6 +22,8 @@ MOST_FAILED = 2_000
 
 SCORES = (
     "labyrinths",
+    "spl",
+    "sr_within_cells",
     "sr",
     "sr_interval",
     "aer",
@@ -34,28 +36,37 @@ SCORES = (
 """The scores of a run on a split that are shown."""
 
 
-def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str, Any]]:
+def read_results(
+    run_dir: Path, data_dir: Path, manifests: Sequence[Manifest]
+) -> list[dict[str, Any]]:
     """Return the data of the page on the methods evaluated on datasets, each with its runs.
 
     A method is all that the name of a run says but its seed, such as `bc-resnet18`.
 
     Args:
         run_dir: The folder of the runs; it need not exist.
+        data_dir: The folder of the datasets.
         manifests: The manifests of the datasets; runs on others are left out, and so are results
             of policies that no run made.
 
     Raises:
         DatasetError: A file is refused.
     """
-    of = {manifest.config.name: manifest for manifest in manifests}
+    of = {
+        manifest.config.name: KnownDataset(str(data_dir), manifest.config.name, None, manifest)
+        for manifest in manifests
+    }
     methods: dict[tuple[str, str], list[tuple[TrainedRun, Results]]] = {}
     for path in results_in(run_dir):
         results = Results.load(path)
-        run, manifest = results.run, of.get(results.config)
-        if run is None or manifest is None or manifest.fingerprint != results.fingerprint:
+        run, known = results.run, of.get(results.config)
+        if run is None or known is None or known.fingerprint != results.fingerprint:
             continue
         try:
-            _require_all(results.splits, run, manifest)
+            missing = [split for split in EVALUATED_SPLITS if split not in results.splits]
+            if missing:
+                raise ValueError(f"it has no results on {', '.join(missing)}")
+            results.compare_with(known)
         except ValueError as error:
             raise DatasetError(f"{path} is refused: {error}") from error
         methods.setdefault((results.config, run.of_all_seeds), []).append((run, results))
@@ -63,17 +74,6 @@ def read_results(run_dir: Path, manifests: Sequence[Manifest]) -> list[dict[str,
         _method(name, sorted(runs, key=lambda each: each[0].seed))
         for (_, name), runs in methods.items()
     ]
-
-
-def _require_all(splits: Mapping[str, Scores], run: TrainedRun, manifest: Manifest) -> None:
-    """Raise a ValueError if scores are not of as many labyrinths as a dataset has."""
-    for split in EVALUATED_SPLITS:
-        held = sum(shard.labyrinths for shard in manifest.of(split))
-        if is_of_train(split) and run.train_labyrinths is not None:
-            held = run.train_labyrinths
-        found = len(splits[split].distance) if split in splits else 0
-        if found != held:
-            raise ValueError(f"{split} has {held} labyrinths, not {found}")
 
 
 def _method(name: str, runs: Sequence[tuple[TrainedRun, Results]]) -> dict[str, Any]:
@@ -88,8 +88,12 @@ def _method(name: str, runs: Sequence[tuple[TrainedRun, Results]]) -> dict[str, 
     for split in EVALUATED_SPLITS:
         scores = [results.splits[split] for _, results in runs]
         solved = np.concatenate([np.atleast_2d(each.episodes.solved) for each in scores])
+        weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
         by_all = set.intersection(*(set(each.failed) for each in scores))
         splits[split] = {
+            "spl": mean(each.spl for each in scores),
+            "spl_interval": interval(weighted),
+            "sr_within_cells": mean(each.sr_within_cells for each in scores),
             "sr": float(solved.mean()),
             "sr_interval": interval(solved.astype(np.float64)),
             "aer": mean(each.aer for each in scores),

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from pipeline.config.run import Run
@@ -84,7 +85,7 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         folder = data_dir / of.name
         packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    html = page(datasets, read_results(run_dir, [of.manifest for of in found]))
+    html = page(datasets, read_results(run_dir, data_dir, [of.manifest for of in found]))
     folder = data_dir / FOLDER
     with held(data_dir, FOLDER):
         own = OwnFiles.read(folder, always=re.escape(PAGE))
@@ -137,6 +138,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
         "actionColours": list(ACTION_COLOURS.values()),
         "datasets": datasets,
         "results": results,
+        "whySpl": " ".join(WHY_SPL.split()),
     }
     style, script = _source("style.css"), "\n".join(_source(f"{name}.js") for name in SCRIPTS)
     policy = (

@@ -15,9 +15,9 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import write_bytes, write_text
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
+from pipeline.config.training import RECORD
 from pipeline.training.checkpoint import Progress
 
-RECORD = "run.json"
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"

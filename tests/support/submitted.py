@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ import numpy as np
 
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 
 
 def forgetful(height: int, width: int, share: float = 0.2, seed: int = 0) -> Any:
@@ -54,7 +56,48 @@ def of_run(results: Results, method: str = "bc", seed: int = 0, **changed: Any) 
         },
         "evaluated": {"device": "cpu", "versions": {}, "weights": None},
     }
-    return replace(results, seed=seed, run=TrainedRun(**about | changed))
+    return replace(
+        results,
+        observation="image",
+        image_size=64,
+        seed=seed,
+        baselines=_baselines(results, changed.get("train_labyrinths")),
+        run=TrainedRun(**about | changed),
+    )
+
+
+def of_few(results: Results, count: int) -> Results:
+    """Return the results of a run as if it had learnt from the first labyrinths of train alone.
+
+    It is judged on these labyrinths, and the references know these.
+    """
+    assert results.run is not None
+    known = KnownDataset.read(results.dataset, results.config)
+    splits = {}
+    for split, scores in results.splits.items():
+        right, episodes = known.split(split, count), scores.episodes
+        first = slice(len(right.distance))
+        splits[split] = replace(
+            scores,
+            episodes=replace(
+                episodes, outcomes=episodes.outcomes[..., first], moves=episodes.moves[..., first]
+            ),
+            labyrinth_ids=right.labyrinth_ids,
+            distance=right.distance,
+            known_route=right.known_route,
+            **dict.fromkeys(ACCURACIES, 1.0),
+        )
+    run = replace(results.run, train_labyrinths=count)
+    return replace(results, splits=splits, baselines=_baselines(results, count), run=run)
+
+
+@lru_cache
+def _baselines(results: Results, learnt: int | None) -> dict[str, dict[str, Any]]:
+    """Return the figures of all baselines, of which `evaluate` leaves out the blind ones."""
+    known = KnownDataset.read(results.dataset, results.config)
+    by_split = {split: known.split(split, learnt).baselines for split in results.splits}
+    names = next(iter(by_split.values()))
+    return {name: {split: found[name] for split, found in by_split.items()} for name in names}
 
 
 def keep(results: Results, run_dir: Path) -> Path:
@@ -66,7 +109,8 @@ def keep(results: Results, run_dir: Path) -> Path:
 
 
 def content_of(results: Results, name: str = "mine", **about: Any) -> dict[str, Any]:
-    """Return the content of the file."""
+    """Return the content of the file; the results of a run have its name."""
+    name = name if results.run is None else results.run.name
     content: dict[str, Any] = deepcopy(results.to_json(Description(name, **about)))
     return content
 

@@ -166,11 +166,11 @@ function resultsOf(config) {
   const methods = DATA.results.filter((method) => method.config === config);
   const [{ baselines, splits: first }] = methods;
   const splits = Object.keys(first);
-  const bars = (split) => methods.map(({ name, splits: { [split]: { sr, sr_interval } } }) => ({
-    name, share: sr, interval: sr_interval, colour: DATA.colours.goal,
+  const bars = (split) => methods.map(({ name, splits: { [split]: { spl, spl_interval } } }) => ({
+    name, share: spl, interval: spl_interval, colour: DATA.colours.goal,
   }));
   const panels = splits.map((split) =>
-    panel(split, "", barPicture(bars(split), 1, `Success rate on ${split}`)),
+    panel(split, "", barPicture(bars(split), 1, `SPL on ${split}`)),
   );
   const rows = methods.map((method) => [
     method.name, grouped(method.runs.length), ...splits.map((split) => ratesOf(method.splits[split])),
@@ -180,21 +180,21 @@ function resultsOf(config) {
     ...splits.map((split) => ratesOf(baselines[split][name])),
   ]);
   const results = figure(
-    `Success rate, ${config}`,
-    "Share of the labyrinths that one greedy episode solves, the mean over seeds, with its 95% " +
-    "interval over seeds and labyrinths. In the table, the average return and its standard " +
-    "deviation stand below; in grey, what needs no learning.",
+    `SPL, ${config}`,
+    `${DATA.whySpl} One greedy episode in each labyrinth, the mean over seeds; SPL has its 95% ` +
+    "interval over seeds and labyrinths. In the table, success rate, average return and its " +
+    "standard deviation stand below; in grey, what needs no learning.",
     panels,
-    table("Success rate and return", ["method", "seeds", ...splits], [...rows, ...others]),
+    table("SPL, success rate and return", ["method", "seeds", ...splits], [...rows, ...others]),
   );
   results.querySelector("details").open = true;
   return [results, ...methods.map(methodDetails)];
 }
 
-/** Return a table's cell with success rate and average return. */
-function ratesOf({ sr, aer, aer_std: deviation }) {
-  const below = `${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
-  return element("span", {}, percent(sr), element("br"), element("small", {}, below));
+/** Return a table's cell with SPL, success rate and average return. */
+function ratesOf({ spl, sr, aer, aer_std: deviation }) {
+  const below = `SR ${percent(sr)}, ${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
+  return element("span", {}, percent(spl), element("br"), element("small", {}, below));
 }
 
 /** Return the details of a method: what all its seeds failed on, and each run. */
@@ -202,12 +202,14 @@ function methodDetails(method) {
   const { name, runs, splits } = method;
   const rows = Object.entries(splits).map(([split, scores]) => [
     split,
+    percent(scores.spl),
+    percent(scores.sr_within_cells),
     percent(scores.sr),
     intervalOf(scores),
     failedButton(methodName(method), split, scores),
     `${scores.aer.toFixed(3)} ± ${scores.aer_std.toFixed(2)}`,
   ]);
-  const headings = ["split", "SR", "95%", "every seed failed on", "AER"];
+  const headings = ["split", "SPL", "SR in n x n steps", "SR", "95%", "every seed failed on", "AER"];
   return element(
     "details", { open: DATA.results.length === 1 },
     element("summary", {}, `${name}: ${plural(runs.length, "run")}, and what failed`),
@@ -223,6 +225,8 @@ function runTable({ name, splits }, label) {
   const share = (value) => (value === null ? "" : percent(value));
   const rows = Object.entries(splits).map(([split, scores]) => [
     split,
+    share(scores.spl),
+    share(scores.sr_within_cells),
     share(scores.sr),
     intervalOf(scores),
     failedButton(label, split, scores),
@@ -234,7 +238,7 @@ function runTable({ name, splits }, label) {
     grouped(scores.labyrinths),
   ]);
   const headings = [
-    "split", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
+    "split", "SPL", "SR in n x n steps", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
     "optimal where demonstrated", "optimal elsewhere", "labyrinths",
   ];
   return table(name, headings, rows);

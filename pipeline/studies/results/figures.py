@@ -18,8 +18,6 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 FAILURES = ("loop", "wall", "ice")
 AVERAGED = (
-    "sr_within_cells",
-    "spl",
     "sr_known_route",
     "sr_new_route",
     "path_efficiency",
@@ -57,6 +55,9 @@ class Figures:
     method: str
     split: str
     seeds: int
+    spl: float
+    spl_interval: tuple[float, float]
+    sr_within_cells: float
     sr: float
     sr_interval: tuple[float, float]
     """The interval over seeds and labyrinths."""
@@ -87,6 +88,7 @@ def _splits_of(group: Sequence[Results]) -> list[str]:
 def _over_seeds(group: Sequence[Results], split: str) -> Figures:
     scores = [each.splits[split] for each in group]
     run, solved = run_of(group[0]), solved_in(group, split)
+    weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
     returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
     outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
     counted = [each.by_distance for each in scores]
@@ -96,6 +98,9 @@ def _over_seeds(group: Sequence[Results], split: str) -> Figures:
         method=run.method,
         split=split,
         seeds=len(group),
+        spl=sum(each.spl for each in scores) / len(scores),
+        spl_interval=interval(weighted),
+        sr_within_cells=sum(each.sr_within_cells for each in scores) / len(scores),
         sr=float(solved.mean()),
         sr_interval=interval(solved),
         aer=float(returns.mean()),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import unicodedata
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,16 @@ from typing import Any
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import write_bytes
-from labyrinth_core.evaluation.outcomes import KnownDataset
+from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.config.training import check_run
 from pipeline.studies.results.figures import run_of
-from pipeline.studies.results.paper import METHODS
+from pipeline.studies.results.paper import METHODS, title_of
+
+AUTHOR = "Labyrinth datasets"
+"""Who made the runs of the stages `train` and `evaluate`."""
 
 RUNS, SUBMISSIONS = "runs", "submissions"
 """The folders of the files, below that of the tables."""
@@ -63,22 +68,32 @@ class AtHand:
         return KnownDataset.read(run.source, config, run.options.revision)
 
 
-def read(path: Path, at_hand: AtHand | None = None) -> Kept:
+def read(path: Path, at_hand: AtHand | None = None, place: tuple[str, str] | None = None) -> Kept:
     """Return the results in a file, compared with the dataset if it is available.
 
     A run on another dataset of the same config is compared with none; any other policy is refused.
+
+    Args:
+        path: The file.
+        at_hand: The datasets that are available.
+        place: The config and the name of the run whose results belong there; a file of no run may
+            lie there, too.
 
     Raises:
         DatasetError: The file cannot be read, or does not add up; the message has one line.
     """
     results = Results.load(path)
-    known = None if at_hand is None else at_hand(results.config)
-    if at_hand is None or known is None:
-        return Kept(path, results)
-    if results.run is not None and results.fingerprint != known.fingerprint:
-        at_hand.missing[results.config] = f"{known.place} is another dataset"
-        return Kept(path, results)
+    run, known = results.run, None if at_hand is None else at_hand(results.config)
     try:
+        if run is not None and place is not None:
+            if (results.config, run.name) != place:
+                raise ValueError(f"it is of the run {results.config}/{run.name}, not of this one")
+            check_run(run, results.observation)
+        if at_hand is None or known is None:
+            return Kept(path, results)
+        if run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
+            at_hand.missing[results.config] = f"{known.place} is another dataset"
+            return Kept(path, results)
         results.compare_with(known)
     except ValueError as error:
         raise DatasetError(f"{path} is refused: {error}") from error
@@ -93,12 +108,13 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
     refused = []
     for path in results_in(run_dir):
         try:
-            results = read(path, at_hand).results
+            place = path.parts[-3], path.parts[-2]
+            results = read(path, at_hand, place).results
         except DatasetError as error:
             refused.append(str(error))
             continue
         kind = SUBMISSIONS if results.run is None else RUNS
-        target = results_dir / kind / path.parts[-3] / f"{path.parts[-2]}.json"
+        target = results_dir / kind / place[0] / f"{place[1]}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(target, path.read_bytes())
     return refused
@@ -107,31 +123,63 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
 def read_all(results_dir: Path, at_hand: AtHand) -> tuple[list[Kept], list[Kept], list[str]]:
     """Return the runs and the submissions that are kept and add up, and which are refused."""
     runs: list[Kept] = []
-    submissions: dict[tuple[str, str, str], Kept] = {}
+    submissions: list[Kept] = []
+    named: dict[tuple[str, str, str], str] = {}
     refused = []
-    for path in _files(results_dir):
+    for path in [*_runs(results_dir), *sorted((results_dir / SUBMISSIONS).rglob("*.json"))]:
         try:
-            each = read(path, at_hand)
-            results, name = each.results, each.results.method.name if each.results.method else ""
             if path.is_relative_to(results_dir / RUNS):
-                if results.run is None:
+                each = read(path, at_hand, _place(path))
+                if each.results.run is None:
                     raise DatasetError(f"{path} is refused: it is not of a run that was trained")
                 runs.append(each)
-                continue
-            other = submissions.setdefault((results.config, results.fingerprint, name), each)
-            if other is not each:
-                raise DatasetError(
-                    f"{path} is refused: {other.path} has the same name, {name}, on the same "
-                    "dataset"
-                )
+            else:
+                each = read(path, at_hand)
+                _require_own_name(each, named)
+                submissions.append(each)
         except DatasetError as error:
             refused.append(str(error))
-    return runs, list(submissions.values()), refused
+            continue
+        for name in _names(each.results):
+            key = each.results.config, each.results.fingerprint, as_compared(name)
+            named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
+    return runs, submissions, refused
 
 
-def _files(results_dir: Path) -> list[Path]:
-    submitted = sorted((results_dir / SUBMISSIONS).rglob("*.json"))
-    return sorted((results_dir / RUNS).glob("*/*.json")) + submitted
+def as_compared(name: str) -> str:
+    """Return a name as it is compared: case, blanks and forms of a letter make no other name."""
+    return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
+
+
+def _names(results: Results) -> list[str]:
+    """Return all that a policy is called in tables and files."""
+    run = results.run
+    if run is not None:
+        return [title_of(run), run.of_all_seeds, run.name]
+    return [] if results.method is None else [results.method.name]
+
+
+def _require_own_name(kept: Kept, named: Mapping[tuple[str, str, str], str]) -> None:
+    """Raise a DatasetError if a submission has a name that is ours, or another one's."""
+    results = kept.results
+    if results.run is not None or results.method is None:
+        raise DatasetError(f"{kept.path} is refused: it is of a run, and belongs below {RUNS}")
+    if as_compared(results.method.author) == as_compared(AUTHOR):
+        raise DatasetError(f"{kept.path} is refused: author={AUTHOR} is for runs")
+    name = as_compared(results.method.name)
+    reason = named.get((results.config, results.fingerprint, name))
+    if name in {as_compared(each) for method in METHODS.items() for each in method}:
+        reason = f"name={results.method.name} is for runs"
+    if reason is not None:
+        raise DatasetError(f"{kept.path} is refused: {reason}")
+
+
+def _runs(results_dir: Path) -> list[Path]:
+    return sorted((results_dir / RUNS).glob("*/*.json"))
+
+
+def _place(path: Path) -> tuple[str, str]:
+    return path.parent.name, path.stem
 
 
 def read_runs(results_dir: Path) -> list[Results]:
@@ -140,7 +188,7 @@ def read_runs(results_dir: Path) -> list[Results]:
     Raises:
         DatasetError: A file is refused, or two runs cannot be compared.
     """
-    found = [read(path) for path in sorted((results_dir / RUNS).glob("*/*.json"))]
+    found = [read(path, place=_place(path)) for path in _runs(results_dir)]
     return [each.results for each in comparable(found)]
 
 

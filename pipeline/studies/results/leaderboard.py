@@ -8,19 +8,19 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
+import numpy as np
+
 from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.world.grid import parse_size
 from pipeline.machinery.markdown import count
 from pipeline.studies.results.figures import BY_METHOD, Figures, by_method, run_of
-from pipeline.studies.results.kept import Kept
-from pipeline.studies.results.paper import METHODS
+from pipeline.studies.results.kept import AUTHOR, Kept
+from pipeline.studies.results.paper import title_of
 
 RANKED_BY = "test"
-"""The split whose SR decides the rank: structures that nobody learns on."""
-
-AUTHOR = "Labyrinth datasets"
-"""Who made the runs of the stages `train` and `evaluate`."""
+"""The split whose SPL decides the rank: structures that nobody learns on."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,9 @@ class Standing:
     """The figures of a method on a split."""
 
     labyrinths: int
+    spl: float
+    spl_interval: tuple[float, float]
+    sr_within_cells: float
     sr: float
     sr_interval: tuple[float, float]
     aer: float
@@ -53,12 +56,12 @@ class Entry:
     version: str
     """The version of the software that evaluated it, empty if it is not stated."""
     compared: bool
-    """Whether its labyrinths are known to be those of the dataset."""
+    """Whether the dataset was available, so that all that it settles was checked."""
     standings: dict[str, Standing]
     """The figures by split."""
     rank: int | None = None
-    """One more than there are entries whose interval lies above that of this one; None without
-    figures on `RANKED_BY`."""
+    """One more than there are entries whose interval of SPL lies above that of this one; None
+    without figures on `RANKED_BY`, and for an entry that was not compared."""
 
 
 def entries_of(
@@ -82,12 +85,11 @@ def _of_runs(group: Sequence[Results], figures: Iterable[Figures], compared: boo
     """Return the entry of runs that differ in their seed alone."""
     first, run = group[0], run_of(group[0])
     counts = {split: len(scores.distance) for split, scores in first.splits.items()}
-    name = METHODS.get(run.method, run.method)
     return Entry(
         config=first.config,
         fingerprint=first.fingerprint,
         method=Description(
-            name=name if run.setup == run.method else f"{name}, {run.setup}",
+            name=title_of(run),
             author=AUTHOR,
             budget=count(run.training["epochs"], "epoch"),
             details={"labyrinths": run.train_labyrinths or counts["train"]},
@@ -100,6 +102,9 @@ def _of_runs(group: Sequence[Results], figures: Iterable[Figures], compared: boo
         standings={
             each.split: Standing(
                 labyrinths=counts[each.split],
+                spl=each.spl,
+                spl_interval=each.spl_interval,
+                sr_within_cells=each.sr_within_cells,
                 sr=each.sr,
                 sr_interval=each.sr_interval,
                 aer=each.aer,
@@ -115,8 +120,11 @@ def _of_runs(group: Sequence[Results], figures: Iterable[Figures], compared: boo
 def _of_submission(kept: Kept) -> Entry:
     results = kept.results
     assert results.method is not None  # A file always has it.
-    figures = {split: scores.figures() for split, scores in results.splits.items()}
     names = [each.name for each in fields(Standing)]
+    figures = {
+        split: scores.figures() | {"spl_interval": interval(np.atleast_2d(scores.weighted))}
+        for split, scores in results.splits.items()
+    }
     return Entry(
         config=results.config,
         fingerprint=results.fingerprint,
@@ -146,11 +154,14 @@ def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
 
 def _ranked(entries: Sequence[Entry]) -> list[Entry]:
     """Return the entries of one dataset with their ranks, in order."""
-    standings = [each.standings.get(RANKED_BY) for each in entries]
-    lows = [standing.sr_interval[0] for standing in standings if standing]
+    found = [each.standings.get(RANKED_BY) for each in entries]
+    ranked = [each if entry.compared else None for entry, each in zip(entries, found, strict=True)]
+    lows = [each.spl_interval[0] for each in ranked if each]
     placed = []
-    for entry, mine in zip(entries, standings, strict=True):
-        rank = 1 + sum(low > mine.sr_interval[1] for low in lows) if mine else None
-        order = (rank is None, rank or 0, -mine.sr if mine else 0, entry.method.name)
-        placed.append((order, replace(entry, rank=rank)))
+    for entry, standing, mine in zip(entries, found, ranked, strict=True):
+        rank = 1 + sum(low > mine.spl_interval[1] for low in lows) if mine else None
+        spl = standing.spl if standing else -1.0
+        placed.append(
+            ((rank is None, rank or 0, -spl, entry.method.name), replace(entry, rank=rank))
+        )
     return [entry for _, entry in sorted(placed, key=itemgetter(0))]

@@ -10,41 +10,45 @@ from urllib.parse import quote
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.description import DETAILS
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
 from pipeline.studies.results.leaderboard import RANKED_BY, Entry, Standing
-from pipeline.studies.results.result_tables import aer_cell, sr_cell
+from pipeline.studies.results.result_tables import aer_cell, percent_cell
 from pipeline.studies.results.spreadsheet import as_csv
 
 LEADERBOARD = "leaderboard.md"
 
 MARK = "†"
-"""Marks an entry whose labyrinths were not compared with those of the dataset."""
+"""Marks an entry that could not be compared with the dataset, and has no rank."""
 
 ABOUT = f"""# Leaderboard
 
-Methods are ranked by SR on `{RANKED_BY}`, structures that nobody learns on. A rank is one more than
-the number of methods whose interval lies wholly above: methods with one rank tie, and where two
-intervals overlap, neither method is claimed to be better. The interval of 100% or 0% has no width,
-which is too narrow. SR: share of the episodes that reach the goal, in percent. AER: average
-episodic return, ± its standard deviation. Path efficiency: moves on a shortest route divided by
-moves taken, in percent, over solved episodes. In brackets, 95% bootstrap intervals over labyrinths,
-and over seeds or episodes where there are several. Within the step limit, a walk at random solves
-most labyrinths.
+Methods are ranked by SPL on `{RANKED_BY}`, structures that nobody learns on.
+{WHY_SPL}
+
+A rank is one more than the number of methods whose interval of SPL lies wholly above: methods with
+one rank tie, and where two intervals overlap, neither method is claimed to be better. The interval
+of 100% or 0% has no width, which is too narrow. SPL: for a solved labyrinth, moves on a shortest
+route divided by moves taken, else 0; the mean, in percent. SR: share of the episodes that reach the
+goal, in percent; *within n x n*, in as many steps as there are cells. AER: average episodic return,
+± its standard deviation. Path efficiency: moves on a shortest route divided by moves taken, in
+percent, over solved episodes. In brackets, 95% bootstrap intervals over labyrinths, and over seeds
+or episodes where there are several.
 
 All figures are computed from the outcome and the moves of each episode. What a method has learnt
-from is as its authors state it; an empty cell is not stated. {MARK}: the dataset was not at hand
-when this was made, so labyrinths and shortest routes are those that the file tells.
+from is as its authors state it; an empty cell is not stated. {MARK}: the dataset was not available
+when this was made, so that outcomes could not be compared with it; such a method has no rank.
 
-`leaderboard.csv` has all of this as numbers. `labyrinth-datasets stages=results` makes both files
-of `runs/` and `submissions/`.
+`leaderboard.csv` has all of this as numbers. `labyrinth-datasets stages=results` makes both
+files of `runs/` and `submissions/`.
 """
 
 COLUMNS = (
     *("config", "fingerprint", "rank", "method", "author", "url", "date", "budget"),
     *("train_labyrinths", "train_steps", "parameters"),
     *("observation", "seeds", "episodes", "version", "compared"),
-    *("split", "labyrinths", "sr", "sr_low", "sr_high"),
+    *("split", "labyrinths", "spl", "spl_low", "spl_high", "sr_within_cells"),
+    *("sr", "sr_low", "sr_high"),
     *("aer", "aer_std", "aer_low", "aer_high", "path_efficiency"),
 )
 """The columns of `leaderboard.csv`."""
@@ -52,6 +56,7 @@ COLUMNS = (
 
 def write_leaderboard(folder: Path, boards: Sequence[Sequence[Entry]]) -> None:
     """Write `leaderboard.md` and `leaderboard.csv` into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
     parts = [ABOUT]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
@@ -63,9 +68,9 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     """Yield the heading and the tables of one dataset."""
     yield f"## {entries[0].config}"
     yield f"The dataset's fingerprint is `{entries[0].fingerprint}`."
-    heading = ["rank", "method", "by", *(f"{name} on {RANKED_BY}" for name in ("SR", "AER"))]
-    heading += ["path efficiency", "labyrinths"]
-    yield table(heading, map(_place, entries), "rllrrrr")
+    yield f"On {RANKED_BY}:"
+    heading = ["rank", "method", "by", *_FIGURES, "labyrinths"]
+    yield table(heading, map(_place, entries), "rllrrrrrr")
     yield "On all splits:"
     held = {split for each in entries for split in each.standings}
     # The usual ones first, then the others in the order of the dataset.
@@ -77,24 +82,33 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     yield table(heading, map(_effort, entries), "ll" + "r" * len(DETAILS) + "rlrll")
 
 
+_FIGURES = ("SPL", "SR within n x n", "SR", "AER", "path efficiency")
+
+
 def _place(entry: Entry) -> list[str]:
     mine = entry.standings.get(RANKED_BY)
     rank = "" if entry.rank is None else str(entry.rank)
-    figures = ["", "", "", ""] if mine is None else [*_figures(mine), f"{mine.labyrinths:,}"]
+    figures = [""] * 6 if mine is None else [*_figures(mine), f"{mine.labyrinths:,}"]
     return [rank, _name(entry, linked=True), plain(entry.method.author), *figures]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
     standings = [entry.standings.get(split) for split in splits]
-    cells = [("", "", "") if each is None else _figures(each) for each in standings]
-    for name, *row in zip(("SR", "AER", "path efficiency"), *cells, strict=True):
+    cells = [[""] * 5 if each is None else _figures(each) for each in standings]
+    for name, *row in zip(_FIGURES, *cells, strict=True):
         yield [_name(entry), name, *row]
 
 
-def _figures(standing: Standing) -> tuple[str, str, str]:
+def _figures(standing: Standing) -> list[str]:
+    """Return the cells of `_FIGURES`."""
     efficiency = standing.path_efficiency
-    percent = "" if efficiency is None else f"{100 * efficiency:.1f}"
-    return sr_cell(standing), aer_cell(standing), percent
+    return [
+        percent_cell(standing.spl, standing.spl_interval),
+        f"{100 * standing.sr_within_cells:.1f}",
+        percent_cell(standing.sr, standing.sr_interval),
+        aer_cell(standing),
+        "" if efficiency is None else f"{100 * efficiency:.1f}",
+    ]
 
 
 def _effort(entry: Entry) -> list[str]:
@@ -125,6 +139,6 @@ def _row(entry: Entry, split: str) -> dict[str, object]:
     row = asdict(entry) | asdict(method) | asdict(standing)
     row |= {"method": method.name, "split": split, "parameters": method.details.get("parameters")}
     row |= {f"train_{name}": method.details.get(name) for name in ("labyrinths", "steps")}
-    for name in ("sr", "aer"):
+    for name in ("spl", "sr", "aer"):
         row[f"{name}_low"], row[f"{name}_high"] = row[f"{name}_interval"]
     return row

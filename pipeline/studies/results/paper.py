@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from labyrinth_core.evaluation.description import RunName
 from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
 from pipeline.machinery.markdown import plain
 
@@ -28,6 +29,12 @@ METHODS = {
 def name_of(method: str) -> str:
     """Return the name of a method in Markdown."""
     return METHODS.get(method) or plain(method)
+
+
+def title_of(run: RunName) -> str:
+    """Return what a run is called on the leaderboard, whatever its seed, such as `BC, cnn`."""
+    name = METHODS.get(run.method, run.method)
+    return name if run.setup == run.method else f"{name}, {run.setup}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
 from pipeline.studies.results import spreadsheet
 from pipeline.studies.results.comparison import across_sizes, pairs_of_methods
@@ -27,15 +27,18 @@ WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
 
 ABOUT = f"""# Results
 
-Success rates (SR): the share of the labyrinths that were solved, in percent, with one greedy
-episode in each. Figures of several seeds are means; in brackets, 95% bootstrap intervals over seeds
-and labyrinths. `paper`: Tables 3 to 5 of the supplement, which do not say with which encoder;
-{MARK} marks cells that cannot be, since even the shortest routes would return less than their
-average return and SR imply.
+{WHY_SPL}
 
-`results.csv` has all of this as numbers, and returns (AER), SR within n x n steps, SPL, SR on known
-and on new routes, path efficiency, accuracies, reasons for failure, and successes by the length of
-a shortest route. The runs themselves are in `runs/`. Ranked, and beside anyone's results, they are
+SPL: for a solved labyrinth, moves on a shortest route divided by moves taken, else 0; the mean. SR:
+the share of the labyrinths that were solved. Both are in percent, with one greedy episode in each
+labyrinth. Figures of several seeds are means; in brackets, 95% bootstrap intervals over seeds and
+labyrinths. `SR in the paper`: Tables 3 to 5 of the supplement, which do not say with which encoder,
+and have no SPL; {MARK} marks cells that cannot be, since even the shortest routes would return less
+than their average return and SR imply.
+
+`results.csv` has all of this as numbers, and returns (AER), SR within n x n steps, SR on known and
+on new routes, path efficiency, accuracies, reasons for failure, and successes by the length of a
+shortest route. The runs themselves are in `runs/`. Ranked, and beside anyone's results, they are
 in `leaderboard.md`. `labyrinth-datasets stages=results` makes these files.
 """
 
@@ -64,11 +67,11 @@ def markdown(group: Sequence[Figures], runs: Sequence[Results]) -> Iterator[str]
     """Yield the tables of one config and setup."""
     methods = methods_of(group)
     names = [name_of(method) for method in methods]
-    yield table(["split", "SR", *names], compared(group, methods), "ll" + "r" * len(names))
+    yield table(["split", "figure", *names], compared(group, methods), "ll" + "r" * len(names))
     *_, conclusion = ["", *pairs_of_methods(runs)]
     if conclusion:
         yield f"On test: {conclusion}"
-    yield "SR of what needs no learning:"
+    yield "SPL / SR of what needs no learning:"
     without = [name for name in WITHOUT_LEARNING if name in runs[0].baselines]
     heading = ["split", *(name.replace("_", " ") for name in without)]
     yield table(heading, _baseline_rows(runs[0], without))
@@ -84,15 +87,20 @@ def methods_of(group: Sequence[Figures]) -> list[str]:
 
 
 def compared(group: Sequence[Figures], methods: Sequence[str]) -> Iterator[list[str]]:
-    """Yield the rows of a comparison: for each split the SR that the paper has, and ours."""
+    """Yield the rows of a comparison: for each split SPL and SR, and the SR that the paper has."""
     here = {(each.split, each.method): each for each in group}
     paper = paper_figures()
     for split in EVALUATED_SPLITS:
+        ours = [here.get((split, method)) for method in methods]
+        cells = {
+            "SPL": [each and percent_cell(each.spl, each.spl_interval) for each in ours],
+            "SR": [each and percent_cell(each.sr, each.sr_interval) for each in ours],
+        }
         printed = [_printed(paper.get((group[0].config, split, method))) for method in methods]
         if any(printed):
-            yield [split, "paper", *printed]
-        ours = (here.get((split, method)) for method in methods)
-        yield [split, "here", *("" if each is None else sr_cell(each) for each in ours)]
+            cells["SR in the paper"] = [*printed]
+        for name, row in cells.items():
+            yield [split, name, *(each or "" for each in row)]
 
 
 def _printed(figure: PaperFigure | None) -> str:
@@ -101,10 +109,10 @@ def _printed(figure: PaperFigure | None) -> str:
     return "" if figure is None else f"{100 * figure.sr:.1f}{mark}"
 
 
-def sr_cell(figures: Figures | Standing) -> str:
-    """Return SR in percent with its interval."""
-    low, high = figures.sr_interval
-    return f"{100 * figures.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+def percent_cell(share: float, bounds: tuple[float, float]) -> str:
+    """Return a share in percent with its interval."""
+    low, high = bounds
+    return f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def aer_cell(figures: Figures | Standing) -> str:
@@ -115,8 +123,8 @@ def aer_cell(figures: Figures | Standing) -> str:
 
 def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]]:
     for split in EVALUATED_SPLITS:
-        cells = (f"{100 * results.baselines[name][split]['sr']:.1f}" for name in names)
-        yield [split, *cells]
+        found = (results.baselines[name][split] for name in names)
+        yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in found)]
 
 
 def _effort(group: Sequence[Results]) -> list[str]:
@@ -151,7 +159,7 @@ def as_csv(figures: Sequence[Figures], firsts: Sequence[Results] = ()) -> str:
     for figure in figures:
         row = asdict(figure) | figure.failures | figure.averages
         row |= {"source": "here", "possible": True}
-        for name in ("sr", "aer"):
+        for name in ("spl", "sr", "aer"):
             row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval")
         lengths = figure.by_distance.items()
         row["by_distance"] = "; ".join(f"{moves}: {share}" for moves, share in lengths)
@@ -162,6 +170,7 @@ def as_csv(figures: Sequence[Figures], firsts: Sequence[Results] = ()) -> str:
             for split, found in results.baselines.get(name, {}).items():
                 rows.append(about | {"method": name, "split": split} | dict(found))
     columns = ["config", "setup", "method", "split", "source", "seeds"]
+    columns += ["spl", "spl_low", "spl_high", "sr_within_cells"]
     columns += ["sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"]
     columns += [*AVERAGED, *FAILURES, "possible", "by_distance"]
     return spreadsheet.as_csv(columns, rows)

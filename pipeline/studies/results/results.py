@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, say
 from pipeline.machinery.markdown import count
@@ -58,11 +58,12 @@ def run(run: Run) -> None:
     if runs:
         write_tables(results_dir, of_runs, figures)
         console.print(overview(figures))
+        say(WHY_SPL)
         say(f"{count(len(runs), 'run')}: {results_dir}")
     entries = list(entries_of(runs, figures, submissions))
     write_leaderboard(results_dir, boards(entries))
     for config, reason in at_hand.missing.items():
-        say(f"{config} is not at hand, so results on it are compared with no dataset: {reason}")
+        say(f"{config} is not available, so results on it have no rank: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
     if refused:
         left_out = f"{count(len(refused), 'file')} not on the leaderboard:"
@@ -70,12 +71,12 @@ def run(run: Run) -> None:
 
 
 def overview(figures: Sequence[Figures]) -> Table:
-    """Return the success rates as a table for the terminal."""
+    """Return SPL as a table for the terminal."""
     numbers = (Column(heading, justify="right") for heading in ("seeds", *EVALUATED_SPLITS))
-    table = Table("dataset", "setup", "method", *numbers, title="SR in percent, mean over seeds")
+    table = Table("dataset", "setup", "method", *numbers, title="SPL in percent, mean over seeds")
     for _, grouped in groupby(figures, BY_METHOD):
         group = list(grouped)
         name = METHODS.get(group[0].method, group[0].method)
-        rates = (f"{100 * each.sr:.1f}" for each in group if each.split in EVALUATED_SPLITS)
+        rates = (f"{100 * each.spl:.1f}" for each in group if each.split in EVALUATED_SPLITS)
         table.add_row(group[0].config, group[0].setup, name, str(group[0].seeds), *rates)
     return table

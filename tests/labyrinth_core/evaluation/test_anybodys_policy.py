@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 
 import huggingface_hub
 import numpy as np
@@ -20,6 +21,7 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.baselines import random_figures
 from labyrinth_core.evaluation.playing import step_through
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
 from labyrinth_core.world.labyrinth import Task
 
@@ -266,29 +268,48 @@ def broken(seen):
     raise OSError(f"no such\nlayer for {len(seen)}")
 
 
+class UnprintableError(Exception):
+    def __str__(self):
+        raise RuntimeError
+
+
+class Raising:
+    """What fails in whatever is done with it."""
+
+    def fail(self, *_, **__):
+        raise UnprintableError
+
+    __array__ = fail
+    __len__ = fail
+
+
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
         (
             broken,
-            r"raised OSError: no such layer for 16 when given uint8 of shape \(16, 8, 8, 3\)\Z",
+            r"raised OSError: no such layer for 48 when given uint8 of shape \(48, 8, 8, 3\)\Z",
         ),
         (
             lambda seen: seen[:3, 0, 0, 0],
-            r"answered uint8 of shape \(3,\) to 16 observations: give",
+            r"answered uint8 of shape \(3,\) to 48 observations: give",
         ),
-        (lambda seen: np.zeros((len(seen), 5)), r"answered float64 of shape \(16, 5\) to 16 obs"),
-        (lambda seen: np.zeros((len(seen), 1), int), r"answered int64 of shape \(16, 1\) to 16"),
-        (lambda seen: np.zeros(len(seen)), r"answered float64 of shape \(16,\) .* whole numbers"),
+        (lambda seen: np.zeros((len(seen), 5)), r"answered float64 of shape \(48, 5\) to 48 obs"),
+        (lambda seen: np.zeros((len(seen), 1), int), r"answered int64 of shape \(48, 1\) to 48"),
+        (lambda seen: np.zeros(len(seen)), r"answered float64 of shape \(48,\) .* whole numbers"),
         (
             lambda seen: np.full(len(seen), 7),
             "answered action 7: give 0 up, 1 right, 2 down or 3 left",
         ),
         (lambda seen: np.full(len(seen), -1), "answered action -1: give 0 up"),
         (lambda seen: np.full((len(seen), 4), np.nan), "answered nan as the score of an action"),
-        (lambda seen: seen.sort(), "answered NoneType to 16 observations"),
-        (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(16,\) to 16 observations"),
+        (lambda seen: seen.sort(), "answered NoneType to 48 observations"),
+        (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(48,\) to 48 observations"),
         (lambda seen: (seen, [1, 2], None), "answered tuple, which is no array"),
+        (lambda seen: torch.zeros(len(seen), 4, device="meta"), "answered Tensor, which is no arr"),
+        (lambda _: Raising(), "answered Raising, which is no array"),
+        (lambda _: Raising().fail(), "raised UnprintableError: UnprintableError when given uint8"),
+        (lambda _: sys.exit(0), "raised SystemExit: 0 when given uint8"),
     ],
 )
 def test_a_broken_policy_is_told_what_came_back_and_what_is_wanted(datasets, policy, message):
@@ -297,6 +318,45 @@ def test_a_broken_policy_is_told_what_came_back_and_what_is_wanted(datasets, pol
     assert "\n" not in str(caught.value)
     if policy is broken:
         assert type(caught.value.__cause__) is OSError
+
+
+@pytest.mark.parametrize(
+    ("memory", "message"),
+    [
+        (None, "NoneType: give an array with a row for each of the 5 episodes"),
+        ([object()] * 5, "list: give an array"),
+        ([[1], [2, 3]] * 5, "list, which is no array"),
+        (np.zeros(4), r"float64 of shape \(4,\): give an array"),
+        (7, r"int64 of shape \(\): give"),
+        (torch.zeros(5, device="meta"), "Tensor, which is no array"),
+        (Raising(), "Raising, which is no array"),
+    ],
+)
+def test_what_is_remembered_is_an_array_with_a_row_for_each_episode(arrays_of, memory, message):
+    policy = Rounds(1)
+    policy.remembered = lambda: memory
+    with pytest.raises(PolicyError, match=rf"\Aremembered\(\) answered {message}"):
+        stepped(policy, arrays_of["3x4", "train"])
+
+
+def test_what_is_remembered_may_be_a_tensor_or_lists(arrays_of):
+    arrays = arrays_of["3x4", "train"]
+    expected = told(stepped(Rounds(1), arrays))
+    for kind in (torch.as_tensor, np.ndarray.tolist):
+        policy = Rounds(1)
+        policy.remembered = lambda policy=policy, kind=kind: kind(policy.steps % 4)
+        assert told(stepped(policy, arrays)) == expected
+
+
+def test_a_policy_that_is_random_in_one_of_fifty_answers_is_refused(small_dataset):
+    rng = np.random.default_rng(0)
+
+    def policy(vectors):
+        return np.where(rng.random(len(vectors)) < 0.02, rng.integers(4, size=len(vectors)), 1)
+
+    for _ in range(20):
+        with pytest.raises(PolicyError, match="answers the same observations differently"):
+            evaluate(policy, small_dataset.data_dir, "3x3", observation="vector")
 
 
 def test_a_mistake_in_one_episode_of_many_is_found(arrays_of):
@@ -324,8 +384,13 @@ def test_what_is_no_policy_is_refused(datasets, policy, message):
 @pytest.mark.parametrize(
     ("options", "kind", "message"),
     [
-        ({"episodes": 0}, ValueError, "episodes=0: give a whole number from 1 on, or None"),
+        ({"episodes": 0}, ValueError, "episodes=0: give a whole number from 1 to 1000"),
         ({"episodes": 1.5}, ValueError, "episodes=1.5: give a whole"),
+        ({"episodes": 1001}, ValueError, "episodes=1001: give a whole"),
+        ({"seed": "a"}, ValueError, "seed='a': give a whole number from 0 to 18446744073709551615"),
+        ({"seed": np.nan}, ValueError, "seed=nan: give a whole number"),
+        ({"seed": True}, ValueError, "seed=True: give a whole number"),
+        ({"seed": 2**64}, ValueError, "seed=18446744073709551616: give a whole number"),
         (
             {"observation": "sound"},
             ValueError,
@@ -344,12 +409,20 @@ def test_an_impossible_argument_is_told_in_one_line(datasets, options, kind, mes
 # The dataset, and the results.
 
 
+def test_a_seed_may_be_a_number_of_numpys(datasets, tmp_path):
+    options = {"image_size": 8, "splits": ["test"]}
+    results = evaluate(chance, datasets, "3x4", seed=np.int64(3), episodes=np.int8(2), **options)
+    results.save(tmp_path / "mine.json", name="mine")
+    assert Results.load(tmp_path / "mine.json").seed == 3
+    assert str(results) == str(evaluate(chance, datasets, "3x4", seed=3, episodes=2, **options))
+
+
 def test_all_splits_but_the_random_one_are_evaluated(datasets):
     results = evaluate(Rounds(1), datasets, "3x4", image_size=8)
     assert tuple(results.splits) == EVALUATED_SPLITS
     assert results.fingerprint == Manifest.read(datasets / "3x4").fingerprint
     policys, beside = str(results).split("\n\n")
-    for table in (policys.splitlines()[2:-2], beside.splitlines()[1:]):
+    for table in (policys.splitlines()[2:-4], beside.splitlines()[1:]):
         assert [line.split()[0] for line in table] == list(EVALUATED_SPLITS)
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 

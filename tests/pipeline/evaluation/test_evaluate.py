@@ -11,8 +11,8 @@ from labyrinth_core import evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.baselines import TrainMemory
+from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.outcomes import KnownDataset
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.evaluation.results import Results

@@ -163,7 +163,10 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
             "policy=a b: give module:name, or a published policy: a folder, or an id on the Hub",
         ),
         ({"policy": "ppo.zip"}, "policy=ppo.zip: give module:name, or a published policy: a fold"),
-        ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number, 1 or more"),
+        (
+            {"policy": "a:b", "episodes": 0},
+            "evaluation.episodes=0: give a whole number",
+        ),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
         ({"policy": "", "observation": "text"}, "observation=text: encoders look at image or vect"),

@@ -27,11 +27,13 @@ from publishing import (
     publish,
     published,
 )
-from submitted import add_up
+from submitted import of_few
 
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
 from pipeline.evaluation import evaluate as evaluate_stage
@@ -116,7 +118,8 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     card = text(MODEL, "README.md", "model")
     evaluation = json.loads((trained.training_folder / "results.json").read_bytes())
     for split, scores in evaluation["splits"].items():
-        assert re.search(rf"\| `{split}` \|.*\| 6 \| {scores['sr']:.1%} \|", card)
+        cells = " | ".join(f"{scores[each]:.1%}" for each in ("spl", "sr_within_cells", "sr"))
+        assert re.search(rf"\| `{split}` \|.*\| 6 \| {cells} \|", card)
     assert yaml.safe_load(card.split("---\n")[1])["datasets"] == [REPO]
     assert f"`{evaluation['run']['fingerprint']}`" in card
     entries = yaml.safe_load(text(MODEL, ".eval_results/labyrinth.yaml", "model"))
@@ -248,26 +251,68 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
 ) -> None:
     runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     run = of_hub(trained, run_dir=str(runs))
-    path = run.training_folder / "results.json"
-    content = json.loads(path.read_bytes())
-    content["run"]["train_labyrinths"] = 5
-    for name in ("train", "s0"):
-        split = content["splits"][name]
-        accuracies = {figure: split[figure] for figure in split if figure.startswith("accuracy")}
-        for part in ("labyrinth_ids", "distance", "known_route"):
-            split[part] = split[part][:5]
-        for part in ("outcomes", "moves"):
-            split[part] = [each[:5] for each in split[part]]
-        add_up(split, 9)
-        split |= accuracies
-    path.write_text(json.dumps(content), encoding="utf-8")
-    with staged_policy(run, COMMIT, manifest) as folder:
+    few = of_few(Results.load(run.training_folder / "results.json"), 5)
+    part = replace(run, options=replace(run.options, train_labyrinths=5))
+    shutil.copytree(run.training_folder, part.training_folder)
+    few.save(part.training_folder / "results.json", name=part.run_name.name)
+    with staged_policy(part, COMMIT, manifest) as folder:
         card = (folder / "README.md").read_text(encoding="utf-8")
         entries = yaml.safe_load((folder / ".eval_results" / "labyrinth.yaml").read_bytes())
     assert "| learnt from | 5 labyrinths of `train`, the first of 6 |" in card
     assert re.search(r"\| `s0` \|.*\| 5 \|", card)
     tasks = [entry.task_id for entry in parse_eval_result_entries(entries)]
-    assert tasks == ["3x3-validation", "3x3-test", "3x3-s0_and_g"]
+    assert tasks == ["3x3-validation", "3x3-test"]
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "why"),
+    [
+        (
+            ("splits", "test", "known_route"),
+            "010101",
+            "test: known_route does not say which routes",
+        ),
+        (("baselines", "random", "test", "sr"), 0.5, "test: sr of random is 0.5, but .*"),
+        (("baselines", "oracle"), None, "test: the figures of the baseline oracle are missing"),
+        (("run", "training", "epochs"), 99, "run.json records another training"),
+        (("run", "settings", "epochs"), 99, "run.json records another training"),
+    ],
+)
+def test_results_that_cannot_be_or_are_not_of_the_record_are_not_published(
+    trained: Run, manifest: Manifest, tmp_path: Path, place: tuple[str, ...], value: Any, why: str
+) -> None:
+    run = of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
+    path = run.training_folder / "results.json"
+    content = json.loads(path.read_bytes())
+    *way, last = place
+    inner = content
+    for key in way:
+        inner = inner[key]
+    inner[last] = value
+    if value is None:
+        del inner[last]
+        content["splits"] = {"test": content["splits"]["test"]}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(DatasetError) as caught, staged_policy(run, COMMIT, manifest):
+        pass
+    told = rf"{path} is refused: .*{why}.*stages=\[evaluate\] makes it anew.*"
+    assert re.fullmatch(told, str(caught.value)), str(caught.value)
+
+
+def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_table(
+    trained: Run, manifest: Manifest, tmp_path: Path
+) -> None:
+    run = of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
+    for name in ("results.json", "run.json"):
+        content = json.loads((run.training_folder / name).read_bytes())
+        content["run"]["settings"] |= {"a": "<b>|", "b": "`<img src=x>\n## Mine`"}
+        (run.training_folder / name).write_text(json.dumps(content), encoding="utf-8")
+    with staged_policy(run, COMMIT, manifest) as folder:
+        card = (folder / "README.md").read_text(encoding="utf-8")
+    [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
+    assert settings.endswith(r"`a=<b>\|`, b=\`\<img src=x\> \#\# Mine\`")
+    assert WHY_SPL in card
+    assert "| split | holds | labyrinths | SPL | SR in n x n | SR | 95% |" in card
 
 
 @pytest.mark.slow

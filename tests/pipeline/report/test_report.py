@@ -154,25 +154,26 @@ def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
 def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     manifest = Manifest.read(folder)
-    assert read_results(runs, [manifest]) == []
+    assert read_results(runs, data_dir, [manifest]) == []
     failed = {seed: evaluate(folder, runs, seed) for seed in (3, 2)}
-    (method,) = read_results(runs, [manifest])
+    (method,) = read_results(runs, data_dir, [manifest])
     assert (method["name"], method["config"]) == (METHOD, "3x3")
     told = {run["name"]: run["splits"]["test"]["failed"] for run in method["runs"]}
     assert list(told.items()) == [(f"{METHOD}-seed{seed}", failed[seed]) for seed in (2, 3)]
     for name in told:
         path = runs / "3x3" / name / "results.json"
         path.write_text(path.read_text().replace(manifest.fingerprint, "1" * 64))
-    assert read_results(runs, [manifest]) == []
+    assert read_results(runs, data_dir, [manifest]) == []
 
 
 def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     failed = [evaluate(folder, runs, seed) for seed in (0, 1)]
-    (method,) = read_results(runs, [Manifest.read(folder)])
+    (method,) = read_results(runs, data_dir, [Manifest.read(folder)])
     test = method["splits"]["test"]
     told = [run["splits"]["test"] for run in method["runs"]]
     assert test["sr"] == told[0]["sr"] == told[1]["sr"] == 0.75
+    assert test["spl"] == told[0]["spl"] == 0.75  # Every solution is a shortest route.
     for figure in ("aer", "aer_std"):
         assert test[figure] == pytest.approx((told[0][figure] + told[1][figure]) / 2)
     low, high = test["sr_interval"]
@@ -193,8 +194,13 @@ def test_results_that_do_not_add_up_or_are_of_fewer_labyrinths_are_refused_in_on
     with pytest.raises(DatasetError, match=r"^.*results\.json is refused: test: sr is 1\.0, .*$"):
         write_report(data_dir, tmp_path / "runs")
     content["run"]["train_labyrinths"] = 7
+    content["method"]["name"] += "-labyrinths7"
     path.write_text(json.dumps(content))
-    with pytest.raises(DatasetError, match=r"results\.json is refused: train has 7 .*, not 8$"):
+    with pytest.raises(DatasetError, match=r"is refused: train: 8 labyrinths, but \S* has 7$"):
+        write_report(data_dir, tmp_path / "runs")
+    del content["splits"]["s0"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=r"is refused: it has no results on s0$"):
         write_report(data_dir, tmp_path / "runs")
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from submitted import forgetful, keep, of_run, results_of
+from submitted import forgetful, keep, of_few, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.studies.results import results as stage
 from pipeline.studies.results.figures import summarise
 from pipeline.studies.results.kept import read_runs
@@ -80,7 +80,7 @@ def test_a_figure_of_nothing_solved_is_possible():
 def evaluated(small_dataset, tmp_path_factory):
     """Results of two methods with two seeds, as the stage `evaluate` leaves them."""
     run_dir = tmp_path_factory.mktemp("runs")
-    for method, seed in (("bc", 0), ("bc", 1), ("mine", 0)):
+    for method, seed in (("bc", 0), ("bc", 1), ("dagger", 0)):
         found = results_of(small_dataset.data_dir, "3x3", forgetful(3, 3, seed=seed))
         keep(of_run(found, method, seed), run_dir)
     return run_dir
@@ -93,15 +93,6 @@ def run_of(make_run, small_dataset, tmp_path):
         return make_run(data_dir, stages=["results"], **folders)
 
     return make
-
-
-def first_of(scores, count):
-    """Return the scores in the first labyrinths alone."""
-    episodes = scores.episodes
-    parts = {name: getattr(episodes, name)[..., :count] for name in ("outcomes", "moves")}
-    names = ("labyrinth_ids", "distance", "known_route")
-    of_labyrinths = {name: getattr(scores, name)[:count] for name in names}
-    return replace(scores, episodes=replace(episodes, **parts), **of_labyrinths)
 
 
 def of(run_dir, name):
@@ -134,18 +125,24 @@ def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
 def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, run_of, capsys):
     run = run_of(evaluated)
     stage.run(run)
-    assert "mine" in capsys.readouterr().out
+    assert "DAgger" in capsys.readouterr().out
     folder = Path(run.options.results_dir)
     kept = sorted(path.name for path in (folder / "runs" / "3x3").iterdir())
-    assert kept == ["bc-cnn-seed0.json", "bc-cnn-seed1.json", "mine-cnn-seed0.json"]
+    assert kept == ["bc-cnn-seed0.json", "bc-cnn-seed1.json", "dagger-cnn-seed0.json"]
     text = (folder / "README.md").read_text(encoding="utf-8")
-    assert "| train | paper | 53.1 | 65.6 | 59.4 " + MARK in text
-    assert "| split | SR | BC | DAgger | GAIL | BCO | SQIL | IUPE | mine |" in text
-    assert "| split | random | oracle | route memory | local walls |\n" in text
+    assert "| train | SR in the paper | 53.1 | 65.6 | 59.4 " + MARK in text
+    assert "| split | figure | BC | DAgger | GAIL | BCO | SQIL | IUPE |" in text
+    assert (
+        "| split | random | majority | fixed path | oracle | route memory | local walls |\n" in text
+    )
     figures = {(each.method, each.split): each for each in summarise(read_runs(folder))}
     ours = figures["bc", "test"]
-    low, high = ours.sr_interval
-    assert f"| test | here | {100 * ours.sr:.1f} [{100 * low:.1f}, {100 * high:.1f}]" in text
+    for name, share, (low, high) in (
+        ("SPL", ours.spl, ours.spl_interval),
+        ("SR", ours.sr, ours.sr_interval),
+    ):
+        assert f"| test | {name} | {100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]" in text
+    assert WHY_SPL in text
     with (folder / "results.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(io.StringIO(file.read())))
     assert sum(row["source"] == "paper" for row in rows) == len(PAPER)
@@ -190,7 +187,7 @@ def test_a_run_that_does_not_add_up_is_left_out_and_does_not_replace_the_one_tha
     stage.run(run)
     folder = Path(run.options.results_dir)
     before = (folder / "README.md").read_bytes()
-    path = runs / "3x3" / "mine-cnn-seed0" / "results.json"
+    path = runs / "3x3" / "dagger-cnn-seed0" / "results.json"
     path.write_text(path.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
     with pytest.raises(stage.RefusedError) as error:
         stage.run(run)
@@ -210,7 +207,7 @@ def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
     stage.run(run_of(evaluated, other.data_dir))
     assert f"{other.data_dir}/3x3 is another dataset" in capsys.readouterr().out
     assert ",True,train," not in board.read_text()
-    path = tmp_path / "results" / "runs" / "3x3" / "mine-cnn-seed0.json"
+    path = tmp_path / "results" / "runs" / "3x3" / "dagger-cnn-seed0.json"
     content = json.loads(path.read_text())
     ids = content["splits"]["test"]["labyrinth_ids"]
     ids[:2] = ids[1::-1]
@@ -225,16 +222,12 @@ def test_runs_on_other_labyrinths_are_not_compared_but_on_fewer_of_the_same_they
     evaluated, run_of, tmp_path
 ):
     runs = shutil.copytree(evaluated, tmp_path / "runs")
-    found = of(runs, "mine-cnn-seed0")
-    fewer = {
-        split: scores if split in ("validation", "test") else first_of(scores, 3)
-        for split, scores in found.splits.items()
-    }
-    run = replace(found.run, train_labyrinths=3)
-    keep(replace(found, splits=fewer, run=run), runs)
+    found = of(runs, "dagger-cnn-seed0")
+    keep(of_few(found, 3), runs)
     stage.run(run_of(runs))
     assert "## 3x3, cnn-labyrinths3" in (tmp_path / "results" / "README.md").read_text("utf-8")
-    keep(replace(found, run=replace(found.run, method="other", fingerprint="1" * 64)), runs)
+    other = replace(found.run, method="gail", fingerprint="1" * 64)
+    keep(replace(found, fingerprint="1" * 64, run=other), runs)
     with pytest.raises(DatasetError, match="are of different datasets"):
         stage.run(run_of(runs, tmp_path / "no data"))
 
@@ -257,7 +250,7 @@ def test_seeds_of_other_settings_have_no_common_mean_but_new_settings_do_no_harm
 
 def test_no_name_is_a_tag_or_a_formula_in_the_tables(evaluated, tmp_path):
     name = r"=\input{x}|<script>&_$%#~^*[a](b)`"
-    run = of(evaluated, "mine-cnn-seed0")
+    run = of(evaluated, "dagger-cnn-seed0")
     runs = [replace(run, run=replace(run.run, method=name, encoder=name))]
     write_tables(tmp_path, runs, summarise(runs))
     text = (tmp_path / "README.md").read_text()

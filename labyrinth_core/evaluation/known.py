@@ -1,0 +1,211 @@
+"""The labyrinths of a dataset and what follows from them, with which results are compared.
+
+Nothing that a file tells of labyrinths, known routes and baselines is believed: it is all computed
+again from the rows of the dataset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.source import locate
+from labyrinth_core.data.splits import is_of_train
+from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.outcomes import Bools, cases_of
+from labyrinth_core.evaluation.replanner import replan
+from labyrinth_core.evaluation.scores import ACCURACIES, Scores
+from labyrinth_core.world.labyrinth import Task
+
+_CLOSE = 1e-9
+"""The largest difference of two figures of a baseline that are the same; another processor may sum
+many probabilities in another order."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSplit:
+    """The L labyrinths of a split, or the first ones, and what follows from them."""
+
+    place: str
+    """The dataset, for messages."""
+    labyrinth_ids: NDArray[np.int64]
+    """Shape (L,)."""
+    distance: NDArray[np.int64]
+    """Moves on a shortest route, shape (L,)."""
+    known_route: Bools
+    """Whether train demonstrates an optimal route, shape (L,)."""
+    single_route: Bools
+    """Whether only one route repeats no state, since the structure has no loop, shape (L,)."""
+    to_ice: NDArray[np.int64]
+    """The fewest moves to ice, for an even and for an odd number of moves, shape (L, 2); more than
+    the step limit where there is no such ice."""
+    acting: tuple[int, int]
+    """The number of states that each of `ACCURACIES` is a share of."""
+    baselines: Mapping[str, Mapping[str, float]]
+    """Baseline -> its figures."""
+
+    @classmethod
+    def of(cls, place: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
+        """Return what follows from a split that is observed as vectors."""
+        known, baselines = memory.figures(arrays, blind=True)
+        if arrays.labyrinths[0].task is Task.PARTIAL_OBSERVABILITY:
+            baselines |= replan(arrays)
+        acts, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
+        return cls(
+            place=place,
+            labyrinth_ids=arrays.labyrinth_ids,
+            distance=arrays.distance,
+            known_route=known,
+            single_route=np.array([each.structure.loops == 0 for each in arrays.labyrinths]),
+            to_ice=_moves_to_ice(arrays),
+            acting=(int((acts & shown).sum()), int((acts & ~shown).sum())),
+            baselines=baselines,
+        )
+
+    def differences(self, scores: Scores, *, looks_up: bool) -> Iterator[str]:
+        """Yield what is of other labyrinths, or impossible in these.
+
+        Args:
+            scores: The scores in as many labyrinths.
+            looks_up: Whether the policy remembers nothing; then no way to an end repeats a state.
+        """
+        for place in np.flatnonzero(scores.labyrinth_ids != self.labyrinth_ids)[:1].tolist():
+            found, right = (each.labyrinth_ids[place] for each in (scores, self))
+            yield f"labyrinth {place + 1} is {found:016x}, but {right:016x} in {self.place}"
+        for place in np.flatnonzero(scores.distance != self.distance)[:1].tolist():
+            yield (
+                f"labyrinth {self.labyrinth_ids[place]:016x} has a shortest route of "
+                f"{scores.distance[place]} moves, but of {self.distance[place]} in {self.place}"
+            )
+        marks = scores.known_route
+        if marks is None or (marks != self.known_route).any():
+            yield f"known_route does not say which routes train of {self.place} demonstrates"
+        moves, solved = scores.episodes.moves, scores.episodes.solved
+        iced = scores.episodes.outcomes == "ice"
+        of_parity = np.where(moves % 2 == 1, self.to_ice[:, 1], self.to_ice[:, 0])
+        roundabout = solved & (moves > self.distance)
+        yield from cases_of(
+            scores,
+            [
+                (iced & (moves < self.to_ice.min(axis=1)), "an end on ice that is not so near"),
+                (iced & (moves < of_parity) & looks_up, "an end on ice that is not so many away"),
+                (roundabout & self.single_route & looks_up, "a detour where there is none"),
+            ],
+        )
+        for name, count in zip(ACCURACIES, self.acting, strict=True):
+            share = getattr(scores, name)
+            states = count if looks_up else 0
+            part = None if share is None else share * states
+            if (part is None) != (states == 0) or (part and abs(part - round(part)) > 1e-6):
+                yield f"{name} is {share}, which is no share of {states} states"
+
+    def other_baselines(
+        self, told: Mapping[str, Mapping[str, float]], *, blind: bool
+    ) -> Iterator[str]:
+        """Yield the baselines that are missing or have other figures here.
+
+        Args:
+            told: The figures by baseline.
+            blind: Whether those that do not look at a labyrinth have to be told.
+        """
+        for name, figures in self.baselines.items():
+            if name not in told and (blind or name not in BLIND):
+                yield f"the figures of the baseline {name} are missing"
+            for figure, value in told.get(name, {}).items():
+                if abs(value - figures[figure]) > _CLOSE:
+                    yield f"{figure} of {name} is {value}, but {figures[figure]} in {self.place}"
+
+
+def _moves_to_ice(arrays: LabyrinthArrays) -> NDArray[np.int64]:
+    """Return the fewest moves to ice, for an even and an odd number of moves, shape (L, 2)."""
+    fewest = np.full((len(arrays.initial), 2), arrays.step_limit + 1)
+    reached = np.zeros(len(arrays.terminal), np.bool_)
+    states, moves = arrays.initial, 0
+    while states.size:
+        reached[states] = True
+        ice = states[arrays.terminal[states] & ~arrays.goal[states]]
+        fewest[arrays.labyrinth[ice], moves % 2] = np.minimum(
+            fewest[arrays.labyrinth[ice], moves % 2], moves
+        )
+        after = np.unique(arrays.next_state[states[~arrays.terminal[states]]])
+        states, moves = after[~reached[after]], moves + 1
+    return fewest
+
+
+@dataclass(frozen=True, eq=False)
+class KnownDataset:
+    """A dataset in a folder or on the Hub; each split is read when it is first asked for."""
+
+    source: str
+    config: str
+    revision: str | None
+    manifest: Manifest
+    _memories: dict[int | None, TrainMemory] = field(default_factory=dict)
+    _splits: dict[tuple[str, int | None], KnownSplit] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, source: str, config: str, revision: str | None = None) -> KnownDataset:
+        """Return a dataset of which nothing but the manifest is read so far.
+
+        Raises:
+            ValueError: A folder is given with a revision.
+            DatasetError: There is no such dataset.
+        """
+        return cls(source, config, revision, Manifest.read(locate(source, config, [], revision)))
+
+    @property
+    def place(self) -> str:
+        """The folder, or the id on the Hub, and the config."""
+        return f"{self.source}/{self.config}"
+
+    @property
+    def fingerprint(self) -> str:
+        """The fingerprint of its rows."""
+        return self.manifest.fingerprint
+
+    def miscounted(self, split: str, count: int, learnt: int | None) -> Iterator[str]:
+        """Yield why a split has not so many labyrinths; for `learnt` see `split`."""
+        held = sum(shard.labyrinths for shard in self.manifest.of(split)) if self._has(split) else 0
+        if learnt is not None and is_of_train(split):
+            held = min(held, learnt)
+        if not held:
+            yield f"{self.place} has no such split"
+        elif count != held:
+            yield f"{count} labyrinths, but {self.place} has {held}"
+
+    def _has(self, split: str) -> bool:
+        return any(shard.split == split for shard in self.manifest.shards)
+
+    def split(self, name: str, learnt: int | None = None) -> KnownSplit:
+        """Return what is known of a split.
+
+        Args:
+            name: The name of the split.
+            learnt: The number of labyrinths of train, the first ones, that a policy learnt from;
+                the references know these alone, and it is judged on these alone. None for all.
+
+        Raises:
+            DatasetError: Its rows cannot be read.
+        """
+
+        def load(split: str) -> LabyrinthArrays:
+            return load_arrays(
+                self.source,
+                self.config,
+                split,
+                observation="vector",
+                revision=self.revision,
+                labyrinths=learnt if is_of_train(split) else None,
+            )
+
+        if (name, learnt) not in self._splits:
+            if learnt not in self._memories:
+                self._memories[learnt] = TrainMemory.of(load("train"))
+            found = KnownSplit.of(self.place, load(name), self._memories[learnt])
+            self._splits[name, learnt] = found
+        return self._splits[name, learnt]
