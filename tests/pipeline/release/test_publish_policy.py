@@ -295,7 +295,7 @@ def test_results_that_cannot_be_or_are_not_of_the_record_are_not_published(
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError) as caught, staged_policy(run, COMMIT, manifest):
         pass
-    told = rf"{path} is refused: .*{why}.*stages=\[evaluate\] makes it anew.*"
+    told = rf"{path} is refused: .*{why}.*stages=evaluate makes it anew.*"
     assert re.fullmatch(told, str(caught.value)), str(caught.value)
 
 
