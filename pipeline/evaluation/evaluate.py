@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
@@ -20,6 +19,7 @@ from labyrinth_core.world.solver import shortest_route
 from pipeline.config.run import Run
 from pipeline.evaluation.named import Judged, judge_named
 from pipeline.machinery.console import say
+from pipeline.machinery.own_files import leave
 
 ATTEMPTS = "attempts"
 """The folder of moving pictures, in that of the results."""
@@ -58,10 +58,11 @@ def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
     split = "test" if "test" in splits else next(iter(splits))
     solved = np.atleast_2d(splits[split].episodes.solved).min(axis=0)
     chosen = np.argsort(solved, kind="stable")[:count].tolist()
-    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {}
     for episode in attempts(judged.player, judged.load(split), chosen):
         labyrinth = episode.labyrinth
         optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
-        write_bytes(folder / f"{labyrinth_id(labyrinth)}.gif", picture)
+        pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
+    leave(folder, pictures, r"[0-9a-f]{16}\.gif")
     return len(chosen)

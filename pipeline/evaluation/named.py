@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from labyrinth_core import evaluate
+from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.answers import Player, PolicyError, asked
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
@@ -49,6 +51,8 @@ def judge_named(run: Run) -> Judged:
     """
     options, asked = run.options, run.options.evaluation
     name = asked.name.strip() or Path(options.policy).name
+    path = Path(options.run_dir).expanduser() / run.dataset.name / _as_file_name(name) / RESULTS
+    refuse_others(path, name)
     fingerprint_of(run)  # Says how the dataset is made, if there is none.
     policy = named_policy(options.policy)
     try:
@@ -76,8 +80,28 @@ def judge_named(run: Run) -> Judged:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    folder = Path(options.run_dir).expanduser() / run.dataset.name / _as_file_name(name)
-    return Judged(about, Player.of(policy, options.seed), load, results, folder / RESULTS)
+    return Judged(about, Player.of(policy, options.seed), load, results, path)
+
+
+def refuse_others(path: Path, name: str | None) -> None:
+    """Raise DatasetError if a file is there that is not of the results to be written.
+
+    Args:
+        path: Where they are to be.
+        name: The name of the policy; None for that of the run whose folder it is.
+    """
+    if not path.exists():
+        return
+    try:
+        content = read_json(path)
+        same = content["method"]["name"] == name and "run" not in content
+        if name is None:
+            same = "run" in content  # Also of an earlier version.
+    except (OSError, *MALFORMED):
+        same = False
+    if not same:
+        of = "of this run" if name is None else f"of the policy {name}"
+        raise DatasetError(f"{path} is not {of}: move it away, or choose another evaluation.name")
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

@@ -20,7 +20,7 @@ from labyrinth_core.pictures.vector import tile_count
 from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.config.training import POLICY, PROTOCOLS
-from pipeline.evaluation.named import Judged
+from pipeline.evaluation.named import Judged, refuse_others
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.training.memory import memory_of, with_memory
@@ -57,6 +57,10 @@ def judge_trained(run: Run) -> Judged:
             f"are {about['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={run.source}/"
             f"{config.name} evaluates it there all the same"
         )
+    path = folder / RESULTS
+    if judged_on is not run:
+        path = path.with_stem(f"{path.stem}-{config.name}-{fingerprint:.8}")
+    refuse_others(path, None)
     size = method.image_size(spec, settings, config.height, config.width)
     shape = replace(spec, height=config.height, width=config.width)
     acting = with_memory(method.player(policy, shape, settings), memory_of(run, config, size))
@@ -106,9 +110,6 @@ def judge_trained(run: Run) -> Judged:
         baselines=baselines,
         run=made,
     )
-    path = folder / RESULTS
-    if judged_on is not run:
-        path = path.with_stem(f"{path.stem}-{config.name}-{fingerprint:.8}")
     return Judged(Description(made.name), player, load, results, path)
 
 

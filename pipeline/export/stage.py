@@ -1,13 +1,13 @@
 """The stage `export`: splits of a dataset in the format of another library, each whole or absent.
 
-A split is written in `.NAME.exporting` beside its folder, and moved there once finished; a run that
-was stopped begins with the split that was not.
+A split is written in a folder beside its own, and moved there once finished; a run that was stopped
+begins with the split that was not. An export with files that are damaged or missing, by their
+hashes in its SHA256SUMS, is made anew.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -17,18 +17,26 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.source import locate
-from labyrinth_core.data.storage import write_text
-from pipeline.config.errors import ConfigError, check, listed
+from labyrinth_core.data.storage import file_sha256, temporary_beside, write_text
+from pipeline.config.errors import check, listed
 from pipeline.config.export import EXPORTS
 from pipeline.config.run import Run
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.folders import held, move_into_place, recover, wait_for_disk
+from pipeline.machinery.folders import (
+    followed,
+    held,
+    move_into_place,
+    recover,
+    remove,
+    wait_for_disk,
+)
+from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
 
 RECORD = "labyrinth.json"
-"""The file in the folder of each export that says where it comes from; written last."""
+"""The file in the folder of each export that says where it comes from."""
 
 README = "README.md"
 """The card of all datasets of a folder, which may name their licence."""
@@ -46,19 +54,25 @@ def run(run: Run) -> None:
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
     splits = splits_of(run)
-    for split in splits:
-        _is_there(root / split.id, split, overwrite=run.options.overwrite)
-    for split in splits:
-        target = root / split.id
+    targets = [followed(root / split.id) for split in splits]
+    for target, split in zip(targets, splits, strict=True):
+        _left_at(target, split, overwrite=run.options.overwrite)
+    for target, split in zip(targets, splits, strict=True):
         with held(target.parent, target.name):
             recover(target)
-            there = _is_there(target, split, overwrite=run.options.overwrite)
+            own = _left_at(target, split, overwrite=run.options.overwrite)
+            damaged = sorted({name for name, _ in own.hashes if not own.has(name)})
+            there = bool(own.hashes) and not damaged and _record(target) == split.record()
             if not there:
                 with _made_whole(target) as folder:
                     write(split, folder)
                     write_text(folder / RECORD, json.dumps(split.record(), indent=2) + "\n")
+                    files = [path for path in folder.rglob("*") if path.is_file()]
+                    names = (path.relative_to(folder).as_posix() for path in files)
+                    write_list(folder, zip(names, map(file_sha256, files), strict=True))
         state = "is there already" if there else f"has {split.count:,} episodes"
-        say(f"{target} {state}")
+        again = f"; made anew, as damaged or missing: {', '.join(damaged)}" if damaged else ""
+        say(f"{target} {state}{again}")
 
 
 def _writer(format_: str) -> Callable[[Split, Path], None]:
@@ -99,31 +113,42 @@ def splits_of(run: Run) -> list[Split]:
     ]
 
 
-def _is_there(target: Path, split: Split, *, overwrite: bool) -> bool:
-    """Return whether an export is finished; raise ConfigError if something else is in its place."""
-    if not target.exists():
-        return False
-    try:
-        record = json.loads((target / RECORD).read_bytes())
-    except (OSError, ValueError) as error:
-        raise ConfigError(
-            f"{target} is no export: move it elsewhere, or choose another export.folder"
-        ) from error
-    if record == split.record():
-        return True
+def _left_at(target: Path, split: Split, *, overwrite: bool) -> OwnFiles:
+    """Return the files of the export at a place, none where nothing is there.
+
+    Raises:
+        ConfigError: Something else is there, or another export that is not to be replaced.
+        DatasetError: There is a SHA256SUMS of another program.
+    """
+    own = OwnFiles.read(target, always=RECORD)
+    names = {target / name for name, _ in own.hashes} | {target / HASHES}
+    folders = {folder for path in names for folder in path.parents}
+    others = [
+        path
+        for path in sorted(target.rglob("*"))
+        if not (path in names and path.is_file()) and not (path in folders and path.is_dir())
+    ]
+    problem = f"holds {others[0].relative_to(target)}, which no export has" if others else ""
+    if target.exists() and not target.is_dir():
+        problem = "is a file"
+    check(not problem, f"{target} {problem}: move it elsewhere, or choose another export.folder")
     check(
-        overwrite,
+        overwrite or not own.has(RECORD) or _record(target) == split.record(),
         f"{target} is an export of another dataset, or with other options: overwrite=true replaces "
         "it",
     )
-    return False
+    return own
+
+
+def _record(target: Path) -> object:
+    """Return what an export says of itself."""
+    return json.loads((target / RECORD).read_bytes())
 
 
 @contextmanager
 def _made_whole(target: Path) -> Iterator[Path]:
     """Lend an empty folder, which is moved to a place at the end, or removed after an error."""
-    folder = target.with_name(f".{target.name}.exporting")
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = temporary_beside(target.absolute())
     try:
         folder.mkdir(parents=True)
         yield folder
@@ -137,4 +162,4 @@ def _made_whole(target: Path) -> Iterator[Path]:
         reason = getattr(error, "strerror", None) or one_line(error)
         raise DatasetError(f"{target} cannot be written: {reason}") from error
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove(folder)

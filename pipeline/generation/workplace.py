@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from labyrinth_core.data.storage import (
     write_text,
 )
 from pipeline.inspection.statistics import own_files
-from pipeline.machinery.folders import move_into_place, recover, remove, wait_for_disk
+from pipeline.machinery.folders import followed, move_into_place, recover, remove, wait_for_disk
 from pipeline.machinery.own_files import HASHES
 
 _CONFIG = "config.json"
@@ -48,8 +47,7 @@ class Workplace:
     @classmethod
     def of(cls, folder: AnyPath) -> Workplace:
         """Return the workplace of a folder, beside the folder itself if a link leads to it."""
-        is_link = isinstance(folder, Path) and folder.is_symlink()
-        return cls(Path(os.path.realpath(str(folder))) if is_link else folder)
+        return cls(followed(folder) if isinstance(folder, Path) else folder)
 
     @property
     def building(self) -> AnyPath:

@@ -61,6 +61,11 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
+def followed(folder: Path) -> Path:
+    """Return the folder to which a link leads, so that it is replaced and the link stays."""
+    return Path(os.path.realpath(folder)) if folder.is_symlink() else folder
+
+
 def wait_for_disk(folder: Path) -> None:
     """Wait until a folder and all of its content would survive a power failure."""
     for path in [*folder.rglob("*"), folder]:

@@ -51,7 +51,7 @@ class OwnFiles:
         path = folder / HASHES
         try:
             text = path.read_bytes().decode(errors="replace")
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return cls(folder, frozenset())
         lines = [_LINE.fullmatch(line) for line in text.splitlines()]
         hashes = frozenset((line[2], line[1]) for line in lines if line)

@@ -6,8 +6,8 @@ samples on which a benchmark might train and evaluate; the differences between t
 
 from __future__ import annotations
 
+import hashlib
 import json
-import shutil
 import time
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -18,7 +18,7 @@ from typing import Any
 from rich.table import Table
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.version import __version__
 from pipeline.config.analysis import LABYRINTH
 from pipeline.config.run import Run
@@ -86,19 +86,15 @@ def run(run: Run, *, chunk: int = CHUNK, pilots: int = PILOTS) -> None:
 
 
 def _job(run: Run, name: str, pilots: int) -> Job:
-    """Return all seeds of an environment as a job; remove episodes played with other options."""
+    """Return all seeds of an environment as a job; its folder is that of these options."""
     options = run.options.analysis
     archive = options.archives.get(name)
     environment = environment_of(name, run.dataset, archive)
     discretisation = Discretisation.around(environment, map(environment.play, range(pilots)))
-    folder = Path(options.folder).expanduser() / "episodes" / name
-    provenance = folder / "made-of.json"
     made_of = _made_of(name, run.dataset, archive) | {"points": discretisation.fingerprint}
-    text = json.dumps(made_of)
-    if not provenance.is_file() or provenance.read_bytes() != text.encode():
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        write_text(provenance, text)
+    digest = hashlib.sha256(json.dumps(made_of).encode()).hexdigest()
+    folder = Path(options.folder).expanduser() / "episodes" / f"{name}-{digest[:16]}"
+    folder.mkdir(parents=True, exist_ok=True)
     return Job(name, run.dataset, archive, discretisation, folder, range(options.seeds))
 
 

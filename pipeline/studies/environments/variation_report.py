@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.storage import write_text
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.markdown import table
+from pipeline.machinery.own_files import leave
 from pipeline.studies.environments.discretisation import Discretisation
 from pipeline.studies.environments.environment import FACTS
 from pipeline.studies.environments.variation import Variation
@@ -77,16 +77,22 @@ def write_report(
         folder: The folder to write to.
         results: The results of all environments.
         maps: The discretisation and the visits, (2, up, across), of each environment.
+
+    Raises:
+        DatasetError: A file of a user is in the place of one.
+        OSError: The folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     values = [
         asdict(each) | {"original": dict(zip(_REPORTED, FACTS[each.name].reported, strict=True))}
         for each in results
     ]
-    write_text(folder / "environments.json", json.dumps(values, indent=2) + "\n")
-    write_text(folder / "environments.csv", _csv(values))
-    write_text(folder / "environments.md", _markdown(values))
-    draw_visits(folder, maps)
+    texts = {
+        "environments.json": json.dumps(values, indent=2) + "\n",
+        "environments.csv": _csv(values),
+        "environments.md": _markdown(values),
+    }
+    files = {name: text.encode() for name, text in texts.items()} | drawn_visits(maps)
+    leave(folder, files, r"environments\.json")
 
 
 def _csv(values: Sequence[Values]) -> str:
@@ -126,8 +132,11 @@ def _markdown(values: Sequence[Values]) -> str:
     )
 
 
-def draw_visits(folder: Path, maps: Mapping[str, tuple[Discretisation, Visits]]) -> None:
-    """Draw the maps of visits: a column for each environment, even seeds above odd ones."""
+def drawn_visits(maps: Mapping[str, tuple[Discretisation, Visits]]) -> dict[str, bytes]:
+    """Return the maps of visits as PNG and SVG, by the names of their files.
+
+    There is a column for each environment, even seeds above odd ones.
+    """
     import matplotlib
     from matplotlib.colors import PowerNorm
     from matplotlib.figure import Figure
@@ -149,5 +158,7 @@ def draw_visits(folder: Path, maps: Mapping[str, tuple[Discretisation, Visits]])
         axes[0, column].set_title(name, fontsize=10)
         axes[1, column].set_xlabel(across)
     with matplotlib.rc_context({"svg.hashsalt": MAPS}):
-        figure.savefig(folder / f"{MAPS}.png", dpi=150, metadata={"Software": None})
-        figure.savefig(folder / f"{MAPS}.svg", dpi=150, metadata={"Date": None})
+        png, svg = io.BytesIO(), io.BytesIO()
+        figure.savefig(png, format="png", dpi=150, metadata={"Software": None})
+        figure.savefig(svg, format="svg", dpi=150, metadata={"Date": None})
+    return {f"{MAPS}.png": png.getvalue(), f"{MAPS}.svg": svg.getvalue()}

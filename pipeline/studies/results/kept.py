@@ -10,12 +10,12 @@ from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import check_run
+from pipeline.machinery.own_files import OwnFiles, leave
 from pipeline.studies.results.figures import run_of
 from pipeline.studies.results.paper import METHODS, title_of
 
@@ -24,6 +24,9 @@ AUTHOR = "Labyrinth datasets"
 
 RUNS, SUBMISSIONS = "runs", "submissions"
 """The folders of the files, below that of the tables."""
+
+LISTED = rf"README\.md|leaderboard\.md|({RUNS}|{SUBMISSIONS})/.+\.json"
+"""A pattern of what SHA256SUMS always lists there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +106,12 @@ def read(path: Path, at_hand: AtHand | None = None, place: tuple[str, str] | Non
 def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
     """Copy the results in a folder of runs to where they are kept; return which are refused.
 
-    What was kept before of one that is refused stays.
+    What was kept before of one that is refused stays, and so does a file that was not copied there.
+
+    Raises:
+        DatasetError: There is a SHA256SUMS of another program.
     """
-    refused = []
+    refused, found = [], {}
     for path in results_in(run_dir):
         try:
             place = path.parts[-3], path.parts[-2]
@@ -114,9 +120,16 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
             refused.append(str(error))
             continue
         kind = SUBMISSIONS if results.run is None else RUNS
-        target = results_dir / kind / place[0] / f"{place[1]}.json"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(target, path.read_bytes())
+        found[f"{kind}/{place[0]}/{place[1]}.json"] = path
+    files = {name: path.read_bytes() for name, path in found.items()}
+    for name in OwnFiles.read(results_dir, LISTED).others(files):
+        refused.append(
+            f"{found[name]} is not copied: somebody else made or changed {results_dir / name}; "
+            "move that away"
+        )
+        del files[name]
+    if files:
+        leave(results_dir, files, LISTED)
     return refused
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
+from pipeline.machinery.own_files import leave
+from pipeline.studies.results.kept import LISTED
 from pipeline.studies.results.leaderboard import RANKED_BY, Entry, Standing
 from pipeline.studies.results.result_tables import aer_cell, percent_cell
 from pipeline.studies.results.spreadsheet import as_csv
@@ -55,13 +56,13 @@ COLUMNS = (
 
 
 def write_leaderboard(folder: Path, boards: Sequence[Sequence[Entry]]) -> None:
-    """Write `leaderboard.md` and `leaderboard.csv` into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write `leaderboard.md` and `leaderboard.csv` into a folder; raise as `own_files.leave`."""
     parts = [ABOUT]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
-    write_text(folder / LEADERBOARD, "\n".join(parts))
-    write_text(folder / "leaderboard.csv", csv_of([e for entries in boards for e in entries]))
+    csv = csv_of([e for entries in boards for e in entries])
+    files = {LEADERBOARD: "\n".join(parts).encode(), "leaderboard.csv": csv.encode()}
+    leave(folder, files, LISTED)
 
 
 def markdown(entries: Sequence[Entry]) -> Iterator[str]:

@@ -7,15 +7,16 @@ from dataclasses import asdict
 from pathlib import Path
 from statistics import mean
 
-from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
+from pipeline.machinery.own_files import leave
 from pipeline.studies.results import spreadsheet
 from pipeline.studies.results.comparison import across_sizes, pairs_of_methods
 from pipeline.studies.results.figures import AVERAGED, FAILURES, Figures, by_method, gap, run_of
+from pipeline.studies.results.kept import LISTED
 from pipeline.studies.results.leaderboard import Standing
 from pipeline.studies.results.paper import PaperFigure, name_of, paper_figures
 
@@ -44,7 +45,7 @@ in `leaderboard.md`. `labyrinth-datasets stages=results` makes these files.
 
 
 def write_tables(folder: Path, results: Sequence[Results], figures: Sequence[Figures]) -> None:
-    """Write `README.md` and `results.csv` into a folder."""
+    """Write `README.md` and `results.csv` into a folder; raise as `own_files.leave`."""
     parts = [ABOUT]
     groups = _by_setup(results)
     for (config, setup), runs in groups.items():
@@ -52,8 +53,8 @@ def write_tables(folder: Path, results: Sequence[Results], figures: Sequence[Fig
         parts.append(f"## {plain(f'{config}, {setup}')}\n")
         parts += [part + "\n" for part in markdown(group, runs)]
     parts += across_sizes(results)
-    write_text(folder / "README.md", "\n".join(parts))
-    write_text(folder / "results.csv", as_csv(figures, [runs[0] for runs in groups.values()]))
+    csv = as_csv(figures, [runs[0] for runs in groups.values()])
+    leave(folder, {"README.md": "\n".join(parts).encode(), "results.csv": csv.encode()}, LISTED)
 
 
 def _by_setup(results: Sequence[Results]) -> dict[tuple[str, str], list[Results]]:

@@ -105,7 +105,7 @@ def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folde
     stage.run(run_of("strange:right", gifs=3))
     results = folder / "runs" / "3x3" / "strange-right"
     content = json.loads((results / "results.json").read_text(encoding="utf-8"))["splits"]["test"]
-    pictures = sorted((results / "attempts").iterdir())
+    pictures = sorted((results / "attempts").glob("*.gif"))
     assert f"{results / 'attempts'} has 3 moving pictures." in capsys.readouterr().out
     failed = [
         number
@@ -175,6 +175,23 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
 def test_impossible_options_are_refused_in_one_line(run_of, options, message):
     with pytest.raises(ConfigError, match=rf"\A{message}"):
         run_of(**options)
+
+
+@pytest.mark.parametrize("theirs", ["my policy", None])
+def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
+    path = folder / "runs" / "3x3" / "my-policy" / "results.json"
+    if theirs is None:
+        path.parent.mkdir(parents=True)
+        path.write_text('{"mine": 1}')
+    else:
+        stage.run(run_of("strange:right", name=theirs))
+    before = path.read_bytes()
+    reason = r"is not of the policy my-policy: move it away, or choose another evaluation\.name"
+    with pytest.raises(DatasetError, match=reason):
+        stage.run(run_of("strange:right", name="my-policy"))
+    assert path.read_bytes() == before
+    if theirs is not None:
+        stage.run(run_of("strange:right", name=theirs))
 
 
 def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):

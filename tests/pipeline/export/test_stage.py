@@ -19,11 +19,12 @@ from exporting import export
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import file_sha256, temporary_beside
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS
 from pipeline.config.run import Run
 from pipeline.export import stage
+from pipeline.machinery.own_files import HASHES
 
 FORMATS = tuple(EXPORTS)
 
@@ -69,13 +70,77 @@ def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, overwrite):
-    theirs = tmp_path / "lerobot" / "labyrinth" / "3x3" / "test-v0"
-    theirs.mkdir(parents=True)
-    (theirs / "thesis.txt").write_text("mine")
-    with pytest.raises(ConfigError, match="test-v0 is no export: move it elsewhere, or choose"):
+@pytest.mark.parametrize("name", ["thesis.txt", stage.RECORD, "data/chunk-000/file-000.parquet"])
+def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, name, overwrite):
+    theirs = tmp_path / "lerobot" / "labyrinth" / "3x3" / "test-v0" / name
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text("mine")
+    message = rf"test-v0 holds data|{name}, which no export has: move it elsewhere, or choose"
+    with pytest.raises(ConfigError, match=message):
         export(small_dataset, tmp_path, "lerobot", overwrite=overwrite)
-    assert content_of(tmp_path) == {"lerobot/labyrinth/3x3/test-v0/thesis.txt": b"mine"}
+    assert content_of(tmp_path) == {f"lerobot/labyrinth/3x3/test-v0/{name}": b"mine"}
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "mine/notes.txt", "labyrinth.json/"])
+def test_a_file_of_a_person_in_an_export_stops_what_would_replace_it(
+    small_dataset: Run, tmp_path, name
+):
+    made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
+    if name.endswith("/"):
+        (made / name).unlink()
+        (made / name).mkdir()
+    else:
+        (made / name).parent.mkdir(exist_ok=True)
+        (made / name).write_text("mine")
+    before = content_of(tmp_path)
+    reason = f"train-v0 holds {name.partition('/')[0]}, which no export has: move it elsewhere"
+    with pytest.raises(ConfigError, match=reason):
+        export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
+    assert content_of(tmp_path) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format_", FORMATS)
+def test_an_export_with_a_damaged_file_is_made_anew(small_dataset: Run, tmp_path, capsys, format_):
+    made = export(small_dataset, tmp_path, format_, "train") / "train-v0"
+    names = [name for name in content_of(made) if name != HASHES]
+    for number, name in enumerate(names):
+        path = made / name
+        if number % 3:
+            path.write_bytes(path.read_bytes()[:-1] + b"?" * (number % 3 - 1))
+        else:
+            path.unlink()
+        capsys.readouterr()
+        export(small_dataset, tmp_path, format_, "train")
+        assert f"made anew, as damaged or missing: {name}" in " ".join(
+            capsys.readouterr().out.split()
+        )
+        export(small_dataset, tmp_path, format_, "train")
+        assert "is there already" in capsys.readouterr().out
+    assert [*content_of(made)].count(HASHES) == 1
+    assert [path.name for path in made.parent.iterdir()] == ["train-v0"]
+
+
+def test_an_export_that_a_link_leads_to_is_replaced_and_the_link_stays(
+    small_dataset: Run, tmp_path
+):
+    made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
+    elsewhere = made.rename(tmp_path / "elsewhere")
+    made.symlink_to(elsewhere)
+    (elsewhere / "meta/info.json").write_text("{")
+    export(small_dataset, tmp_path, "lerobot", "train")
+    assert made.is_symlink()
+    assert (elsewhere / "meta/info.json").stat().st_size > 1
+
+
+def test_an_export_may_lie_in_a_folder_whose_name_has_a_colon(
+    small_dataset: Run, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(small_dataset.data_dir, "da:ta")
+    for format_ in FORMATS:
+        made = export(small_dataset, Path("a:b"), format_, "test", dataset="da:ta")
+        assert (made / "test-v0" / stage.RECORD).is_file()
 
 
 @contextmanager
@@ -112,11 +177,13 @@ def test_what_a_killed_run_left_is_removed_and_its_finished_splits_stay(
     small_dataset: Run, tmp_path, capsys
 ):
     folder = export(small_dataset, tmp_path, "lerobot", "train")
-    (folder / ".test-v0.exporting").mkdir()
-    (folder / ".test-v0.exporting" / "half").write_text("written")
+    left, theirs = temporary_beside(folder / "test-v0"), folder / ".test-v0.exporting"
+    for place in (left, theirs):
+        place.mkdir()
+        (place / "half").write_text("written")
     export(small_dataset, tmp_path, "lerobot", "train", "test")
     assert "train-v0 is there already" in capsys.readouterr().out
-    assert {path.name for path in folder.iterdir()} == {"train-v0", "test-v0"}
+    assert {path.name for path in folder.iterdir()} == {"train-v0", "test-v0", theirs.name}
     assert not (folder / "test-v0" / "half").exists()
 
 

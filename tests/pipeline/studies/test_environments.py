@@ -90,7 +90,8 @@ def test_a_second_run_plays_nothing_and_leaves_the_same_bytes(tmp_path, played):
 
 def test_more_seeds_only_play_what_is_new_and_what_was_damaged(tmp_path, played):
     compare(run_of(tmp_path, "MountainCar-v0"))
-    (tmp_path / "episodes" / "MountainCar-v0" / "0-4.npz").write_bytes(b"PK")
+    (kept,) = tmp_path.glob("episodes/MountainCar-v0-*/0-4.npz")
+    kept.write_bytes(b"PK")
     played.clear()
     compare(run_of(tmp_path, "MountainCar-v0", seeds=10))
     assert played == [range(4), range(8, 10)]
@@ -98,11 +99,24 @@ def test_more_seeds_only_play_what_is_new_and_what_was_damaged(tmp_path, played)
     assert report_of(tmp_path / "afresh") == report_of(tmp_path)
 
 
-def test_episodes_of_other_options_are_played_anew(tmp_path, played):
+def test_episodes_of_other_options_are_played_anew_and_nothing_is_removed(tmp_path, played):
+    mine = tmp_path / "episodes" / "Labyrinth" / "notes.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
     compare(run_of(tmp_path, "Labyrinth"))
     played.clear()
     compare(run_of(tmp_path, "Labyrinth", open_walls=0.5))
     assert played == [range(4), range(4, 8)]
+    played.clear()
+    compare(run_of(tmp_path, "Labyrinth"))
+    assert (played, mine.read_text()) == ([], "mine")
+
+
+def test_a_table_of_a_person_is_not_written_over(tmp_path):
+    (tmp_path / "environments.md").write_text("mine")
+    with pytest.raises(DatasetError, match=r"environments\.md: made or changed by somebody else"):
+        compare(run_of(tmp_path, "Labyrinth"))
+    assert report_of(tmp_path) == {"environments.md": b"mine"}
 
 
 def test_two_workers_leave_the_bytes_of_one(tmp_path):

@@ -163,6 +163,35 @@ def test_the_tables_are_made_of_the_kept_runs_alone_and_stay_the_same(evaluated,
     assert [(folder / name).read_bytes() for name in ("README.md", "results.csv")] == before
 
 
+@pytest.mark.parametrize("name", ["README.md", "results.csv", "leaderboard.md", "leaderboard.csv"])
+def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path, name):
+    path = tmp_path / "results" / name
+    path.parent.mkdir()
+    path.write_text("mine")
+    for _ in range(2):
+        with pytest.raises(
+            DatasetError, match=f"{name}: made or changed by somebody else"
+        ) as error:
+            stage.run(run_of(evaluated))
+        assert "\n" not in str(error.value)
+        assert path.read_text() == "mine"
+    path.unlink()
+    stage.run(run_of(evaluated))
+    stage.run(run_of(evaluated))
+
+
+def test_a_kept_file_of_somebody_else_is_not_replaced_by_a_copy_of_the_same_name(
+    evaluated, run_of, tmp_path
+):
+    stage.run(run_of(evaluated))
+    kept = tmp_path / "results" / "runs" / "3x3" / "mine-cnn-seed0.json"
+    theirs = kept.read_text(encoding="utf-8").replace('"seconds": ', '"seconds": 1')
+    kept.write_text(theirs, encoding="utf-8")
+    with pytest.raises(stage.RefusedError, match=f"is not copied: somebody else .* {kept}; move"):
+        stage.run(run_of(evaluated))
+    assert kept.read_text(encoding="utf-8") == theirs
+
+
 def test_without_results_there_is_one_clear_line(run_of, tmp_path):
     with pytest.raises(DatasetError, match=r"holds no results, .* 'stages=\[train,evaluate\]'"):
         stage.run(run_of(tmp_path / "nothing there"))
