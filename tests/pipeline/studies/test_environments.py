@@ -21,7 +21,10 @@ from pipeline.studies.environments.summaries import Summary
 
 pytestmark = pytest.mark.slow
 
-REPORT = {"environments.json", "environments.csv", "environments.md", "visits.png", "visits.svg"}
+REPORT = {
+    *("environments.json", "environments.csv", "environments.md", "visits.png", "visits.svg"),
+    "SHA256SUMS",
+}
 
 
 def run_of(folder: Path, *names: str, seeds: int = 8, **options: Any) -> Run:
