@@ -119,12 +119,12 @@ def perform(config: DictConfig) -> None:
 def _error_of(config: DictConfig) -> str | None:
     """Perform the stages of one run, and return the error that ends it, None if it succeeds."""
     try:
-        options = options_of(config)
-        run = resolve(options)
+        run = resolve(options_of(config))
+        options = run.options
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in options.stages:
                 import_module(STAGES[stage]).run(run)
-        if not options.publish.dry_run:
+        if not options.publish.dry_run and run.part is None:
             say(f"Next: {NEXT[options.stages[-1]]}.")
     except OmegaConfBaseException as error:
         return refusal(error)

@@ -2,13 +2,19 @@
 
     python scripts/kill_matrix.py --kills 200
     python scripts/kill_matrix.py --kills 30 --executor dask --workers 2
+    python scripts/kill_matrix.py --kills 40 --parts 4
 
-A build of 30 shards is forked and gets SIGKILL; then the same build is run to its end in the same
-folder. Half of the kills hit the whole process group, as when a machine is switched off, the others
-only the first process, whose workers live on for a moment while the build is run again, and then
-have to end by themselves. A third of the builds replace another dataset. The moment is between two
-events of an undisturbed build: its beginning, each finished shard, its end. A quarter of the kills
-is aimed before the first shard and a quarter after the last. A kill after the end is repeated.
+A build of 30 shards, whose structures come from five chunks of candidates or more, is forked and
+gets SIGKILL; then the same build is run to its end in the same folder. Half of the kills hit the
+whole process group, as when a machine is switched off, the others only the first process, whose
+workers live on for a moment while the build is run again, and then have to end by themselves. A
+third of the builds replace another dataset. The moment is between two events of an undisturbed
+build: its beginning, each finished shard, its end. A quarter of the kills is aimed before the first
+shard and a quarter after the last. A kill after the end is repeated.
+
+With --parts, as many processes make a part of a build each at the same time. After a random time
+all that have not ended are killed and begun again, until all parts are finished; then a run without
+a part puts them together.
 
 The exit status is 1 if a dataset differs in anything from that of an undisturbed build, or if a
 process or something in shared memory is left.
@@ -28,8 +34,8 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,6 +50,8 @@ from pipeline.machinery.executor import cluster
 LABYRINTHS, SHARDS = 40, 5
 """The numbers of labyrinths and of shards of each split."""
 ALL_SHARDS = 6 * SHARDS
+CELLS_PER_CHUNK = 16 * 40, 16 * 20
+"""The cells of the first chunk of candidates and of any other; about 130 candidates are needed."""
 
 PHASES = (
     "before the first shard",
@@ -51,6 +59,7 @@ PHASES = (
     "after the last shard, before the dataset was in place",
     "with the dataset in place, before all was cleared away",
 )
+IN_PARTS = "while parts were made"
 TOO_LATE = "after the end, not counted"
 
 TIME_TO_END = 10.0
@@ -111,7 +120,7 @@ def perform(run: Run) -> None:
         os.dup2(log, 2)
         cells = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
         with cluster(run.options.executor, run.options.workers):
-            build.run(run, cells_per_shard=cells)
+            build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
         status = 0
     except BaseException:
         traceback.print_exc()
@@ -123,7 +132,7 @@ def perform(run: Run) -> None:
 
 def log_of(run: Run) -> Path:
     """Return the file for the output of a build."""
-    return Path(f"{run.data_dir}.log")
+    return Path(f"{run.data_dir}{run.options.part.replace('/', '-of-')}.log")
 
 
 def what_is_left(process: int) -> list[str]:
@@ -215,6 +224,39 @@ def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None
         clear_memory(process)
 
 
+def kill_parts(run: Run, parts: int, longest: float, rng: random.Random, found: Found) -> None:
+    """Make the parts of a build at the same time, and kill them until all are finished.
+
+    Args:
+        run: The build, without a part.
+        parts: The number of parts.
+        longest: The longest time between two kills, in seconds.
+        rng: The source of the times.
+        found: What came of the kills, which is updated.
+    """
+    left = [f"{number + 1}/{parts}" for number in range(parts)]
+    while left:
+        with ExitStack() as stack:
+            for part in tuple(left):
+                of_part = replace(run, options=replace(run.options, part=part))
+                process = stack.enter_context(started(of_part, found.left))
+                stack.callback(count, of_part, process, left, found)
+            time.sleep(rng.uniform(0, longest))
+    finish(run, found.left)
+
+
+def count(run: Run, process: int, left: list[str], found: Found) -> None:
+    """Take a part off those that are left if its process has ended; else count its kill."""
+    ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG)
+    if ended is None:
+        found.phases[IN_PARTS] += 1
+        return
+    if ended.si_status:
+        print(log_of(run).read_text())
+        raise SystemExit(f"part={run.options.part} of a build in {run.data_dir} failed")
+    left.remove(run.options.part)
+
+
 def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
     """Kill builds in a folder until as many kills as were asked for came before the end."""
 
@@ -231,7 +273,16 @@ def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
     rng = random.Random(given.seed)
     while sum(found.phases.values()) - found.phases[TOO_LATE] < given.kills:
         workers = rng.choice(given.workers)
-        run = run_in("killed", workers, overwrite=rng.random() < 1 / 3)
+        run = run_in("killed", workers, overwrite=not given.parts and rng.random() < 1 / 3)
+        if given.parts:
+            before = found.phases[IN_PARTS]
+            kill_parts(run, given.parts, undisturbed[workers].times[-1], rng, found)
+            same = hashes(run.data_dir) == undisturbed[workers].files
+            shutil.rmtree(run.data_dir)
+            found.different += not same
+            kills = found.phases[IN_PARTS] - before
+            print(f"{kills} kills of parts: {'the same' if same else 'DIFFERENT'} in the end")
+            continue
         if run.options.overwrite:
             shutil.copytree(other.data_dir, run.data_dir)
         with started(run, found.left) as process:
@@ -251,6 +302,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--executor", default="local", help="local or dask")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="to draw from")
+    parser.add_argument("--parts", type=int, default=0, help="of each build; 0 for one process")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     found = Found()
@@ -260,8 +312,9 @@ def main() -> None:
     ):
         kill_builds(Path(folder), given, found)
     counted = sum(found.phases.values()) - found.phases[TOO_LATE]
-    print(f"{counted} kills, executor={given.executor}, workers={given.workers}")
-    for place in (*PHASES, TOO_LATE):
+    parts = f", parts={given.parts}" if given.parts else ""
+    print(f"{counted} kills, executor={given.executor}, workers={given.workers}{parts}")
+    for place in (IN_PARTS,) if given.parts else (*PHASES, TOO_LATE):
         print(f"{found.phases[place]:5} {place}")
     print(f"{found.different} datasets differ from the undisturbed one")
     print(f"{len(found.left)} processes or names in shared memory were left", *found.left[:10])

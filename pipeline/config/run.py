@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any
@@ -74,6 +74,12 @@ class PlaceOptions:
     )
     executor_address: str | None = option(
         None, "address of a running cluster of Dask or Ray; else one is started for the run"
+    )
+    part: str = option(
+        "",
+        "share of a build that this process makes, such as 3/64, beside others that make theirs in "
+        "the same data_dir; a last run without part puts them together",
+        like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the number of a part and of all, such as 3/64"),
     )
     stages: tuple[str, ...] = option(
         (), "what to do, in order: " + ", ".join(STAGES), one_of=STAGES
@@ -159,6 +165,12 @@ class Run:
     """Those of the stages that are asked for are checked."""
     dataset: DatasetConfig
     data_dir: AnyPath
+
+    @property
+    def part(self) -> tuple[int, int] | None:
+        """The part of the build that this process makes, and the number of all parts."""
+        part, _, parts = self.options.part.partition("/")
+        return (int(part), int(parts)) if part else None
 
     @property
     def folder(self) -> AnyPath:
@@ -344,6 +356,15 @@ def resolve(options: RunConfig) -> Run:
     if isinstance(data_dir, Path) and options.executor != "local":
         data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
     run = Run(options, dataset_config(options), data_dir)
+    if run.part is not None:
+        part, parts = run.part
+        check(
+            part <= parts, f"part={options.part}: give a part from 1 to {parts}, such as 1/{parts}"
+        )
+        check("build" in options.stages, f"part={options.part}: only stages=build has parts")
+        # The other stages need the whole dataset, which the last run puts together.
+        run = replace(run, options=replace(options, stages=("build",)))
+        options = run.options
     stages = set(options.stages)
     if stages & {"report", "publish"}:
         _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.

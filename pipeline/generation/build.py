@@ -65,6 +65,7 @@ from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
+from pipeline.machinery.markdown import count
 from pipeline.machinery.worker import count_done
 
 CELLS_PER_SHARD = 400_000
@@ -125,6 +126,9 @@ def run(
     """
     workplace = Workplace.of(run.folder)
     plan_of = partial(_plan, run, workplace, cells_per_shard, cells_per_chunk)
+    if run.part is not None:
+        _run_part(run, workplace, plan_of)
+        return
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
         manifest = None if run.options.overwrite else _finished(run)
@@ -136,15 +140,20 @@ def run(
                 if workplace.is_for(run.dataset) or not workplace.has_begun:
                     workplace.clear()
         else:
-            check_capacity(run.dataset)
-            workplace.refuse_others_files()
-            front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
+            _check(run, workplace)
             manifest = _build(run, workplace, plan_of)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
     say(_loading_line(run))
+
+
+def _check(run: Run, workplace: Workplace) -> None:
+    """Raise an error if a build would be refused or fail in the end."""
+    check_capacity(run.dataset)
+    workplace.refuse_others_files()
+    front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
 
 
 def _finished(run: Run) -> Manifest | None:
@@ -183,6 +192,10 @@ def _plan(
 
     def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
         jobs = [(chunk, building) for chunk in chunks]
+        if run.part is not None:  # Each begins with its own, and draws what others have not.
+            part, parts = run.part
+            own = len(jobs) * (part - 1) // parts
+            jobs = jobs[own:] + jobs[:own]
         drawn = ordered_map(draw_chunk, jobs, run.options.workers)
         for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
             pass
@@ -247,11 +260,10 @@ def _not_as_it_was(path: AnyPath) -> str:
 
 def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manifest:
     try:
-        workplace.prepare(run.dataset)
+        workplace.prepare(run.dataset, overwrite=run.options.overwrite)
         plan = plan_of()
-        made = ordered_map(make_shard, plan.jobs, run.options.workers)
-        total = run.dataset.labyrinths * len(run.dataset.splits)
-        shards = tuple(tracked(((s.labyrinths, s) for s in made), "build", total=total))
+        parts = workplace.parts
+        shards = _joined(run, plan.jobs, parts) if parts else _made(run, plan.jobs)
         labyrinths = _tabulate(run.dataset, workplace, workplace.shards, shards)
         manifest = Manifest(run.dataset, current_versions(), shards, labyrinths, plan.format)
         workplace.commit(manifest)
@@ -268,6 +280,44 @@ def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manif
         workplace.abandon()
         raise
     return manifest
+
+
+def _made(run: Run, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
+    made = ordered_map(make_shard, jobs, run.options.workers)
+    total = sum(len(job.structures) for job in jobs)
+    return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
+
+
+def _run_part(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> None:
+    """Make the shards of a part: those whose numbers leave its number on division by all parts."""
+    part, parts = run.part or (1, 1)
+    with held(run.data_dir, run.dataset.name):
+        if not run.options.overwrite and _finished(run):
+            say(f"{run.folder} is complete already.")
+            return
+        _check(run, workplace)
+        workplace.prepare(run.dataset, parts=parts)
+    # Under a name of its own, since parts are made at the same time.
+    with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
+        shards = _made(run, plan_of().jobs[part % parts :: parts])
+    say(
+        f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
+        "parts are, the same command without part makes the dataset of them."
+    )
+
+
+def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]:
+    """Return the shards that parts have finished; raise DatasetError if one is missing."""
+    found = list(ordered_map(finished_shard, jobs, run.options.workers))
+    missing = [number for number, shard in enumerate(found) if shard is None]
+    if missing:
+        of = list(dict.fromkeys(f"{number % parts or parts}/{parts}" for number in missing))
+        more = f" and {len(of) - 8} others" if len(of) > 8 else ""
+        raise DatasetError(
+            f"{run.folder}: {len(missing)} of {count(len(jobs), 'shard')} missing, those of part "
+            f"{', '.join(of[:8])}{more}; this command with part={of[0]} makes the first of them"
+        )
+    return tuple(shard for shard in found if shard is not None)
 
 
 def _tabulate(
@@ -300,14 +350,21 @@ def _tabulate(
         return written
 
 
-def make_shard(job: ShardJob) -> Shard:
-    """Make the shard of a job, or return the one that an earlier run has finished."""
+def finished_shard(job: ShardJob) -> Shard | None:
+    """Return the shard of a job if it was finished, None if it was not."""
     with suppress(FileNotFoundError, ValueError, AttributeError):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
         read_facts(job.facts, finished.labyrinths)
         if file_sha256(job.path) == finished.sha256:
             count_done(finished.labyrinths)
             return finished
+    return None
+
+
+def make_shard(job: ShardJob) -> Shard:
+    """Make the shard of a job, or return the one that an earlier run has finished."""
+    if (finished := finished_shard(job)) is not None:
+        return finished
     config, split, cut = job.config, job.split, 0
     facts = FactsOfShard(split)
     waiting: deque[tuple[int, Labyrinth | None]] = deque()

@@ -7,6 +7,7 @@ import re
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
@@ -119,18 +120,33 @@ class Workplace:
         except FileNotFoundError:
             return False
 
-    def prepare(self, config: DatasetConfig) -> None:
-        """Make the folders, emptied of what another configuration or version left in them."""
+    def prepare(
+        self, config: DatasetConfig, *, parts: int | None = None, overwrite: bool = False
+    ) -> None:
+        """Make the folders, emptied of what another configuration or version left in them.
+
+        Args:
+            config: The configuration of the dataset.
+            parts: The number of parts that are being made; None if the dataset is to be finished.
+            overwrite: Whether to remove what parts of another configuration left.
+
+        Raises:
+            DatasetError: Others' files, or parts of another configuration, would be lost.
+        """
         same = self.is_for(config)
+        if self.parts is not None and not (same and parts in (None, self.parts)) and not overwrite:
+            self._refuse_another(config, parts)
         if isinstance(self.folder, RemotePath):
             if not same:  # From now on shards in the folder are those of a build.
-                write_text(self.building / _CONFIG, _content(None))
+                write_text(self.building / _CONFIG, json.dumps(_content(None)))
             (self.folder / MANIFEST).unlink(missing_ok=True)  # It would describe new shards.
             for name in [] if same else sorted(self._recorded(), key=HASHES.__eq__):
                 (self.folder / name).unlink(missing_ok=True)
         if not same:
             self.clear()
             self.begin(config)
+        if parts is not None and parts != self.parts:
+            write_text(self.building / _CONFIG, json.dumps(_content(config) | {"parts": parts}))
         self.shards.mkdir(parents=True, exist_ok=True)
         if isinstance(self.shards, Path):  # A run was killed while it wrote the manifest.
             for path in temporaries(self.shards / MANIFEST):
@@ -145,22 +161,47 @@ class Workplace:
             unfinished = temporaries(self.building / _CONFIG)
             others = [path.name for path in self.building.iterdir() if path not in unfinished]
             _refuse(self.building, others)
-        write_text(self.building / _CONFIG, _content(config))
+        write_text(self.building / _CONFIG, json.dumps(_content(config)))
+
+    def _refuse_another(self, config: DatasetConfig, parts: int | None) -> None:
+        """Raise DatasetError, which names what differs from what was begun."""
+        begun, asked = self._begun(), _content(config) | {"parts": parts or self.parts}
+        there, here = (
+            {**(each["config"] or {}), **each["versions"], "parts": each["parts"]}
+            for each in (begun, asked)
+        )
+        differing = "; ".join(
+            f"{key}={there.get(key)}, not {here.get(key)}"
+            for key in there | here
+            if there.get(key) != here.get(key)
+        )
+        raise DatasetError(
+            f"{self.building} holds parts of a build with {differing}: give the same options, "
+            "choose another data_dir, or give overwrite=true without part to begin anew"
+        )
 
     @property
     def has_begun(self) -> bool:
         """Whether a build was stopped here."""
-        with suppress(FileNotFoundError, *MALFORMED):
-            content = json.loads((self.building / _CONFIG).read_bytes())
-            return bool({"config", "versions"} <= content.keys())
-        return False
+        return bool(self._begun())
+
+    @property
+    def parts(self) -> int | None:
+        """The number of parts that the stopped build is made in, None if it is made in one."""
+        parts = self._begun().get("parts")
+        return parts if isinstance(parts, int) else None
 
     def is_for(self, config: DatasetConfig) -> bool:
         """Return whether the stopped build had this configuration and these versions."""
-        try:
-            return (self.building / _CONFIG).read_text(encoding="utf-8") == _content(config)
-        except FileNotFoundError:
-            return False
+        return self._begun() | {"parts": None} == _content(config)
+
+    def _begun(self) -> dict[str, Any]:
+        """Return what says which build was stopped here; nothing if none was."""
+        with suppress(FileNotFoundError, *MALFORMED):
+            content = json.loads((self.building / _CONFIG).read_bytes())
+            if content.keys() >= {"config", "versions"}:
+                return dict(content)
+        return {}
 
     def commit(self, manifest: Manifest) -> None:
         """Write the manifest, and move the shards of a local dataset into their final place.
@@ -187,9 +228,11 @@ class Workplace:
         self.clear()
 
     def abandon(self) -> bool:
-        """Remove what a failed build left, unless it finished anything; return whether it did."""
+        """Remove what a failed build left, unless there is more to come of it; return whether."""
         finished = ("*-of-*.json", "*.chunk")
-        if isinstance(self.folder, RemotePath) or any(map(any, map(self.building.glob, finished))):
+        if isinstance(self.folder, RemotePath) or self.parts is not None:
+            return False
+        if any(map(any, map(self.building.glob, finished))):
             return False
         self.clear()
         return True
@@ -206,11 +249,15 @@ class Workplace:
                 self.building.rmdir()
 
 
-def _content(config: DatasetConfig | None) -> str:
-    told = None if config is None else config.to_json()
-    # With the newest format, since earlier versions took other structures for large datasets.
-    content = {"config": told, "versions": current_versions(), "format": FORMAT_OF_CHUNKS}
-    return json.dumps(content)
+def _content(config: DatasetConfig | None) -> dict[str, Any]:
+    """Return what the shards of a build follow from."""
+    return {
+        "config": None if config is None else config.to_json(),
+        "versions": current_versions(),
+        # The newest, since earlier versions took other structures for large datasets.
+        "format": FORMAT_OF_CHUNKS,
+        "parts": None,
+    }
 
 
 def _refuse(folder: AnyPath, others: list[str]) -> None:

@@ -1,0 +1,182 @@
+"""Builds in parts, which several processes make in one folder, and a last run puts together."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tampering import content_of
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+
+Build = Callable[..., Run]
+
+SHARDS: dict[str, Any] = {"size": "4", "labyrinths": 10, "random_steps": 20}
+SHARDS |= {"cells_per_shard": 16 * 4, "cells_per_chunk": (16 * 12, 16 * 8)}
+"""Three shards a split, of structures from several chunks."""
+
+
+@pytest.fixture(scope="module")
+def whole(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The dataset as one process makes it."""
+    return build(tmp_path_factory.mktemp("whole") / "labyrinth", **SHARDS)
+
+
+def written(data_dir: Path) -> dict[str, int]:
+    """Return when each shard and each chunk of an unfinished build was written."""
+    building = data_dir / ".4x4.building"
+    found = [*building.rglob("*.parquet"), *building.glob("*.chunk")]
+    return {path.name: path.stat().st_mtime_ns for path in found}
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4, 40])
+def test_parts_put_together_are_the_dataset_that_one_process_makes(
+    build: Build, tmp_path: Path, whole: Run, parts: int
+) -> None:
+    order = list(range(1, parts + 1))
+    random.Random(parts).shuffle(order)
+    there: dict[str, int] = {}
+    for part in order:
+        build(tmp_path, **SHARDS, part=f"{part}/{parts}")
+        now = written(tmp_path)
+        assert there.items() <= now.items(), "what is there is not made again"
+        there = now
+    assert not (tmp_path / "4x4").exists()
+    run = build(tmp_path, **SHARDS)
+    assert content_of(tmp_path) == content_of(whole.data_dir)
+    shards = {path.name: path.stat().st_mtime_ns for path in run.folder.glob("*-of-*.parquet")}
+    assert shards.items() <= there.items()
+    build(tmp_path, **SHARDS, part="1/4")
+    assert content_of(tmp_path) == content_of(whole.data_dir)
+
+
+def test_a_part_makes_the_shards_whose_numbers_leave_its_number(
+    build: Build, tmp_path: Path, whole: Run
+) -> None:
+    build(tmp_path, **SHARDS, part="4/5")
+    names = [shard.path for shard in Manifest.read(whole.folder).shards]
+    made = {name for name in written(tmp_path) if name.endswith(".parquet")}
+    assert made == {name for number, name in enumerate(names) if number % 5 == 4}
+
+
+def test_parts_that_are_missing_are_named_with_what_makes_them(
+    build: Build, tmp_path: Path, whole: Run
+) -> None:
+    for part in (1, 4):
+        build(tmp_path, **SHARDS, part=f"{part}/4")
+    with pytest.raises(DatasetError) as caught:
+        build(tmp_path, **SHARDS)
+    assert str(caught.value) == (
+        f"{tmp_path / '4x4'}: 8 of 18 shards missing, those of part 2/4, 3/4; "
+        "this command with part=2/4 makes the first of them"
+    )
+    for part in (2, 3):
+        build(tmp_path, **SHARDS, part=f"{part}/4")
+    next((tmp_path / ".4x4.building").glob("s0-00001-of-*.json")).unlink()
+    with pytest.raises(
+        DatasetError, match="1 of 18 shards missing, those of part 1/4; this command"
+    ):
+        build(tmp_path, **SHARDS)
+    build(tmp_path, **SHARDS, part="1/4")
+    assert content_of(build(tmp_path, **SHARDS).data_dir) == content_of(whole.data_dir)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"labyrinths": 11, "part": "2/4"}, "labyrinths=10, not 11:"),
+        ({"seed": 3, "solutions": "all", "part": "2/4"}, "solutions=shortest, not all; seed=0, "),
+        ({"part": "2/3"}, "parts=4, not 3:"),
+        ({"labyrinths": 11}, "labyrinths=10, not 11:"),
+    ],
+    ids=str,
+)
+def test_parts_with_other_options_in_one_folder_are_refused(
+    build: Build, tmp_path: Path, options: dict[str, Any], words: str
+) -> None:
+    build(tmp_path, **SHARDS, part="1/4")
+    before = written(tmp_path)
+    with pytest.raises(DatasetError, match=f"holds parts of a build with {words}"):
+        build(tmp_path, **SHARDS | options)
+    assert written(tmp_path) == before
+    build(tmp_path, **SHARDS | {"labyrinths": 2}, overwrite=True)
+    assert not (tmp_path / ".4x4.building").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("0/4", "give the number of a part and of all, such as 3/64"),
+        ("5/4", "give a part from 1 to 4, such as 1/4"),
+        ("x", "give the number of a part and of all, such as 3/64"),
+        ("1/0", "give the number of a part and of all, such as 3/64"),
+        ("1", "give the number of a part and of all, such as 3/64"),
+    ],
+)
+def test_what_is_no_part_is_refused(
+    make_run: Callable[..., Run], tmp_path: Path, given: str, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=f"^part={given}: {words}$"):
+        make_run(tmp_path, part=given)
+
+
+def test_only_builds_have_parts(make_run: Callable[..., Run], tmp_path: Path) -> None:
+    run = make_run(tmp_path, part="1/2", stages=["build", "validate", "card"])
+    assert run.options.stages == ("build",)
+    with pytest.raises(ConfigError, match="part=1/2: only stages=build has parts"):
+        make_run(tmp_path, part="1/2", stages=["validate"])
+
+
+ONE_PART = """
+import sys
+from pathlib import Path
+from pipeline.config.run import RunConfig, resolve
+from pipeline.generation import build
+
+data_dir, part = sys.argv[1:]
+options = dict(stages=["build"], size="4", labyrinths=10, random_steps=20, data_dir=data_dir)
+build.run(
+    resolve(RunConfig(**options, part=part)), cells_per_shard=16 * 4, cells_per_chunk=(192, 128)
+)
+"""
+
+
+@pytest.mark.slow
+def test_four_processes_killed_at_random_and_begun_again_make_the_same_bytes(
+    build: Build, tmp_path: Path, whole: Run
+) -> None:
+    rng, kills, left = random.Random(0), 0, [1, 2, 3, 4]
+    path = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    while left:
+        command = [sys.executable, "-c", ONE_PART, str(tmp_path)]
+        processes = {
+            part: subprocess.Popen([*command, f"{part}/4"], env=path, stdout=subprocess.DEVNULL)
+            for part in left
+        }
+        building = tmp_path / ".4x4.building"
+        shards = len(list(building.glob("*.json")))
+        # Until something happens, or all have ended; then a random time.
+        while len(list(building.glob("*.json"))) == shards and None in {
+            process.poll() for process in processes.values()
+        }:
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0, 0.2))
+        for process in processes.values():
+            process.send_signal(signal.SIGKILL)
+        ended = {part: process.wait() for part, process in processes.items()}
+        assert set(ended.values()) <= {0, -signal.SIGKILL}
+        kills += list(ended.values()).count(-signal.SIGKILL)
+        left = [part for part, status in ended.items() if status]
+    assert kills > 4
+    assert content_of(build(tmp_path, **SHARDS).data_dir) == content_of(whole.data_dir)
