@@ -497,8 +497,12 @@ OURS = {"labyrinth_core", "pipeline"}
 LIBRARIES = {*packages_distributions(), *HOMES, "cv2", "pandas"} - sys.stdlib_module_names - OURS
 
 
-def test_the_library_needs_numpy_alone_but_for_its_environments_and_networks():
-    others = ("labyrinth_core.env", "labyrinth_core.policies.networks")
+def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_networks():
+    others = (
+        "labyrinth_core.data.hub",
+        "labyrinth_core.env",
+        "labyrinth_core.policies.networks",
+    )
     modules = [
         name
         for name in modules_of(ROOT)

@@ -18,6 +18,7 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
@@ -139,7 +140,7 @@ class Manifest:
         """
         path = folder / MANIFEST
         try:
-            content = json.loads(path.read_bytes())
+            content = read_json(path)
             if content["format"] not in (FORMAT, FORMAT_OF_CHUNKS):
                 raise ValueError(
                     f"its format is {content['format']}, not {FORMAT} or {FORMAT_OF_CHUNKS}"

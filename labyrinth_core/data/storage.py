@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, cast
 from uuid import uuid4
 
 from labyrinth_core.data.errors import one_line
+from labyrinth_core.language.reading import regular_file
 
 
 def folder_at(place: str | Path) -> AnyPath:
@@ -206,7 +207,7 @@ def write_text(path: AnyPath, text: str) -> None:
 def file_sha256(path: AnyPath) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    with regular_file(path).open("rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
@@ -228,7 +229,7 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
     Its path is absolute, as Arrow takes a relative one with a colon for a URL.
     """
     if isinstance(path, Path):
-        yield path.absolute()
+        yield regular_file(path).absolute()
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
         local = Path(folder) / path.name

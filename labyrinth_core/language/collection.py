@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-import zipfile
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -18,6 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.language.reading import (
+    open_archive,
+    read_at_most,
+    regular_file,
+    unpack,
+)
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable
 from labyrinth_core.language.text import parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
@@ -70,7 +75,8 @@ def read_collection(path: Path, *, max_bytes: int = MAX_BYTES) -> Iterator[Entry
     for file in files:
         if file == path or file.is_file():
             inner = PurePosixPath(file.relative_to(folder).as_posix())
-            read = partial(_read, partial(file.open, "rb"), max_bytes)
+            opened = partial(regular_file(file).open, "rb")
+            read = partial(read_at_most, opened, max_bytes)
             yield from _entries(_File(str(file), None, name, inner, read), KINDS, max_bytes)
 
 
@@ -105,9 +111,9 @@ def _entries(file: _File, kinds: Collection[str], max_bytes: int) -> Iterator[En
             for index, read in _in_array(_array(data)):
                 yield _entry(named, place + index, read)
         else:
-            archive = _archive(data)
+            archive = open_archive(io.BytesIO(data))
             for name in sorted(archive.namelist()):
-                member = partial(_unpack, archive, name, max_bytes)
+                member = partial(unpack, archive, name, max_bytes)
                 inner = _File(f"{place}: {name}", split, named, PurePosixPath(name), member)
                 yield from _entries(inner, ARCHIVES[kind], max_bytes)
     except ValueError as error:
@@ -138,24 +144,6 @@ def _in_array(array: NDArray[Any]) -> Iterator[tuple[str, Callable[[], Labyrinth
         )
 
 
-def _read(open_file: Callable[[], Any], max_bytes: int) -> bytes:
-    """Return the bytes of a file, of which no more are read or unpacked than are allowed."""
-    with open_file() as stream:
-        data: bytes = stream.read(max_bytes + 1)
-    if len(data) > max_bytes:
-        raise ValueError(f"it has more than {max_bytes:,} bytes")
-    return data
-
-
-def _unpack(archive: zipfile.ZipFile, name: str, max_bytes: int) -> bytes:
-    try:
-        return _read(partial(archive.open, name), max_bytes)
-    except (ValueError, MemoryError):
-        raise
-    except Exception as error:  # Each compression has its own errors; LZMA may not be installed.
-        raise ValueError(f"it cannot be unpacked: {error}") from error
-
-
 def _array(data: bytes) -> NDArray[Any]:
     """Return the booleans or numbers in the bytes of a .npy file."""
     try:
@@ -163,16 +151,11 @@ def _array(data: bytes) -> NDArray[Any]:
     except (ValueError, OSError, EOFError, MemoryError, SyntaxError, TokenError) as error:
         # Its header may claim anything; numpy parses it as the text of a literal.
         raise ValueError(f"no array that can be read: {error}") from error
+    if not array.size:
+        raise ValueError(f"an array of the shape {array.shape}, which holds nothing")
     if array.dtype.kind not in "biuf":
         raise ValueError(f"expected an array of booleans or numbers, found {array.dtype}")
     return array
-
-
-def _archive(data: bytes) -> zipfile.ZipFile:
-    try:
-        return zipfile.ZipFile(io.BytesIO(data))
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        raise ValueError(f"no zip archive that can be read: {error}") from error
 
 
 def _line(error: ValueError) -> str:

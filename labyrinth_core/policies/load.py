@@ -6,13 +6,14 @@ Two files are read, and they are data: `config.json`, of which each value is che
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.source import HUB_ID
+from labyrinth_core.data.storage import local_copy
 from labyrinth_core.policies.spec import CONFIG, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def _check_size(place: object, name: str, size: int) -> None:
 def _read_spec(path: Path) -> PolicySpec:
     try:
         _check_size(path, CONFIG, path.stat().st_size)
-        return PolicySpec.from_json(json.loads(path.read_bytes()))
+        return PolicySpec.from_json(read_json(path))
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is not there: the folder holds no policy") from error
     except _UNREADABLE as error:
@@ -116,7 +117,7 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
         expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
     try:
         _check_size(path, WEIGHTS, path.stat().st_size)
-        with safe_open(path, framework="pt") as file:
+        with local_copy(path) as local, safe_open(local, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is not there: the folder holds no policy") from error

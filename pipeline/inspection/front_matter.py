@@ -15,6 +15,7 @@ from labyrinth_core.data.labyrinth_table import SPLIT, TABLE, TABLE_COLUMNS, tab
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.language.reading import regular_file
 
 DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
@@ -160,7 +161,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
         DatasetError: There is a README.md that is not of a dataset.
     """
     try:
-        content = path.read_text(encoding="utf-8")
+        content = regular_file(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except UnicodeDecodeError as error:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.storage import write_bytes, write_text
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
@@ -58,7 +59,7 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     """
     path = folder / RECORD
     try:
-        content = json.loads(path.read_bytes())
+        content = read_json(path)
         if content["format"] != FORMAT or not isinstance(content["run"], dict):
             raise ValueError(f"its format is {content['format']}, not {FORMAT}")
     except (FileNotFoundError, NotADirectoryError):

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.language.reading import open_archive, unpack
 from pipeline.config.errors import ConfigError
 
 MAX_BYTES = 1 << 28
@@ -129,20 +130,31 @@ def _unpacked(source: str, max_bytes: int) -> tuple[dict[str, Array], Mapping[st
             f"{source} needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
 
-    def member(archive: zipfile.ZipFile, name: str) -> bytes:
-        if archive.getinfo(name).file_size > max_bytes:
-            raise ValueError(f"{name} takes more than {max_bytes:,} bytes")
-        return archive.read(name)
-
     path = located(source)
     try:
-        with zipfile.ZipFile(path) as archive:
-            stored = io.BytesIO(member(archive, "policy.pth"))
-            with warnings.catch_warnings():  # Torch warns of files it refuses, or reads anyway.
-                warnings.simplefilter("ignore")
-                tensors = torch.load(stored, map_location="cpu", weights_only=True)
-            data = json.loads(member(archive, "data"))
-        weights = {name: tensor.double().numpy() for name, tensor in tensors.items()}
+        with open_archive(path) as archive:
+            stored = unpack(archive, "policy.pth", max_bytes)
+            data = json.loads(unpack(archive, "data", max_bytes))
+        if zipfile.is_zipfile(io.BytesIO(stored)):  # Torch has an older format, too.
+            _check_sizes(open_archive(io.BytesIO(stored)), max_bytes)
+        with warnings.catch_warnings():  # Torch warns of files it refuses, or reads anyway.
+            warnings.simplefilter("ignore")
+            tensors = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
+        weights = {name: _as_array(name, tensor) for name, tensor in tensors.items()}
         return weights, dict(data.get("policy_kwargs", {}))
-    except (*_UNREADABLE, UnpicklingError, zipfile.BadZipFile) as error:
+    except (*_UNREADABLE, UnpicklingError) as error:
         raise DatasetError(f"{source} is no archive to be read: {one_line(error):.300}") from error
+
+
+def _check_sizes(archive: zipfile.ZipFile, max_bytes: int) -> None:
+    """Raise ValueError if the files of an archive are larger than allowed once unpacked."""
+    if sum(member.file_size for member in archive.infolist()) > max_bytes:
+        raise ValueError(f"policy.pth takes more than {max_bytes:,} bytes")
+
+
+def _as_array(name: str, tensor: Any) -> Array:
+    """Return the numbers of a tensor, which may not be repeated by its strides."""
+    if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
+        raise ValueError(f"{name} has more numbers than the file holds")
+    numbers: Array = tensor.double().numpy()
+    return numbers

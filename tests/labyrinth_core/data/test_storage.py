@@ -19,6 +19,7 @@ from s3_server import S3Server, serving
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_transitions
 from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.storage import (
     RemotePath,
     file_sha256,
@@ -30,10 +31,13 @@ from labyrinth_core.data.storage import (
     temporary_beside,
     write_bytes,
 )
+from labyrinth_core.language.collection import read_collection
+from labyrinth_core.policies.load import load_policy
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
+from pipeline.inspection import front_matter
 from pipeline.release import card
 
 pytestmark = pytest.mark.slow
@@ -367,3 +371,22 @@ def test_the_manifest_of_a_store_describes_its_shards(build: Build, memory: str)
     run = build(memory, labyrinths=2, random_steps=5)
     for shard in Manifest.read(run.folder).shards:
         assert file_sha256(run.folder / shard.path) == shard.sha256
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("a.json", read_json),
+        ("a.parquet", file_sha256),
+        ("a.npy", lambda path: [*read_collection(path)]),
+        ("README.md", front_matter.read),
+        ("manifest.json", lambda path: Manifest.read(path.parent)),
+        ("config.json", lambda path: load_policy(path.parent)),
+    ],
+)
+def test_a_pipe_in_place_of_a_file_is_refused_instead_of_waited_for(
+    tmp_path: Path, name: str, read: Callable[[Path], object]
+) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises((OSError, DatasetError), match="is a pipe or a device, not a regular file"):
+        read(tmp_path / name)

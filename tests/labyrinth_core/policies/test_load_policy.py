@@ -158,7 +158,7 @@ def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
         (["planner"], [], "planner is [], not an object with path_prior, "),
         (["planner", "channels"], 10**6, "planner.channels is 1000000, not a whole number from 1"),
         (["planner", "iterations"], 1.5, "planner.iterations is 1.5, not a whole number from 1 to"),
-        (["planner", "sharpness"], float("nan"), "planner.sharpness is nan, not a number from 0"),
+        (["planner", "sharpness"], float("nan"), "NaN is no number of JSON"),
         (["planner", "grid_prior"], "yes", "planner.grid_prior is 'yes', not one of True, False"),
         (["auto_map"], {"AutoModel": "evil.py"}, "it is {'kind': 'labyrinth-policy', "),
     ],

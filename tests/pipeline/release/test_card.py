@@ -41,6 +41,7 @@ from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import RunConfig, options_of, register, resolve
 from pipeline.inspection import analyse, front_matter
+from pipeline.inspection.statistics import statistics_of
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
@@ -300,19 +301,27 @@ def test_a_dataset_that_is_built_later_joins_the_card(folder, build_dataset):
     assert (folder / "pictures" / "2x3-visits.png").is_file()
 
 
-def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(folder, build_dataset):
-    analysis = folder / OTHER / ANALYSIS
-    os.mkfifo(analysis)  # Writing the card waits here, after it has listed the finished datasets.
+def test_a_dataset_that_is_finished_while_the_card_is_written_joins_it(
+    folder, build_dataset, monkeypatch
+):
+    listed, finished = threading.Event(), threading.Event()
+
+    def waiting(*arguments):
+        datasets = statistics_of(*arguments)
+        listed.set()
+        finished.wait()
+        return datasets
+
+    monkeypatch.setattr(card, "statistics_of", waiting)
     writer = threading.Thread(target=card.write_card, args=(folder,))
     writer.start()
-    with analysis.open("w", encoding="utf-8") as file:  # Opens once the card reads it.
-        analysis.unlink()
-        options = {"labyrinths": 1, "random_steps": 5}
-        builder = threading.Thread(target=build_dataset, args=(folder, "2x3"), kwargs=options)
-        builder.start()
-        while builder.is_alive() and not (folder / "2x3" / "manifest.json").exists():
-            time.sleep(0.01)
-        file.write('{"fingerprint": "of other rows"}')
+    listed.wait()
+    options = {"labyrinths": 1, "random_steps": 5}
+    builder = threading.Thread(target=build_dataset, args=(folder, "2x3"), kwargs=options)
+    builder.start()
+    while builder.is_alive() and not (folder / "2x3" / "manifest.json").exists():
+        time.sleep(0.01)
+    finished.set()
     writer.join()
     builder.join()
     assert "2x3" in [config["config_name"] for config in front(folder)["configs"]]

@@ -161,6 +161,12 @@ def broken(folder: Path, kind: str) -> str:
         return archive_of(path, {"features_extractor.cnn.0.weight": torch.ones(1)})
     elif kind == "activation":
         return archive_of(path, weights, "Softmax")
+    elif kind == "damaged":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+            archive.writestr("policy.pth", bytes(range(200)))
+        with path.open("r+b") as file:
+            file.seek(60)
+            file.write(bytes(99))
     else:
         archive_of(path, weights)
         content = {"a pickle": pickle.dumps(Trap(folder / "sprung")), "cut": b"PK"}[kind]
@@ -171,7 +177,7 @@ def broken(folder: Path, kind: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "kind", ["missing", "no zip", "other policy", "activation", "a pickle", "cut"]
+    "kind", ["missing", "no zip", "other policy", "activation", "damaged", "a pickle", "cut"]
 )
 def test_a_bad_archive_is_refused_in_one_line_and_nothing_in_it_runs(tmp_path, kind):
     with pytest.raises(DatasetError) as caught:
@@ -184,8 +190,29 @@ def test_a_bad_archive_is_refused_in_one_line_and_nothing_in_it_runs(tmp_path, k
 def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path):
     weights, _ = network(ON_POLICY, [4, 6, 5, 2], nn.Tanh())
     path = archive_of(tmp_path / "large.zip", weights)
-    with pytest.raises(DatasetError, match="takes more than 100 bytes"):
+    with pytest.raises(DatasetError, match="it has more than 100 bytes"):
         read_archive(path, max_bytes=100)
+
+
+def test_a_tensor_is_no_larger_than_what_the_file_holds_of_it(tmp_path):
+    weights, _ = network(ON_POLICY, [4, 6, 5, 2], nn.Tanh())
+    weights["action_net.weight"] = torch.zeros(1).as_strided((30_000, 30_000), (0, 0))
+    path = archive_of(tmp_path / "strided.zip", weights)
+    with pytest.raises(DatasetError, match="weight has more numbers than the file holds"):
+        read_archive(path)
+
+
+def test_weights_that_are_packed_twice_are_refused_if_they_unpack_to_too_much(tmp_path):
+    stored, packed = io.BytesIO(), io.BytesIO()
+    torch.save({"action_net.weight": torch.zeros(1000, 1000)}, stored)
+    with zipfile.ZipFile(stored) as old, zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name))
+    with zipfile.ZipFile(tmp_path / "twice.zip", "w") as archive:
+        archive.writestr("policy.pth", packed.getvalue())
+        archive.writestr("data", "{}")
+    with pytest.raises(DatasetError, match="takes more than 1,000,000 bytes"):
+        read_archive(str(tmp_path / "twice.zip"), max_bytes=10**6)
 
 
 @pytest.mark.parametrize("source", ["nowhere", "some/where/else", "user/missing.zip"])
