@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, get_args, get_type_hints
 
-from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
 from labyrinth_core.world.grid import parse_size
@@ -101,21 +101,21 @@ class DatasetConfig:
             )
         for each in fields(self):
             if "holds" in each.metadata and not each.metadata["holds"](getattr(self, each.name)):
-                raise ValueError(f"{self._given(each.name)}: {each.metadata['allowed']}")
+                raise ValueError(f"{self.given(each.name)}: {each.metadata['allowed']}")
         if self.noise and self.solutions != "shortest":
             raise ValueError(
-                f"{self._given('noise')}: give solutions=shortest, not {self.solutions}"
+                f"{self.given('noise')}: give solutions=shortest, not {self.solutions}"
             )
         check_open_walls(self.task, self.open_walls)
         passages = 2 * self.height * self.width - self.height - self.width
         if not 1 <= self.min_walls <= passages:
             raise ValueError(
-                f"{self._given('min_walls')}: give 1 to {passages}, as many as walls there can be "
+                f"{self.given('min_walls')}: give 1 to {passages}, as many as walls there can be "
                 f"at {size}"
             )
         if self.shifts != tuple(name for name in SHIFTS if name in self.shifts):
             raise ValueError(
-                f"{self._given('shifts')}: choose from [{', '.join(SHIFTS)}], each once and in "
+                f"{self.given('shifts')}: choose from [{', '.join(SHIFTS)}], each once and in "
                 "this order"
             )
         for name in self.shifts:
@@ -129,10 +129,15 @@ class DatasetConfig:
                 return reason.format(value)
         return None
 
-    def _given(self, name: str) -> str:
+    def given(self, name: str) -> str:
         """Return an option as it is given on the command line, such as `splits.min_walls=2`."""
         value = getattr(self, name)
-        shown = f"[{', '.join(map(str, value))}]" if isinstance(value, tuple) else value
+        if name == "buckets":
+            return " ".join(
+                f"buckets.{split}={share}"
+                for split, share in zip(SAMPLED_SPLITS, value, strict=True)
+            )
+        shown = f"[{','.join(value)}]" if isinstance(value, tuple) else value
         return f"{_COMMAND_LINE[name]}={shown}"
 
     def newer_options(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import islice
 from typing import NamedTuple, TypeVar
@@ -168,9 +168,11 @@ def _finished(run: Run) -> Manifest | None:
             )
         return None
     manifest = Manifest.read(folder)
-    there, asked = asdict(manifest.config), asdict(run.dataset)
+    there, asked = manifest.config, run.dataset
     differing = [
-        f"{key}={there[key]}, not {asked[key]}" for key in there if there[key] != asked[key]
+        f"{there.given(each.name)}, not {asked.given(each.name)}"
+        for each in fields(there)
+        if getattr(there, each.name) != getattr(asked, each.name)
     ]
     if differing:
         raise DatasetError(

@@ -197,9 +197,18 @@ def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allow
         ({"task": "chess"}, ["task=chess", "key_and_door"]),
         ({"task": "icy_floor", "open_walls": 0}, ["open_walls=0 task=icy_floor", "more than 0"]),
         ({"task": "key_and_door", "open_walls": 1}, ["open_walls=1 task=key_", "less than 1"]),
-        ({"buckets": BucketsConfig(50, 33, 33)}, ["buckets=[50, 33, 33]", "add up to 100"]),
-        ({"buckets": BucketsConfig(100, 0, 0)}, ["buckets=[100, 0, 0]", "1 or more"]),
-        ({"buckets": BucketsConfig(102, -1, -1)}, ["buckets=[102, -1, -1]", "1 or more"]),
+        (
+            {"buckets": BucketsConfig(50, 33, 33)},
+            ["buckets.train=50 buckets.validation=33 buckets.test=33", "add up to 100"],
+        ),
+        (
+            {"buckets": BucketsConfig(100, 0, 0)},
+            ["buckets.train=100 buckets.validation=0 buckets.test=0", "1 or more"],
+        ),
+        (
+            {"buckets": BucketsConfig(102, -1, -1)},
+            ["buckets.train=102 buckets.validation=-1 buckets.test=-1", "1 or more"],
+        ),
         ({"run_dir": "s3://bucket/runs"}, ["run_dir=s3://bucket/runs", "a folder on this machine"]),
         ({"data_dir": "s3://"}, ["data_dir=s3://", "no bucket"]),
         (noisy(1.0), ["demonstrations.noise=1.0: give a probability from 0 to below 1"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -199,8 +200,20 @@ def test_a_folder_with_fixed_goals_is_not_taken_for_one_with_varied(
     build: Build, make_run: MakeRun, tmp_path: Path
 ) -> None:
     build(tmp_path, labyrinths=4)
-    with pytest.raises(DatasetError, match=r"holds a dataset with goals=fixed, not varied: "):
+    with pytest.raises(DatasetError, match=r"holds a dataset with goals=fixed, not goals=varied: "):
         generation.run(make_run(tmp_path, labyrinths=4, goals="varied"))
+
+
+def test_what_differs_from_the_dataset_that_is_there_is_said_as_it_is_typed(
+    tiny: Run, make_run: MakeRun
+) -> None:
+    words = (
+        "shifts=[], not shifts=[g,one_wall]; goals=varied, not goals=fixed: choose another data_dir"
+    )
+    with pytest.raises(DatasetError, match=re.escape(words)):
+        generation.run(
+            make_run(tiny.data_dir, labyrinths=32, random_steps=5, shifts=["g", "one_wall"])
+        )
 
 
 # Validation finds what is wrong.
