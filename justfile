@@ -38,6 +38,10 @@ bench-beside:
 docs:
     mkdocs build --strict
 
+# Do what the README and all guides say, in bash and in zsh
+walk *pages:
+    python scripts/run_documentation.py {{pages}}
+
 # Draw the pictures of the documentation again
 pictures:
     python scripts/draw_pictures.py

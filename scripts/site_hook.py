@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
@@ -30,6 +31,9 @@ ROOT = Path(__file__).parents[1]
 
 ROOT_PAGES = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
 """Page of the site -> the file at the top of the repository that it shows."""
+
+LOGS = ("measurements/", "results/", "changelog")
+"""How the pages begin that a search shows after all others."""
 
 NO_ALTERNATIVE = "No description has been provided for this image"
 """What nbconvert has for every picture."""
@@ -50,6 +54,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Return the text of a page with links and placeholders resolved."""
     source = page.file.src_uri
+    if source.startswith(LOGS):
+        page.meta["search"] = {"boost": 0.1}
     if source in ROOT_PAGES:
         markdown = re.sub(r"\]\(docs/", "](", markdown)
     else:
@@ -108,23 +114,34 @@ def helps(program: str) -> Iterator[str]:
 
 
 def on_post_build(config: MkDocsConfig) -> None:
-    """Check that every public name has its entry, and every picture its alternative in words.
+    """Check names of the library, alternatives of pictures, and links.
 
     Raises:
-        PluginError: One has not; the text names all.
+        PluginError: A public name has no entry, a picture no alternative in words, or a link leads
+            to no file of the site; the text names all.
     """
     site = Path(config.site_dir)
-    missing = sorted(public_names() - entries(site / "objects.inv"))
-    silent = [
-        f"{page.relative_to(site)}: {image}"
-        for page in sorted(site.rglob("*.html"))
-        for image in re.findall(r"<img [^>]*>", page.read_text(encoding="utf-8"))
-        if NO_ALTERNATIVE in image or not re.search(r'alt="[^"]', image)
-    ]
-    if missing or silent:
-        raise PluginError(
-            "; ".join([f"{name} is not in the reference" for name in missing] + silent)
-        )
+    missing = public_names() - entries(site / "objects.inv")
+    problems = [f"{name} is not in the reference" for name in sorted(missing)]
+    for page in sorted(site.rglob("*.html")):
+        html = page.read_text(encoding="utf-8")
+        problems += [
+            f"{page.relative_to(site)}: {image}"
+            for image in re.findall(r"<img [^>]*>", html)
+            if NO_ALTERNATIVE in image or not re.search(r'alt="[^"]', image)
+        ]
+        problems += [
+            f"{page.relative_to(site)}: {link} is no page" for link in dead_links(page, html)
+        ]
+    if problems:
+        raise PluginError("; ".join(problems))
+
+
+def dead_links(page: Path, html: str) -> Iterator[str]:
+    """Yield the links of a page that lead to no file beside it; MkDocs leaves some out."""
+    for link in re.findall(r'<(?:a|img|link|script) [^>]*?(?:href|src)="?([^">#?\s]+)', html):
+        if not re.match(r"[a-z]+:|/", link) and not (page.parent / unquote(link)).exists():
+            yield link
 
 
 def public_names() -> set[str]:

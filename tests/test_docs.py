@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import pkgutil
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
-from policies import lay_out_released
 
 import labyrinth_core
 from labyrinth_core import __version__
@@ -38,27 +34,8 @@ def blocks(document: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", document.read_text(encoding="utf-8"), re.DOTALL)
 
 
-ELSEWHERE = ("play(", "s3://", "exports/", "webdataset", "imitation_datasets", "stable_baselines3")
-"""Marks of programs that need a person, a bucket, or a library that is not installed here.
-
-`scripts/check_clients.py` runs those of other libraries, in environments of their own.
-"""
-
-
-def runs(block: str) -> bool:
-    """Return whether a program runs by itself."""
-    return not any(mark in block for mark in ELSEWHERE)
-
-
 FOR_READERS = [document for document in DOCUMENTS if document.name != "new-method.md"]
 """All that do not extend the program; tests/pipeline/training/test_new_method.py has that one."""
-
-GET_STARTED = ROOT / "docs" / "get-started.md"
-RUNNABLE = [
-    document
-    for document in FOR_READERS
-    if document != GET_STARTED and any(map(runs, blocks(document)))
-]
 
 
 def table(heading: str, text: str) -> dict[str, str]:
@@ -168,48 +145,6 @@ def test_a_name_without_a_folder_lies_in_that_of_the_name_before_it():
             path = ROOT / name if (ROOT / name).exists() else folder / name
             assert path.exists(), f"{name} in: {row}"
             folder = path if path.is_dir() else path.parent
-
-
-@pytest.fixture(scope="module")
-def folder_with_data(build, tmp_path_factory) -> Path:
-    """A folder as the README's first command leaves it, but with fewer labyrinths; and a policy."""
-    folder = tmp_path_factory.mktemp("reader")
-    few = {"size": "5", "labyrinths": 25, "random_steps": 5}
-    build(folder / "data" / "labyrinth", **few)
-    build(folder / "data" / "labyrinth", task="partial_observability", **few)
-    lay_out_released(folder / "user" / "planner-5x5")  # In the place of the Hub.
-    return folder
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("document", RUNNABLE, ids=lambda path: path.name)
-def test_every_python_program_runs(document, folder_with_data, monkeypatch):
-    monkeypatch.chdir(folder_with_data)
-    names = {"__name__": "__main__"}
-    for block in filter(runs, blocks(document)):
-        exec(compile(block, document.name, "exec"), names)
-
-
-@pytest.mark.slow
-def test_a_newcomer_gets_through_the_first_page(tmp_path):
-    """All commands and programs of the page, in their order, but for the installation."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "OMP_NUM_THREADS": "1"}
-    page = GET_STARTED.read_text(encoding="utf-8")
-    ran = []
-    for kind, block in re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL):
-        for line in block.splitlines() if kind == "sh" else [block]:
-            if line.startswith("pip install"):
-                continue
-            command = ["sh", "-ec", line] if kind == "sh" else [sys.executable, "-c", line]
-            result = subprocess.run(
-                command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-            )
-            assert result.returncode == 0, f"{line}\n{result.stdout}{result.stderr}"
-            ran.append(line)
-    assert len(ran) == 9
-    assert (tmp_path / "mine.gif").stat().st_size < 100_000
-    assert (tmp_path / "data" / "labyrinth" / "report" / "index.html").is_file()
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

@@ -24,7 +24,14 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from pipeline.machinery.markdown import table
 
+INK = "#767676"
 STYLE: dict[Any, Any] = {
+    # Legible on the white and on the dark page.
+    **dict.fromkeys(
+        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK
+    ),
+    "legend.frameon": False,
+    "savefig.transparent": True,
     "svg.hashsalt": "labyrinth-datasets",
     "font.size": 9,
     "axes.titlesize": 9,
