@@ -7,17 +7,31 @@ from __future__ import annotations
 
 import sys
 
+from pipeline.machinery.ending import (
+    answer_signals,
+    end,
+    end_if_short_of_memory,
+    end_interrupted,
+)
+
 
 def main() -> int:
     """Run what the command line asks for, and return the exit status: 1 for an error."""
+    answer_signals(end_interrupted)  # Importing takes seconds, and swallows exceptions.
+    end_if_short_of_memory()
     try:
-        # Imported within `try`: it takes half a second, in which Ctrl-C may be pressed.
         from pipeline.command import run_command
 
-        return run_command()
-    except KeyboardInterrupt:
-        print("\ninterrupted: the same command goes on from what is finished", file=sys.stderr)
-        return 130
+        status = run_command()
+        if sys.stdout is not None:  # It is None if the shell has closed it by >&-.
+            sys.stdout.flush()
+    except KeyboardInterrupt as interruption:
+        end_interrupted(*interruption.args)
+    except BrokenPipeError:  # The reader of the output has gone.
+        end(1)
+    except OSError as error:
+        end(1, f"error: {error.filename or 'standard output'}: {error.strerror or error}")
+    return status
 
 
 if __name__ == "__main__":

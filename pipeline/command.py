@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import atexit
 import os
-import signal
 import sys
 import threading
 import traceback
 from importlib import import_module
-from types import FrameType
-from typing import NoReturn
+from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -34,6 +31,7 @@ from pipeline.config.run import (
 )
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
+from pipeline.machinery.ending import GOES_ON, answer_signals, end, end_interrupted, interrupt
 from pipeline.machinery.executor import cluster
 
 INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
@@ -79,8 +77,10 @@ def run_command() -> int:
         print(f"labyrinth-datasets {__version__}")
         return 0
     threading.excepthook = _end_with_thread
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # Else the caller has it ignored.
-        signal.signal(signal.SIGTERM, _end)
+    sys.unraisablehook = _answer_swallowed
+    # joblib's tracker would say what it clears up where the program ends at once.
+    quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
     sys.argv[1:] = map(with_brackets, sys.argv[1:])
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
@@ -121,23 +121,26 @@ def _error_of(config: DictConfig) -> str | None:
     try:
         run = resolve(options_of(config))
         options = run.options
+        stages = [import_module(STAGES[stage]) for stage in options.stages]
+        answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
         with cluster(options.executor, options.workers, options.executor_address):
-            for stage in options.stages:
-                import_module(STAGES[stage]).run(run)
+            for stage in stages:
+                stage.run(run)
         if not options.publish.dry_run and run.part is None:
             say(f"Next: {NEXT[options.stages[-1]]}.")
-    except OmegaConfBaseException as error:
-        return refusal(error)
-    except (ConfigError, DatasetError) as error:
-        return str(error)
     except PolicyError as error:
         return f"{error}{_below(error)}"
-    except (MemoryError, ImportError, RuntimeError, OSError) as error:
-        if lacks_memory(error):
-            _end_out_of_memory(error)
+    except Exception as error:
+        _end_without_memory(error)
+        if isinstance(error, OmegaConfBaseException):
+            return refusal(error)
+        if isinstance(error, ConfigError | DatasetError):
+            return str(error)
         if not isinstance(error, OSError):
             raise
-        return f"{error.filename or options.data_dir}: {error.strerror or error}"
+        if error.filename is None and sys.stdout is not None:
+            sys.stdout.flush()  # Raises again if it is standard output that cannot be written to.
+        return f"{error.filename or config.data_dir}: {error.strerror or error}"
     return None
 
 
@@ -150,26 +153,27 @@ def _below(error: PolicyError) -> str:
     return "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
 
 
-def _end_out_of_memory(error: BaseException) -> NoReturn:
-    """End at once: libraries that got no memory may crash when the interpreter ends."""
-    line = f"out of memory ({one_line(error):.200}); the same command goes on from what is finished"
-    print(f"error: {line}", file=sys.stderr, flush=True)
-    if threading.current_thread() is threading.main_thread():
-        atexit._run_exitfuncs()  # Else joblib's tracker says what it clears up.
-    os._exit(1)
+def _end_without_memory(error: BaseException | None) -> None:
+    """End at once if an error says that there is not enough memory."""
+    if error is not None and lacks_memory(error):
+        end(1, f"error: out of memory ({one_line(error):.200}); {GOES_ON}")
 
 
 def _end_with_thread(ended: threading.ExceptHookArgs) -> None:
     """End for want of memory in a thread, for which another thread would wait for ever."""
-    if ended.exc_value is not None and lacks_memory(ended.exc_value):
-        _end_out_of_memory(ended.exc_value)
+    _end_without_memory(ended.exc_value)
     threading.__excepthook__(ended)
 
 
-def _end(number: int, _frame: FrameType | None) -> None:
-    """End as after an interruption, so that workers are stopped and leftovers are removed."""
-    print("\nterminated: the same command goes on from what is finished", file=sys.stderr)
-    sys.exit(128 + number)
+def _answer_swallowed(ignored: Any) -> None:
+    """End after an interruption where Python can raise no exception, and say nothing of memory.
+
+    Where memory has ended, the work ends by itself.
+    """
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        end_interrupted(*ignored.exc_value.args)
+    if not isinstance(ignored.exc_value, MemoryError):
+        sys.__unraisablehook__(ignored)
 
 
 def _explain(reason: str) -> None:

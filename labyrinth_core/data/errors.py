@@ -20,15 +20,23 @@ def one_line(error: BaseException) -> str:
 
 
 def lacks_memory(error: BaseException) -> bool:
-    """Return whether an error says that there is not enough memory.
+    """Return whether an error, or one that caused it, says that there is not enough memory.
 
     A library that cannot be loaded, a thread that cannot be started and a compressor have other
-    types; Arrow's error is a MemoryError.
+    types; Arrow's error is a MemoryError. The cause of an error of a worker is a text.
     """
     signs = (
         "failed to map segment",
         "allocate memory",
         "Allocation error",
         "can't start new thread",
+        "launch worker thread",
+        "malloc of size",
+        "MemoryError",
     )
-    return isinstance(error, MemoryError) or any(sign in str(error) for sign in signs)
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MemoryError) or any(sign in str(cause) for sign in signs):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.ending import ctrl_c_held_back
 from pipeline.machinery.worker import begin_worker, shared_count
 
 Item = TypeVar("Item")
@@ -237,5 +238,7 @@ def _results(
     if backend == "local":
         own = {"initializer": begin_worker, "initargs": (os.getpid(), shared_count())}
     parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
-    with closing(parallel(delayed(function)(item) for item in feed)) as results:
+    with ctrl_c_held_back():  # It starts the processes.
+        results = parallel(delayed(function)(item) for item in feed)
+    with closing(results):
         yield from results

@@ -1,0 +1,113 @@
+"""How the program ends before its work is done: in one line, at once, without leaving workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import NoReturn
+
+GOES_ON = "the same command goes on from what is finished"
+
+PATIENCE = 10
+"""Seconds in which the work may clear up after an interruption."""
+
+NEEDED = 600_000_000
+"""Bytes of address space with which a small dataset is made and described by two workers."""
+
+AMPLE = 4_000_000_000
+"""Bytes of address space from which on threads need not be spared."""
+
+SPARING = {
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+    "ARROW_IO_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+"""Variables of the environment by which libraries take less address space, each thread 40 MB."""
+
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+
+def end(status: int, line: str = "") -> NoReturn:
+    """Print a line on standard error, stop the workers and end.
+
+    What libraries do when the interpreter ends is left out: it may wait for minutes for workers
+    that have nothing to do, and crashes if there is no memory.
+    """
+    try:
+        if line and sys.stderr is not None:
+            after_progress = "\n" if sys.stderr.isatty() else ""
+            sys.stderr.write(f"{after_progress}{line}\n")
+            sys.stderr.flush()
+        from multiprocessing import active_children  # Not before signals are answered.
+
+        for worker in active_children():
+            worker.terminate()
+    finally:
+        os._exit(status)
+
+
+def end_if_short_of_memory() -> None:
+    """Let libraries spare address space if it is limited, and end if it is too small for them.
+
+    Without memory they crash, and each thread and worker says so in lines of its own.
+    """
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY or limit >= AMPLE:
+        return
+    for name, value in SPARING.items():
+        os.environ.setdefault(name, value)
+    if limit < NEEDED:
+        needed, there = NEEDED // 1_000_000, limit // 1_000_000
+        end(1, f"error: about {needed} MB of address space are needed: ulimit -v allows {there} MB")
+
+
+def end_interrupted(number: int = signal.SIGINT, _frame: FrameType | None = None) -> NoReturn:
+    """End because of a signal, with the exit status that shells give for it."""
+    end(128 + number, f"{_WORDS[signal.Signals(number)]}: {GOES_ON}")
+
+
+def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
+    """Raise KeyboardInterrupt for a signal, so that the work clears up.
+
+    Libraries may swallow the exception, so a second signal, or a few seconds, end the program.
+    """
+    answer_signals(end_interrupted)
+    if sys.platform != "win32":
+        signal.signal(signal.SIGALRM, lambda *_: end_interrupted(number))
+        signal.alarm(PATIENCE)
+    raise KeyboardInterrupt(number)
+
+
+def answer_signals(answer: Callable[[int, FrameType | None], None]) -> None:
+    """Call a function for Ctrl-C and for SIGTERM, unless the caller of the program ignores them."""
+    for number in _WORDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, answer)
+
+
+@contextmanager
+def ctrl_c_held_back() -> Iterator[None]:
+    """Hold Ctrl-C back within the context, and for ever in processes that are started there.
+
+    They get it from a terminal like their parent, and would all explain it.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    from multiprocessing.resource_tracker import ensure_running
+
+    ensure_running()  # Where it is first needed it would let signals through.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
