@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import sys
 
-from pipeline.machinery.ending import (
-    answer_signals,
-    end,
-    end_if_short_of_memory,
-    end_interrupted,
-)
+try:
+    from pipeline.machinery.ending import (
+        answer_signals,
+        end_if_short_of_memory,
+        end_interrupted,
+        end_without_output,
+    )
+except KeyboardInterrupt:  # No signal is answered yet.
+    from pipeline.machinery.ending import end_interrupted
+
+    end_interrupted()
 
 
 def main() -> int:
@@ -27,10 +32,8 @@ def main() -> int:
             sys.stdout.flush()
     except KeyboardInterrupt as interruption:
         end_interrupted(*interruption.args)
-    except BrokenPipeError:  # The reader of the output has gone.
-        end(1)
     except OSError as error:
-        end(1, f"error: {error.filename or 'standard output'}: {error.strerror or error}")
+        end_without_output(error)
     return status
 
 

@@ -31,7 +31,14 @@ from pipeline.config.run import (
 )
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
-from pipeline.machinery.ending import GOES_ON, answer_signals, end, end_interrupted, interrupt
+from pipeline.machinery.ending import (
+    GOES_ON,
+    answer_signals,
+    end,
+    end_interrupted,
+    end_without_output,
+    interrupt,
+)
 from pipeline.machinery.executor import cluster
 
 INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
@@ -91,10 +98,10 @@ def run_command() -> int:
     except (HydraException, OmegaConfBaseException) as error:
         _explain(refusal(error))
         return 1
-    except ValueError as error:
-        if "Config group override" not in str(error):  # What Hydra says of `task=null`.
+    except (ValueError, TypeError) as error:
+        if HydraConfig.initialized():  # The work has begun.
             raise
-        _explain(str(error))
+        _explain(f"options that cannot be read: {one_line(error)}")  # Such as task=null.
         return 1
     return 0
 
@@ -138,8 +145,11 @@ def _error_of(config: DictConfig) -> str | None:
             return str(error)
         if not isinstance(error, OSError):
             raise
-        if error.filename is None and sys.stdout is not None:
-            sys.stdout.flush()  # Raises again if it is standard output that cannot be written to.
+        if error.filename is None:
+            try:
+                print(flush=True)
+            except OSError as lost:
+                end_without_output(lost)
         return f"{error.filename or config.data_dir}: {error.strerror or error}"
     return None
 

@@ -4,8 +4,8 @@
 
 A command that gets too little memory (`ulimit -v`) builds a dataset with two workers, or validates,
 analyses and describes one. Interruptions are SIGINT, half of them for the whole process group, as
-by Ctrl-C in a terminal, the others for the first process alone. A moment before the first line of
-the program belongs to Python, which ends in its own words; these are counted by themselves.
+by Ctrl-C in a terminal, the others for the first process alone. Before the first line of the
+program Python ends in its own words; such ends are counted by themselves.
 
 The exit status is 1 if a command does not end in time, has another exit status than 0, 1 or 130,
 prints other than one line on standard error (none if it succeeds), or leaves a process.
@@ -39,9 +39,6 @@ LIMITS = (400, 500, 565, 590, 600, 610, 625, 650, 700, 800)
 
 TIME_TO_END = 60.0
 """The seconds in which a command has to end, and in which its processes have to."""
-
-PYTHON_STARTS = 0.1
-"""The seconds before the first line of the program, at most."""
 
 
 @dataclass
@@ -148,7 +145,7 @@ def interrupt(made: Path, folder: Path, given: argparse.Namespace, ends: Ends) -
         lines = len(stderr.splitlines())
         right = (status, lines) in ((0, 0), (130, 1))
         kind = kind_of(status, stderr)
-        if moment < PYTHON_STARTS and not right and status is not None:
+        if status in (-signal.SIGINT, 1) and str(RUN.parent) not in stderr:
             right, kind = True, "ended by Python before the first line of the program"
         whole = "group" if kill is os.killpg else "process"
         what = f"{whole} after {moment:.3f} s, {arguments[-1]}"

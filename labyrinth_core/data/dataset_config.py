@@ -40,6 +40,10 @@ def _count() -> Any:
     return _option(lambda number: number >= 1, "give 1 or more")
 
 
+def _limit() -> Any:
+    return _option(lambda number: 1 <= number <= 10**9, "give a number from 1 to 10**9")
+
+
 def _one_of(*words: str, default: Any = MISSING) -> Any:
     return _option(words.__contains__, f"choose one of [{', '.join(words)}]", default=default)
 
@@ -60,8 +64,8 @@ class DatasetConfig:
     task: Task
     labyrinths: int = _count()
     solutions: str = _one_of(*SOLUTIONS)
-    solutions_limit: int = _count()
-    random_steps: int = _count()
+    solutions_limit: int = _limit()
+    random_steps: int = _limit()
     sampler: str = _one_of(*ALGORITHMS)
     open_walls: float = _option(lambda p: 0 <= p <= 1, "give a probability from 0 to 1")
     buckets: tuple[int, int, int] = _option(
@@ -82,8 +86,8 @@ class DatasetConfig:
     )
     """The probability with which a demonstrator takes a uniformly random action."""
     pieces: int = _option(
-        lambda steps: steps >= 0,
-        "give a number of steps, or 0 for whole routes",
+        lambda steps: 0 <= steps <= 10**9,
+        "give a number of steps up to 10**9, or 0 for whole routes",
         name="demonstrations.pieces",
         default=0,
     )

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from math import inf
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_origin, get_type_hints
 
 from pipeline.config.errors import check, listed
 
@@ -60,16 +60,29 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     """Return an instance of a class that declares options, from values by their names.
 
     Raises:
-        ConfigError: A name is not that of an option.
+        ConfigError: A name is not that of an option, or a value is of another kind.
     """
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
         check(name in kinds, f"{group}{name} is no option: choose from {listed(kinds)}")
+        _check_kind(group + name, value, kinds[name])
         made[name] = tuple(value) if isinstance(value, list) else value
         if is_dataclass(kinds[name]):
             made[name] = frozen(kinds[name], value, f"{group}{name}.")
     return cls(**made)
+
+
+def _check_kind(name: str, value: Any, kind: Any) -> None:
+    """Raise a ConfigError if a value is a list, or has options of its own, and should not."""
+    if get_origin(kind) is tuple:
+        allowed = "a list of texts"
+        fits = isinstance(value, list) and all(isinstance(each, str) for each in value)
+    elif is_dataclass(kind) or get_origin(kind) is dict:
+        fits, allowed = isinstance(value, dict), f"its own options, as {name}.NAME=..."
+    else:
+        fits, allowed = not isinstance(value, list | dict), "a single value"
+    check(fits, f"{name}={value}: give {allowed}")
 
 
 def check_options(options: Any, cls: type, group: str = "") -> None:
@@ -103,4 +116,7 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             number = type(value) is int or (kind is float and isinstance(value, float))
             what = "a number" if kind is float else "a whole number"
             limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
-            check(number and low <= value <= high, f"{name}={value}: give {what}{limits}")
+            check(
+                number and low <= value <= high and value != inf,
+                f"{name}={value}: give {what}{limits}",
+            )

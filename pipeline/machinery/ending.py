@@ -70,6 +70,12 @@ def end_if_short_of_memory() -> None:
         end(1, f"error: about {needed} MB of address space are needed: ulimit -v allows {there} MB")
 
 
+def end_without_output(error: OSError) -> NoReturn:
+    """End because standard output cannot be written to; silently, if its reader has gone."""
+    line = f"error: {error.filename or 'standard output'}: {error.strerror or error}"
+    end(1, "" if isinstance(error, BrokenPipeError) else line)
+
+
 def end_interrupted(number: int = signal.SIGINT, _frame: FrameType | None = None) -> NoReturn:
     """End because of a signal, with the exit status that shells give for it."""
     end(128 + number, f"{_WORDS[signal.Signals(number)]}: {GOES_ON}")

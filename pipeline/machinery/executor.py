@@ -12,7 +12,7 @@ import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from concurrent.futures import BrokenExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib import import_module
@@ -109,7 +109,8 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str
     place: Any = address
     if address is not None:
         if not address.startswith("inproc://"):  # A cluster in this very process has no port.
-            _check_listened_at(address)
+            # The number of frames of a message comes first.
+            _check_listened_at(address, lambda came: int.from_bytes(came[:8], "little") < 1_000)
     else:
         place = stack.enter_context(
             distributed.LocalCluster(
@@ -126,7 +127,8 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str
 def _ray(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     if address and ":" in address:  # Others are names that Ray knows, such as auto.
-        _check_listened_at(address)
+        # gRPC begins with a frame of HTTP/2 that has settings.
+        _check_listened_at(address, lambda came: came[3:4] == b"\x04")
     import ray
     from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
     from ray.util.joblib import register_ray
@@ -142,18 +144,28 @@ def _ray(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str,
     return {}, (OutOfMemoryError, RayActorError, WorkerCrashedError)
 
 
-def _check_listened_at(address: str) -> None:
-    """Raise an error unless something listens at an address; the clients would try for a minute.
+def _check_listened_at(address: str, is_greeting: Callable[[bytes], bool]) -> None:
+    """Raise an error unless a cluster listens at an address; the clients would try for minutes.
+
+    Args:
+        address: The address, with a port.
+        is_greeting: Returns whether the first nine bytes that come are those of a cluster, which
+            greets whoever connects.
 
     Raises:
         ValueError: It is no address.
-        OSError: Nothing listens there.
+        OSError: Nothing listens there, or something else.
     """
-    place = address.rpartition("://")[2].partition("/")[0]
-    host, _, port = place.rpartition(":")
+    protocol, _, place = address.rpartition("://")
+    host, _, port = place.partition("/")[0].rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65_535:
         raise ValueError("give the address of a cluster with its port, such as 10.0.0.1:8786")
-    socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+    with socket.create_connection((host.strip("[]"), int(port)), timeout=10) as connection:
+        if protocol in ("", "tcp", "ray"):  # Others are encrypted.
+            with suppress(TimeoutError):
+                if is_greeting(connection.recv(9, socket.MSG_WAITALL)):
+                    return
+            raise ConnectionError("what listens there does not greet like a cluster")
 
 
 def ordered_map(

@@ -13,7 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.language.reading import regular_file
 from labyrinth_core.policies.networks.acting import NetworkPolicy
@@ -44,7 +44,7 @@ def load_tensors(
             return tensors, json.loads((file.metadata() or {})[text])
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is not there: stages=train makes it") from error
-    except (OSError, SafetensorError, LookupError, ValueError) as error:
+    except (OSError, SafetensorError, *MALFORMED) as error:
         reason = f"{path} cannot be read: {one_line(error)}"
         raise DatasetError(f"{reason}; remove it to begin anew with stages=train") from error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import resource
+import shlex
 import shutil
 import signal
 import subprocess
@@ -81,6 +82,12 @@ def spaced(text: str) -> str:
         (["size=2", "task=key_and_door"], ["0 in train", "choose another size or task"]),
         (["size=3", "labyrinths=300"], ["there can be", "in validation", "or fewer"]),
         (["size=9", "labyrinths=99999999999999999999999999999999999999999999999"], ["2**144"]),
+        (["random_steps=99999999999999999999999999"], ["random_steps=", "from 1 to 10**9"]),
+        (["stages=[1,{a:2}]"], ["stages=", "a list of texts"]),
+        (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
+        (["stages=environments", "analysis.experts=[[1]]"], ["analysis.experts=", "texts"]),
+        (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
+        (["method=[1]"], ["options that cannot be read"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],
 )
@@ -106,8 +113,8 @@ def test_ctrl_c_while_the_program_is_imported_ends_with_one_line(
         check=False,
     )
     assert (result.returncode, result.stdout) == (130, "")
-    assert result.stderr.startswith("\ninterrupted: ")
-    assert len(result.stderr.splitlines()) == 2
+    assert result.stderr.startswith("interrupted: ")
+    assert len(result.stderr.splitlines()) == 1
 
 
 def test_no_name_of_a_folder_colours_or_clears_the_terminal(tmp_path: Path) -> None:
@@ -156,6 +163,30 @@ def test_a_disk_that_fills_up_leaves_no_dataset_and_the_next_run_goes_on(
     assert not list(tmp_path.rglob("*.tmp"))
     build(tmp_path / "data")
     assert content_of(tmp_path / "data") == content_of(small_dataset.data_dir)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--cfg", "job"], [], ["size=3", STAGES]])
+def test_a_full_output_is_answered_with_one_line_and_a_closed_one_with_none(
+    tmp_path: Path, arguments: list[str]
+) -> None:
+    command = [sys.executable, str(RUN), *arguments, *(["labyrinths=2"] if arguments else [])]
+    full = subprocess.run(
+        f"{shlex.join(command)} > /dev/full",
+        shell=True,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert "No space left" in error_of(full)
+    closed = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {shlex.join(command)} | true"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert (closed.returncode, closed.stderr) == (1, "")
 
 
 # Commands that work.
@@ -344,6 +375,22 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one() -> None:
     assert "0 datasets differ" in result.stdout
 
 
+def test_commands_short_of_memory_or_interrupted_end_with_one_line() -> None:
+    script = RUN.parent / "scripts" / "end_matrix.py"
+    given = ["--runs", "4", "--megabytes", "500", "650", "--interruptions", "4"]
+    result = subprocess.run(
+        [sys.executable, str(script), *given],
+        env=os.environ | {"PYTHONPATH": str(RUN.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=500,
+    )
+    assert (result.returncode, result.stderr) == (0, ""), result.stdout
+    assert "4 commands under limits of memory, 0 wrong" in result.stdout
+    assert "4 commands interrupted, 0 wrong" in result.stdout
+
+
 # Too little memory.
 
 SHORT_OF_MEMORY = """
@@ -371,13 +418,14 @@ __main__.main()
         ("raise pyarrow.ArrowMemoryError('malloc of size 9 failed')", "malloc of size 9 failed"),
         ("raise ImportError('x.so: failed to map segment')", "x.so: failed to map segment"),
         ("raise OSError('ZSTD: Allocation error')", "ZSTD: Allocation error"),
+        ("raise ValueError('it cannot be read') from MemoryError()", "it cannot be read"),
         (
             "import threading, time; n = []; n.append(threading.Thread(target=lambda: "
             "bytearray(1 << 62))); n[0].start(); time.sleep(60)",
             "MemoryError",
         ),
     ],
-    ids=["Python", "Arrow", "library", "compressor", "thread"],
+    ids=["Python", "Arrow", "library", "compressor", "cause", "thread"],
 )
 def test_too_little_memory_is_told_in_one_line_and_finished_shards_are_kept(
     fault: str, reason: str, tmp_path: Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -331,6 +332,24 @@ def test_a_cluster_that_is_not_there_is_answered_with_one_line_and_not_waited_fo
     ):
         pass
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("executor", ["dask", "ray"])
+def test_another_server_than_a_cluster_is_answered_with_one_line(executor: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = "{}:{}".format(*server.getsockname())
+
+        def greet() -> None:
+            connection, _ = server.accept()
+            connection.sendall(b"SSH-2.0-OpenSSH_9.2")
+            connection.close()
+
+        threading.Thread(target=greet, daemon=True).start()
+        with (
+            pytest.raises(ConfigError, match="greet like a cluster"),
+            cluster(executor, 2, address),
+        ):
+            pass
 
 
 @pytest.mark.parametrize("executor", ["dask", "ray"])
