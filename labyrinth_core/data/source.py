@@ -266,7 +266,7 @@ def _available(source: str) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except (*UNAVAILABLE, yaml.YAMLError) as error:
+    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks for names.
         reason = (
             f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
         )

@@ -23,7 +23,7 @@ from typing import NamedTuple, TypeVar
 
 from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     FORMAT,
@@ -354,7 +354,7 @@ def _tabulate(
 
 def finished_shard(job: ShardJob) -> Shard | None:
     """Return the shard of a job if it was finished, None if it was not."""
-    with suppress(FileNotFoundError, ValueError, AttributeError):
+    with suppress(FileNotFoundError, *MALFORMED):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
         read_facts(job.facts, finished.labyrinths)
         if file_sha256(job.path) == finished.sha256:
