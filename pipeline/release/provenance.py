@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,8 @@ def command(config: DatasetConfig) -> str:
     }
     for name, value in config.newer_options().items():
         options[name] = f"[{','.join(value)}]" if isinstance(value, tuple) else value
-    return " ".join(["labyrinth-datasets", *(f"{name}={value}" for name, value in options.items())])
+    given = [f"{name}={value}" for name, value in options.items()]
+    return shlex.join(["labyrinth-datasets", *given])
 
 
 def code() -> str:

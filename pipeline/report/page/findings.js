@@ -60,7 +60,7 @@ function certificateOf(dataset) {
     spread,
   ]);
   const headings = [
-    "splits", "labyrinths", ...Object.values(COMMON), ...walls.map((count) => `≤ ${count} walls`),
+    "splits", "labyrinths", ...Object.values(COMMON), ...walls.map((count) => `≤ ${plural(+count, "wall")}`),
     "walls to the nearest",
   ];
   return [

@@ -418,6 +418,10 @@ def test_it_fits_a_phone_and_can_be_read_in_light_and_dark(open_report, scheme):
         page.locator(f"#tab-{part}").tap()
         assert page.locator(f"#{part}").is_visible()
         assert page.evaluate("document.documentElement.scrollWidth") == 390
+        assert page.evaluate(
+            "() => [...document.querySelectorAll('#analysis .scroll')]"
+            ".every((each) => each.scrollWidth <= each.clientWidth)"
+        )
         unnamed = page.evaluate(
             """() => [...document.querySelectorAll(
               "button, input, select, textarea, canvas[role], svg[role]"
