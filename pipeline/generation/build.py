@@ -1,7 +1,8 @@
-"""The build, which composes sample, solve, render and write; the manifest comes last.
+"""The build: from candidates to structures, to shards, to a dataset; the manifest comes last.
 
-Workers draw candidates in chunks. This process takes the structures of each split from them, which
-needs only their ids, and hands out shards. Workers solve, render and write a shard each.
+Workers draw candidates in chunks. This process takes the structures of each split from them, by
+their ids, and plans the shards. Workers make a shard each. At last the shards get their table and
+their manifest.
 
 A local dataset is built in `.NAME.building` beside its final folder, and moved there once finished.
 In an object store, which cannot rename, shards are uploaded under their final names, and the
@@ -11,19 +12,15 @@ from which a build that was stopped goes on.
 
 from __future__ import annotations
 
-import json
 import re
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, replace
 from functools import partial
-from itertools import islice
-from typing import NamedTuple, TypeVar
+from pathlib import Path
+from typing import NamedTuple
 
-from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     FORMAT,
@@ -34,16 +31,12 @@ from labyrinth_core.data.manifest import (
     TableFile,
     current_versions,
 )
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
-    file_sha256,
     new_file,
-    write_bytes,
-    write_text,
 )
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.candidates import (
@@ -52,47 +45,20 @@ from pipeline.generation.candidates import (
     Chunk,
     Records,
     draw_chunk,
-    unpack,
 )
-from pipeline.generation.render import render
+from pipeline.generation.grow import OldShard, unchanged
 from pipeline.generation.sample import check_capacity, sample
-from pipeline.generation.solve import solve
-from pipeline.generation.tabulate import FactsOfShard, facts_path, read_facts, write_table
-from pipeline.generation.variants import labyrinth_and_parent
+from pipeline.generation.shards import ShardJob, finished_shard, make_shard, not_as_it_was
+from pipeline.generation.tabulate import facts_path, read_facts, write_table
 from pipeline.generation.workplace import Workplace
-from pipeline.generation.write import write
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
 from pipeline.machinery.markdown import count
-from pipeline.machinery.worker import count_done
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
-
-CELLS_PER_BATCH = 2_000
-"""The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5."""
-
-Item = TypeVar("Item")
-
-
-@dataclass(frozen=True)
-class ShardJob:
-    """All that a worker needs to make one shard; equal jobs give equal bytes."""
-
-    config: DatasetConfig
-    split: str
-    first: int
-    """The index of its first labyrinth in the split."""
-    structures: Records
-    path: AnyPath
-    sidecar: AnyPath
-    """The file that marks the shard as finished, and describes it."""
-    facts: AnyPath
-    """The file of its part of the table of labyrinths."""
-    expected: str | None = None
-    """The SHA-256 that the file must have, if it is known already."""
 
 
 class Plan(NamedTuple):
@@ -131,8 +97,8 @@ def run(
         return
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
-        manifest = None if run.options.overwrite else _finished(run)
-        if manifest is not None:
+        manifest = None if run.options.overwrite else _there(run)
+        if manifest is not None and manifest.config == run.dataset:
             try:
                 _mend(run, workplace, manifest, plan_of)
             finally:
@@ -141,7 +107,7 @@ def run(
                     workplace.clear()
         else:
             _check(run, workplace)
-            manifest = _build(run, workplace, plan_of)
+            manifest = _build(run, workplace, partial(plan_of, shorter=manifest))
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
@@ -156,8 +122,12 @@ def _check(run: Run, workplace: Workplace) -> None:
     front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
 
 
-def _finished(run: Run) -> Manifest | None:
-    """Return the manifest of the dataset if it is finished, and was built with the same options."""
+def _there(run: Run) -> Manifest | None:
+    """Return the manifest of the dataset in the folder of a run, None if there is none.
+
+    It was built with the same options, or with fewer labyrinths. In an object store, where files
+    are not replaced all at once, it has as many.
+    """
     folder = run.folder
     if not (folder / MANIFEST).is_file():
         unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
@@ -174,7 +144,9 @@ def _finished(run: Run) -> Manifest | None:
         for each in fields(there)
         if getattr(there, each.name) != getattr(asked, each.name)
     ]
-    if differing:
+    grows = replace(there, labyrinths=asked.labyrinths) == asked and isinstance(folder, Path)
+    grows = grows and there.labyrinths < asked.labyrinths
+    if differing and not grows:
         raise DatasetError(
             f"{folder} holds a dataset with {'; '.join(differing)}: "
             "choose another data_dir, or give overwrite=true to replace it"
@@ -183,12 +155,24 @@ def _finished(run: Run) -> Manifest | None:
 
 
 def _plan(
-    run: Run, workplace: Workplace, cells_per_shard: int, cells_per_chunk: tuple[int, int]
+    run: Run,
+    workplace: Workplace,
+    cells_per_shard: int,
+    cells_per_chunk: tuple[int, int],
+    shorter: Manifest | None = None,
 ) -> Plan:
     """Return what there is to make; workers draw the candidates if there are many.
 
+    Args:
+        run: The run.
+        workplace: Where it builds.
+        cells_per_shard: As for `run`.
+        cells_per_chunk: As for `run`.
+        shorter: The dataset of the same folder that grows, if one does.
+
     Raises:
         ConfigError: There are fewer labyrinths than asked for.
+        DatasetError: A dataset cannot grow.
     """
     config, building = run.dataset, workplace.building
 
@@ -207,6 +191,13 @@ def _plan(
     sampled = sample(config, candidates)
     size = max(1, cells_per_shard // (config.height * config.width))
     shards = -(-config.labyrinths // size)
+    old: dict[tuple[str, int], OldShard] = {}
+    if shorter is not None and isinstance(run.folder, Path):
+        old = unchanged(run.folder, shorter, sampled.structures, size)
+        say(
+            f"{run.folder} grows from {shorter.config.labyrinths:,} to {config.labyrinths:,} "
+            f"labyrinths: {len(old)} of {count(shards * len(config.splits), 'shard')} stay."
+        )
     jobs = [
         ShardJob(
             config,
@@ -216,6 +207,7 @@ def _plan(
             workplace.shards / f"{name}.parquet",
             building / f"{name}.json",
             facts_path(building, f"{name}.parquet"),
+            old=old.get((split, first)),
         )
         for split in config.splits
         for first in range(0, config.labyrinths, size)
@@ -245,19 +237,12 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
     total = sum(shard.labyrinths for shard in manifest.shards if shard.path in expected)
     made = {s.path for s in tracked(((s.labyrinths, s) for s in shards), "build", total=total)}
     if missing := [name for name in expected if name not in made]:
-        raise DatasetError(_not_as_it_was(run.folder / missing[0]))
+        raise DatasetError(not_as_it_was(run.folder / missing[0]))
     names = [shard.path for shard in damaged]
     if not has_table:
         names.append(TABLE)
         _tabulate(manifest.config, workplace, run.folder, manifest.shards, manifest.labyrinths)
     say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(names)}.")
-
-
-def _not_as_it_was(path: AnyPath) -> str:
-    return (
-        f"{path} cannot be made again as its {MANIFEST} says, which names the versions that it "
-        "was made with: overwrite=true builds the whole dataset anew"
-    )
 
 
 def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manifest:
@@ -290,18 +275,19 @@ def _made(run: Run, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
     return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
 
 
-def _run_part(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> None:
+def _run_part(run: Run, workplace: Workplace, plan_of: Callable[..., Plan]) -> None:
     """Make the shards of a part: those whose numbers leave its number on division by all parts."""
     part, parts = run.part or (1, 1)
     with held(run.data_dir, run.dataset.name):
-        if not run.options.overwrite and _finished(run):
+        manifest = None if run.options.overwrite else _there(run)
+        if manifest is not None and manifest.config == run.dataset:
             say(f"{run.folder} is complete already.")
             return
         _check(run, workplace)
         workplace.prepare(run.dataset, parts=parts)
     # Under a name of its own, since parts are made at the same time.
     with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
-        shards = _made(run, plan_of().jobs[part % parts :: parts])
+        shards = _made(run, plan_of(shorter=manifest).jobs[part % parts :: parts])
     say(
         f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
         "parts are, the same command without part makes the dataset of them."
@@ -348,80 +334,8 @@ def _tabulate(
     with new_file(folder / TABLE, workplace.building) as path:
         written = write_table(path, config, parts)
         if expected not in (None, written):
-            raise DatasetError(_not_as_it_was(folder / TABLE))
+            raise DatasetError(not_as_it_was(folder / TABLE))
         return written
-
-
-def finished_shard(job: ShardJob) -> Shard | None:
-    """Return the shard of a job if it was finished, None if it was not."""
-    with suppress(FileNotFoundError, *MALFORMED):
-        finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
-        read_facts(job.facts, finished.labyrinths)
-        if file_sha256(job.path) == finished.sha256:
-            count_done(finished.labyrinths)
-            return finished
-    return None
-
-
-def make_shard(job: ShardJob) -> Shard:
-    """Make the shard of a job, or return the one that an earlier run has finished."""
-    if (finished := finished_shard(job)) is not None:
-        return finished
-    config, split, cut = job.config, job.split, 0
-    facts = FactsOfShard(split)
-    waiting: deque[tuple[int, Labyrinth | None]] = deque()
-    """The number and the parent of each labyrinth that is being solved."""
-
-    def labyrinths() -> Iterator[Labyrinth]:
-        for number, structure in enumerate(unpack(config, job.structures), start=job.first):
-            try:
-                labyrinth, parent = labyrinth_and_parent(config, split, structure)
-            except LabyrinthError:
-                if split not in SHIFTS:
-                    raise
-                continue  # Its parent has no such variant.
-            waiting.append((number, parent))
-            yield labyrinth
-
-    def episodes() -> Iterator[list[Row]]:
-        nonlocal cut
-        batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
-            number, parent = waiting.popleft()
-            cut += solution.cut
-            count_done(1)
-            info = ""
-            for rows in render(split, number, solution.episodes):
-                info = rows[0].info
-                yield rows
-            of, pieces = solution.episodes[0].labyrinth, len(solution.episodes)
-            facts.add(of, info, solution.shortest, solution.routes, pieces, parent)
-
-    with new_file(job.path, job.sidecar.parent) as path:
-        shard = write(path, split, episodes())
-        if job.expected not in (None, shard.sha256):
-            raise DatasetError(_not_as_it_was(job.path))
-    found = facts.array()
-    if not len(found):
-        parents = f"{len(job.structures)} labyrinths of {SPLITS[split].parent}"
-        raise ConfigError(
-            f"shifts: there is no {split} of any of {parents}; ask for more labyrinths, or leave "
-            f"{split} out"
-        )
-    shard = replace(shard, cut=cut, labyrinths=len(found))
-    write_bytes(job.facts, found.tobytes())
-    write_text(job.sidecar, json.dumps(asdict(shard)))
-    return shard
-
-
-def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """Yield the items, made `count` at a time.
-
-    Between two stages this keeps the processor at one kind of work for longer, which is faster.
-    """
-    iterator = iter(items)
-    while batch := list(islice(iterator, count)):
-        yield from batch
 
 
 def _loading_line(run: Run) -> str:

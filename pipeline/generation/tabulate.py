@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE_COLUMNS, table_schema
-from labyrinth_core.data.manifest import Shard, TableFile
+from labyrinth_core.data.labyrinth_table import (
+    MOST_ROUTES,
+    TABLE_COLUMNS,
+    table_file,
+    table_schema,
+)
+from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -142,6 +147,28 @@ def read_facts(path: AnyPath, labyrinths: int) -> Facts:
     facts: Facts = np.frombuffer(path.read_bytes(), FACTS)
     if len(facts) != labyrinths:
         raise ValueError(f"{path} holds the facts of {len(facts)} labyrinths, not of {labyrinths}")
+    return facts
+
+
+def table_facts(folder: AnyPath, manifest: Manifest) -> Facts:
+    """Return the facts that the table of a finished dataset holds; the inverse of `facts_table`.
+
+    Raises:
+        DatasetError: It has no table, or a damaged one.
+    """
+    import pyarrow.parquet as pq
+
+    names = list(FACTS.names or ())
+    with table_file(folder, manifest) as path:
+        table = pq.read_table(path, columns=names)
+    facts = np.empty(table.num_rows, FACTS)
+    for name in names:
+        values = table[name].to_pylist()
+        if name.endswith("_id"):  # What stands for null is -1.
+            digits = "".join(text or "f" * 16 for text in values)
+            facts[name] = np.frombuffer(bytes.fromhex(digits), ">i8")
+        else:
+            facts[name] = [NOTHING if value is None else value for value in values]
     return facts
 
 

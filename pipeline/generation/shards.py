@@ -1,0 +1,153 @@
+"""One shard: the job that describes it, and how it is solved, rendered and written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
+from typing import TypeVar
+
+from labyrinth_core.data.columns import Row
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Shard
+from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.storage import AnyPath, file_sha256, new_file, write_bytes, write_text
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from pipeline.config.errors import ConfigError
+from pipeline.generation.candidates import Records, unpack
+from pipeline.generation.grow import OldShard
+from pipeline.generation.render import render
+from pipeline.generation.solve import solve
+from pipeline.generation.tabulate import Facts, FactsOfShard, read_facts
+from pipeline.generation.variants import labyrinth_and_parent
+from pipeline.generation.write import write
+from pipeline.machinery.worker import count_done
+
+CELLS_PER_BATCH = 2_000
+"""The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5."""
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """All that a worker needs to make one shard; equal jobs give equal bytes."""
+
+    config: DatasetConfig
+    split: str
+    first: int
+    """The index of its first labyrinth in the split."""
+    structures: Records
+    path: AnyPath
+    sidecar: AnyPath
+    """The file that marks the shard as finished, and describes it."""
+    facts: AnyPath
+    """The file of its part of the table of labyrinths."""
+    expected: str | None = None
+    """The SHA-256 that the file must have, if it is known already."""
+    old: OldShard | None = None
+    """The same shard in the shorter dataset that grows, if there is one."""
+
+
+def not_as_it_was(path: AnyPath) -> str:
+    """Return why a file that was made anew is not kept."""
+    return (
+        f"{path} cannot be made again as its {MANIFEST} says, which names the versions that it "
+        "was made with: overwrite=true builds the whole dataset anew"
+    )
+
+
+def finished_shard(job: ShardJob) -> Shard | None:
+    """Return the shard of a job if it was finished, None if it was not."""
+    with suppress(FileNotFoundError, *MALFORMED):
+        finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
+        read_facts(job.facts, finished.labyrinths)
+        if file_sha256(job.path) == finished.sha256:
+            count_done(finished.labyrinths)
+            return finished
+    return None
+
+
+def make_shard(job: ShardJob) -> Shard:
+    """Make the shard of a job, or return the one that an earlier run has finished."""
+    finished = finished_shard(job) or _copied(job)
+    if finished is not None:
+        return finished
+    config, split, cut = job.config, job.split, 0
+    facts = FactsOfShard(split)
+    waiting: deque[tuple[int, Labyrinth | None]] = deque()
+    """The number and the parent of each labyrinth that is being solved."""
+
+    def labyrinths() -> Iterator[Labyrinth]:
+        for number, structure in enumerate(unpack(config, job.structures), start=job.first):
+            try:
+                labyrinth, parent = labyrinth_and_parent(config, split, structure)
+            except LabyrinthError:
+                if split not in SHIFTS:
+                    raise
+                continue  # Its parent has no such variant.
+            waiting.append((number, parent))
+            yield labyrinth
+
+    def episodes() -> Iterator[list[Row]]:
+        nonlocal cut
+        batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
+        for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
+            number, parent = waiting.popleft()
+            cut += solution.cut
+            count_done(1)
+            info = ""
+            for rows in render(split, number, solution.episodes):
+                info = rows[0].info
+                yield rows
+            of, pieces = solution.episodes[0].labyrinth, len(solution.episodes)
+            facts.add(of, info, solution.shortest, solution.routes, pieces, parent)
+
+    with new_file(job.path, job.sidecar.parent) as path:
+        shard = write(path, split, episodes())
+        if job.expected not in (None, shard.sha256):
+            raise DatasetError(not_as_it_was(job.path))
+    found = facts.array()
+    if not len(found):
+        parents = f"{len(job.structures)} labyrinths of {SPLITS[split].parent}"
+        raise ConfigError(
+            f"shifts: there is no {split} of any of {parents}; ask for more labyrinths, or leave "
+            f"{split} out"
+        )
+    return _leave(job, replace(shard, cut=cut, labyrinths=len(found)), found)
+
+
+def _copied(job: ShardJob) -> Shard | None:
+    """Return the shard of a job as a copy from the shorter dataset, None if it has none."""
+    if job.old is None:
+        return None
+    shard = replace(job.old.shard, path=job.path.name)
+    with suppress(FileNotFoundError):
+        if file_sha256(job.old.path) == shard.sha256:
+            with new_file(job.path, job.sidecar.parent) as path:
+                shutil.copyfile(job.old.path, path)
+            count_done(shard.labyrinths)
+            return _leave(job, shard, job.old.facts)
+    return None
+
+
+def _leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
+    """Mark a shard as finished, and return it."""
+    write_bytes(job.facts, facts.tobytes())
+    write_text(job.sidecar, json.dumps(asdict(shard)))
+    return shard
+
+
+def batched(items: Iterable[Item], count: int) -> Iterator[Item]:
+    """Yield the items, made `count` at a time.
+
+    Between two stages this keeps the processor at one kind of work for longer, which is faster.
+    """
+    iterator = iter(items)
+    while batch := list(islice(iterator, count)):
+        yield from batch

@@ -1,0 +1,157 @@
+"""Datasets that grow: a longer one keeps the shards that a shorter one has filled."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from interrupting import CrashError, before_each_shard
+from tampering import content_of, manifest_of
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from pipeline.config.dataset import SplitsConfig
+from pipeline.config.run import Run
+from pipeline.generation.tabulate import facts_table, table_facts
+
+Build = Callable[..., Run]
+
+OF_FOUR: dict[str, Any] = {"size": "4", "random_steps": 20, "cells_per_shard": 16 * 4}
+"""Four labyrinths in a shard."""
+CHUNKS = {"cells_per_chunk": (16 * 20, 16 * 8)}
+
+
+@pytest.fixture(scope="module")
+def short(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten labyrinths a split; copy it before you change it."""
+    return build(tmp_path_factory.mktemp("short"), **OF_FOUR, labyrinths=10).data_dir
+
+
+@pytest.fixture(scope="module")
+def long(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("long"), **OF_FOUR, labyrinths=17).data_dir
+
+
+def test_a_longer_dataset_keeps_the_shards_that_were_full(
+    build: Build, tmp_path: Path, short: Path, long: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_dir = Path(shutil.copytree(short, tmp_path / "data"))
+    build(data_dir, **OF_FOUR, labyrinths=17)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "4x4 grows from 10 to 17 labyrinths: 12 of 30 shards stay." in printed
+    assert content_of(data_dir) == content_of(long)
+    before, after = (
+        {shard.sha256 for shard in Manifest.read(each / "4x4").shards} for each in (short, long)
+    )
+    assert len(before & after) == 12
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"shifts": ("g", "test_g")},
+        {"task": "icy_floor"},
+        {"solutions": "all", "goals": "varied"},
+        CHUNKS,
+    ],
+    ids=str,
+)
+def test_datasets_of_every_kind_grow_to_the_bytes_that_a_new_one_has(
+    build: Build, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    for labyrinths in (6, 10, 16):
+        grown = build(tmp_path / "grown", **OF_FOUR | options, labyrinths=labyrinths)
+    new = build(tmp_path / "new", **OF_FOUR | options, labyrinths=16)
+    assert content_of(grown.data_dir) == content_of(new.data_dir)
+
+
+def damage_shard(folder: Path) -> None:
+    (folder / "train-00000-of-00003.parquet").write_bytes(b"half")
+    (folder / "s0-00001-of-00003.parquet").unlink()
+
+
+def change_versions(folder: Path) -> None:
+    with manifest_of(folder) as content:
+        content["versions"]["numpy"] = "0.1"
+
+
+@pytest.mark.parametrize("happens", [damage_shard, change_versions])
+def test_a_shard_that_cannot_be_kept_is_made(
+    build: Build, tmp_path: Path, short: Path, long: Path, happens: Callable[[Path], None]
+) -> None:
+    data_dir = Path(shutil.copytree(short, tmp_path / "data"))
+    happens(data_dir / "4x4")
+    build(data_dir, **OF_FOUR, labyrinths=17)
+    assert content_of(data_dir) == content_of(long)
+
+
+def test_the_shorter_dataset_stays_until_the_longer_one_is_whole(
+    build: Build, tmp_path: Path, short: Path, long: Path
+) -> None:
+    data_dir = Path(shutil.copytree(short, tmp_path / "data"))
+    left = iter(range(20))
+
+    def stop() -> None:
+        if next(left, None) is None:
+            raise CrashError
+
+    with before_each_shard(stop), pytest.raises(CrashError):
+        build(data_dir, **OF_FOUR, labyrinths=17)
+    assert content_of(data_dir / "4x4") == content_of(short / "4x4")
+    for part in ("2/2", "1/2"):
+        build(data_dir, **OF_FOUR, labyrinths=17, part=part)
+    build(data_dir, **OF_FOUR, labyrinths=17)
+    assert content_of(data_dir) == content_of(long)
+
+
+def no_table(folder: Path) -> None:
+    (folder / "labyrinths.parquet").unlink()
+    with manifest_of(folder) as content:
+        del content["labyrinths"]
+
+
+@pytest.mark.parametrize(
+    ("before", "options", "words"),
+    [
+        ({}, {"labyrinths": 9}, "labyrinths=10, not 9: choose another data_dir"),
+        ({}, {"labyrinths": 11, "seed": 1}, "labyrinths=10, not 11; seed=0, not 1"),
+        # Validation and test depend on all of train then.
+        ({"splits": SplitsConfig(6)}, {"labyrinths": 60}, "not all of which are in a longer one"),
+        ({"shifts": ("open",)}, {"labyrinths": 60}, "not all of which are in a longer one"),
+        # As an earlier version, which knew no chunks, has sampled.
+        ({"cells_per_chunk": (10**6, 1)}, {"labyrinths": 17, **CHUNKS}, "not all of which are"),
+        (no_table, {"labyrinths": 17}, "overwrite=true builds it anew"),
+    ],
+)
+def test_what_would_lose_labyrinths_is_refused(
+    build: Build, tmp_path: Path, before: Any, options: dict[str, Any], words: str
+) -> None:
+    given = {} if callable(before) else before
+    folder = build(tmp_path, **OF_FOUR | {"labyrinths": 10} | given).folder
+    if callable(before):
+        before(folder)
+    there = content_of(folder)
+    with pytest.raises(DatasetError, match=words):
+        build(tmp_path, **OF_FOUR | given | options)
+    assert content_of(folder) == there
+    assert Manifest.read(build(tmp_path, **OF_FOUR | given | options, overwrite=True).folder)
+
+
+def test_facts_are_read_from_the_table_as_they_were_written(short: Path) -> None:
+    manifest = Manifest.read(short / "4x4")
+    facts = table_facts(short / "4x4", manifest)
+    assert len(facts) == 60
+    assert len(np.unique(facts["labyrinth_id"])) > 40
+    first = 0
+    for split in manifest.config.splits:
+        rows = facts[first : first + 10]
+        first += 10
+        table = facts_table(manifest.config, split, rows, 0)
+        assert table["structure_id"].to_pylist() == [
+            f"{each:016x}" for each in rows["structure_id"]
+        ]
+        assert (table["parent_id"].null_count > 0) == (split in ("train", "validation", "test"))
