@@ -117,8 +117,8 @@ def no_table(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "options", "words"),
     [
-        ({}, {"labyrinths": 9}, "labyrinths=10, not 9: choose another data_dir"),
-        ({}, {"labyrinths": 11, "seed": 1}, "labyrinths=10, not 11; seed=0, not 1"),
+        ({}, {"labyrinths": 9}, "labyrinths=10, not labyrinths=9: choose"),
+        ({}, {"labyrinths": 11, "seed": 1}, "labyrinths=10, not labyrinths=11; seed=0, not"),
         # Validation and test depend on all of train then.
         ({"splits": SplitsConfig(6)}, {"labyrinths": 60}, "not all of which are in a longer one"),
         ({"shifts": ("open",)}, {"labyrinths": 60}, "not all of which are in a longer one"),
