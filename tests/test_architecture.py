@@ -52,6 +52,7 @@ ROOMS = {
         "labyrinth_core.world",
         "labyrinth_core.language",
         "labyrinth_core.pictures",
+        "labyrinth_core.data",  # To write files as all are written.
     ),
     "labyrinth_core": ("labyrinth_core",),
     "pipeline.config": ("labyrinth_core",),

@@ -13,6 +13,7 @@ import numpy as np
 from labyrinth_core.command.arguments import ERRORS, GIF_ROUTES, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
 from labyrinth_core.command.terminal_play import draw, play
+from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, read_text
@@ -70,7 +71,7 @@ def _show(options: Namespace) -> int:
     labyrinth = _load(options)
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
-        options.png.write_bytes(_picture(labyrinth, cells))
+        write_bytes(options.png, _picture(labyrinth, cells))
         return 0
     sys.stdout.write(draw(labyrinth, route=cells, colour=_in_colour()))
     return 0
@@ -197,7 +198,7 @@ def _animate(options: Namespace) -> int:
         picture = gif(frames_of(replay(labyrinth, actions)) for actions in routes)
     except ImportError as error:
         raise RequestError("a moving picture needs Pillow: pip install pillow") from error
-    options.gif.write_bytes(picture)
+    write_bytes(options.gif, picture)
     return 0
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.source import locate
-from labyrinth_core.data.storage import file_sha256, temporary_beside, write_text
+from labyrinth_core.data.storage import temporary_beside, write_text
 from pipeline.config.errors import check, listed
 from pipeline.config.export import EXPORTS
 from pipeline.config.run import Run
@@ -33,7 +33,7 @@ from pipeline.machinery.folders import (
     remove,
     wait_for_disk,
 )
-from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
+from pipeline.machinery.own_files import HASHES, OwnFiles, list_all
 
 RECORD = "labyrinth.json"
 """The file in the folder of each export that says where it comes from."""
@@ -67,9 +67,7 @@ def run(run: Run) -> None:
                 with _made_whole(target) as folder:
                     write(split, folder)
                     write_text(folder / RECORD, json.dumps(split.record(), indent=2) + "\n")
-                    files = [path for path in folder.rglob("*") if path.is_file()]
-                    names = (path.relative_to(folder).as_posix() for path in files)
-                    write_list(folder, zip(names, map(file_sha256, files), strict=True))
+                    list_all(folder)
         state = "is there already" if there else f"has {split.count:,} episodes"
         again = f"; made anew, as damaged or missing: {', '.join(damaged)}" if damaged else ""
         say(f"{target} {state}{again}")

@@ -172,9 +172,17 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
         values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
     except yaml.YAMLError:
         values = None
-    if not fence or not isinstance(values, dict) or "configs" not in values:
+    if not fence or not isinstance(values, dict) or not _are_ours(values.get("configs")):
         raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
     return values, text
+
+
+def _are_ours(configs: object) -> bool:
+    """Return whether a front matter has configs, and none of another dataset."""
+    if not isinstance(configs, list):
+        return False
+    names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
+    return all(_CONFIG_NAME.fullmatch(name.removesuffix(f"-{SPLIT}")) for name in names)
 
 
 def licence_of(values: Mapping[str, Any]) -> str:

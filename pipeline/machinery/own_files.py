@@ -140,3 +140,10 @@ def leave(folder: AnyPath, files: Mapping[str, bytes], always: str) -> None:
         own = OwnFiles.read(folder, always)
         own.refuse_others(files)
         write_list(folder, own.replace(files, gone=()).hashes)
+
+
+def list_all(folder: Path) -> None:
+    """Write the list of all files of a folder that holds nothing else."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    names = (path.relative_to(folder).as_posix() for path in files)
+    write_list(folder, zip(names, map(file_sha256, files), strict=True))

@@ -15,7 +15,7 @@ from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
 from pipeline.release.figures import FIGURES
 from pipeline.release.plan import DATASET, Kind
-from pipeline.release.readme import BANNER, PICTURES, picture_path
+from pipeline.release.readme import BANNER, picture_path
 from pipeline.release.side_files import is_changelog
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
@@ -28,8 +28,7 @@ def own_files(data_dir: AnyPath) -> OwnFiles:
     Raises:
         DatasetError: There is a SHA256SUMS of another program.
     """
-    # The second is in every list but one that a first run was killed over.
-    return OwnFiles.read(data_dir, always=rf"{PICTURES}/[^/]+\.png|[^/]+/{MANIFEST}")
+    return OwnFiles.read(data_dir, always=DATASET.listed)
 
 
 def pictures_of(configs: Sequence[str]) -> list[str]:

@@ -37,6 +37,7 @@ from labyrinth_core.policies.spec import (
 from pipeline.config.run import Run
 from pipeline.config.training import POLICY, RECORD
 from pipeline.machinery.markdown import count, plain, table, verbatim
+from pipeline.machinery.own_files import list_all
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import code
 from pipeline.release.remote import PublishError, Remote, explained
@@ -139,6 +140,7 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
         (folder / EVAL_RESULTS).mkdir()
         name = f"{dataset.rpartition('/')[2]}.yaml"
         write_text(folder / EVAL_RESULTS / name, _eval_results(trained))
+        list_all(folder)
         yield folder
 
 

@@ -6,8 +6,8 @@ Repositories are of three kinds: datasets, models (policies) and Spaces (reports
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -23,13 +23,9 @@ class Kind:
     name: Literal["dataset", "model", "space"]
     """As the Hub calls it."""
     data: str
-    """The paths of what is published, as a regular expression."""
-    card: str
-    """The paths of what describes it."""
-
-    def is_ours(self, path: str) -> bool:
-        """Return whether a file may be part of an earlier release; others are left alone."""
-        return self.is_data(path) or re.fullmatch(self.card, path, re.ASCII) is not None
+    """The paths of what is published, not of what describes it, as a regular expression."""
+    listed: str
+    """The paths that every SHA256SUMS of a release names, likewise."""
 
     def is_data(self, path: str) -> bool:
         """Return whether a file is part of a release, and not of its card."""
@@ -39,17 +35,10 @@ class Kind:
 DATASET = Kind(
     "dataset",
     data=r"\d+x\d+(-\w+)?/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
-    # Not eval.yaml: one that a person keeps, with what the Hub asks of a benchmark, stays there.
-    card=(
-        r"README\.md|CHANGELOG\.md|CITATION\.cff|SHA256SUMS|croissant\.json"
-        r"|\d+x\d+(-\w+)?/(analysis|counts)\.json"
-        r"|pictures/(labyrinth|\d+x\d+-[\w-]+)\.png"
-    ),
+    listed=r"[^/]+/manifest\.json|pictures/[^/]+\.png",
 )
-# Other results are often other people's, so that none are deleted.
-MODEL = Kind("model", data=r"config\.json|model\.safetensors", card=r"README\.md")
-# Earlier versions published figures beside the page.
-SPACE = Kind("space", data=r"index\.html", card=r"README\.md|figures/\d+x\d+[\w-]*\.(svg|png)")
+MODEL = Kind("model", data=r"config\.json|model\.safetensors", listed=r"model\.safetensors")
+SPACE = Kind("space", data=r"index\.html", listed=r"index\.html")
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (DATASET, MODEL, SPACE)}
 
 
@@ -63,6 +52,8 @@ class Plan:
     add: list[str]
     keep: list[str]
     delete: list[str]
+    others: list[str] = field(default_factory=list)
+    """Paths of `add` at which the Hub holds a file that is not of a release."""
 
     @property
     def bytes(self) -> int:
@@ -80,21 +71,31 @@ class Plan:
         return [path for path in [*self.add, *self.delete] if self.kind.is_data(path)]
 
 
-def make_plan(kind: Kind, files: Mapping[str, Path], remote: Mapping[str, str]) -> Plan:
+def make_plan(
+    kind: Kind,
+    files: Mapping[str, Path],
+    remote: Mapping[str, str],
+    released: Callable[[Mapping[str, str]], Collection[str]] = lambda _: (),
+) -> Plan:
     """Return what to change so that the Hub holds these files.
 
     Args:
         kind: The kind of the repository.
         files: By their path on the Hub.
         remote: What it holds now, as from `Remote.tree`.
+        released: Returns which files of a part of it an earlier release has left there; others
+            are neither replaced nor deleted.
     """
     keep = [path for path, local in files.items() if path in remote and _same(local, remote[path])]
+    add = [path for path in files if path not in keep]
+    ours = released({path: remote[path] for path in sorted(remote.keys() - set(keep))})
     return Plan(
         kind=kind,
         files=files,
-        add=[path for path in files if path not in keep],
+        add=add,
         keep=keep,
-        delete=[path for path in sorted(remote) if path not in files and kind.is_ours(path)],
+        delete=[path for path in sorted(ours) if path not in files],
+        others=[path for path in add if path in remote and path not in ours],
     )
 
 

@@ -13,8 +13,9 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, constants
@@ -147,7 +148,7 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
                 "not go back: choose a later version, or another publish.branch"
             )
         return False
-    plan = make_plan(remote.kind, files_of(remote.kind, folder), remote.tree(tagged))
+    plan = _plan(remote, files_of(remote.kind, folder), tagged)
     if plan.data:
         raise PublishError(
             f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
@@ -168,7 +169,12 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
         remote.create(private=options.private)
     head = remote.head(options.branch) if exists or not options.dry_run else ""
     files = files_of(remote.kind, folder)
-    plan = make_plan(remote.kind, files, remote.tree(head) if head else {})
+    plan = _plan(remote, files, head)
+    if plan.others and not remote.is_new(head):
+        raise PublishError(
+            f"{remote.repo_id} holds {', '.join(plan.others[:3])}, made or changed by somebody "
+            "else, so not written over: rename or delete it there, or choose another id"
+        )
     if others := list(left_out(folder, list(files))):
         say(f"not part of the release, and not published: {', '.join(others)}.")
     _print_plan(plan, remote, options, exists)
@@ -185,6 +191,12 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     remote.tag(options.version, head)
     say(f"tagged {options.version} at {head[:12]}.")
     return True
+
+
+def _plan(remote: Remote, files: Mapping[str, Path], commit: str) -> Plan:
+    """Return what to change in a commit, empty where there is none, so that it has these files."""
+    tree = remote.tree(commit) if commit else {}
+    return make_plan(remote.kind, files, tree, partial(remote.released, commit))
 
 
 def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: bool) -> None:

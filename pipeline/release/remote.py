@@ -5,15 +5,18 @@ The client repeats some of its calls after a fault of the Hub, others not; those
 
 from __future__ import annotations
 
+import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from json import JSONDecodeError
+from pathlib import Path
 from typing import Any, TypeVar
 
 from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import (  # type: ignore[attr-defined]
+    EntryNotFoundError,
     HfHubHTTPError,
     HTTPError,
     RevisionNotFoundError,
@@ -21,6 +24,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.hub import SilentHubError
+from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.release.plan import SPACE, Kind
 
 WAITS = (0.2, 1.0, 3.0)
@@ -141,6 +145,35 @@ class Remote:
             for entry in entries
             if isinstance(entry, RepoFile)
         }
+
+    def released(self, commit: str, files: Mapping[str, str]) -> set[str]:
+        """Return which files of a commit are as a release has left them, by its SHA256SUMS.
+
+        Args:
+            commit: The commit.
+            files: Some of its files, as from `tree`.
+        """
+        with tempfile.TemporaryDirectory(prefix="labyrinth-release-") as folder:
+
+            def download(path: str) -> None:
+                self._call("hf_hub_download", filename=path, revision=commit, local_dir=folder)
+
+            try:
+                download(HASHES)
+                own = OwnFiles.read(Path(folder), self.kind.listed)
+            except (EntryNotFoundError, DatasetError):  # There is none, or somebody else's.
+                return set()
+            listed = {name for name, _ in own.hashes}
+            for path in files:
+                if path in listed and len(files[path]) != 64:  # Git has another hash of it.
+                    download(path)
+            found = {path for path in files if (path, files[path]) in own.hashes or own.has(path)}
+            return found | ({HASHES} & files.keys())
+
+    def is_new(self, commit: str) -> bool:
+        """Return whether a commit holds nothing but what the Hub puts into a new repository."""
+        commits = self._call("list_repo_commits", revision=commit)
+        return [each.title for each in commits] == ["initial commit"]
 
     def proposals(self, title: str) -> dict[str, str]:
         """Return ref -> address of each open pull request with a title."""

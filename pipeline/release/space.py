@@ -14,7 +14,7 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.run import Run
-from pipeline.machinery.own_files import OwnFiles
+from pipeline.machinery.own_files import OwnFiles, list_all
 from pipeline.release.provenance import code
 from pipeline.release.texts import fill
 
@@ -43,4 +43,5 @@ def staged_report(run: Run) -> Iterator[Path]:
         shutil.copyfile(source / PAGE, folder / PAGE)
         card = fill("space.md", dataset=dataset, code=code())
         (folder / "README.md").write_text(card, encoding="utf-8")
+        list_all(folder)
         yield folder

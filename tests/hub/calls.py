@@ -411,6 +411,23 @@ def _pointed(hub: HubState, repository: Repository, ref: str, revision: str) -> 
     return as_json({})
 
 
+@route("GET", f"{REPO}/commits/{REVISION}")
+def list_commits(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+    repository = _visible(hub, request, kind, name)
+    return as_json(
+        [
+            {
+                "id": commit.oid,
+                "title": commit.title,
+                "message": "",
+                "authors": [{"user": name.split("/")[0]}],
+                "date": "2026-11-23T00:00:00.000Z",
+            }
+            for commit in repository.history(_commit(repository, revision))
+        ]
+    )
+
+
 @route("GET", rf"{FILES}/resolve/{REVISION}/(?P<path>.+)")
 def resolve(
     hub: HubState, request: Request, kind: str, name: str, revision: str, path: str

@@ -121,7 +121,7 @@ def test_a_picture_that_cannot_be_is_refused_in_one_line(run, refused, tmp_path)
     assert "a picture has room for" in refused("show", path, "--png", tmp_path / "x.png")
     folder = tmp_path / "folder.png"
     folder.mkdir()
-    assert "Is a directory" in refused("show", NAVIGATION, "--png", folder)
+    assert "folder.png: is not a regular file" in refused("show", NAVIGATION, "--png", folder)
     path = tmp_path / "picture.jpg"
     assert "give a name that ends in .png" in refused("show", NAVIGATION, "--png", path)
     assert not path.exists()

@@ -155,6 +155,14 @@ def test_a_file_called_like_a_lock_is_named_and_kept(build: Build, folder: Path,
     assert (folder.parent / name).read_text() == "years of work"
 
 
+def test_the_readme_of_another_dataset_is_not_changed(build: Build, tmp_path: Path) -> None:
+    theirs = "---\nconfigs:\n- config_name: default\n  data_files: mine.csv\n---\n# Mine\n"
+    (tmp_path / "README.md").write_text(theirs)
+    with pytest.raises(DatasetError, match=r"README\.md is not the README of a dataset"):
+        build(tmp_path)
+    assert content_of(tmp_path) == {"README.md": theirs.encode()}
+
+
 def test_what_was_analysed_of_a_dataset_is_replaced_with_it(
     build: Build, folder: Path, make_run: Build
 ) -> None:

@@ -5,9 +5,14 @@ from __future__ import annotations
 from pipeline.release.plan import DATASET, make_plan
 
 
-def test_an_eval_file_of_a_person_stays_on_the_hub_where_the_release_has_none(tmp_path):
-    there = dict.fromkeys(("CITATION.cff", "eval.yaml", "notes.txt"), "0" * 40)
-    assert make_plan(DATASET, {}, there).delete == ["CITATION.cff"]
-    ours = tmp_path / "eval.yaml"
-    ours.write_text("name: Labyrinth\n")
-    assert make_plan(DATASET, {"eval.yaml": ours}, there).add == ["eval.yaml"]
+def test_only_what_a_release_has_left_on_the_hub_is_replaced_or_deleted(tmp_path):
+    names = ("CITATION.cff", "eval.yaml", "README.md", "2x2/train-00000-of-00001.parquet")
+    there = dict.fromkeys(names, "0" * 40)
+    here = {name: tmp_path / name for name in ("README.md", "eval.yaml", "croissant.json")}
+    for path in here.values():
+        path.write_text("ours")
+    plan = make_plan(DATASET, here, there, lambda _: {"CITATION.cff", "README.md"})
+    assert plan.add == list(here)
+    assert plan.delete == ["CITATION.cff"]
+    assert plan.others == ["eval.yaml"]
+    assert make_plan(DATASET, here, there).others == ["README.md", "eval.yaml"]

@@ -286,15 +286,16 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
 
     shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
     published(local_hub, releasable)
-    theirs = [local_hub.commit(REPO, path, b"mine") for path in ("notes.txt", "raw/rows.parquet")]
+    names = ("notes.txt", "3x3/data-00000-of-00009.parquet")
+    theirs = [local_hub.commit(REPO, path, b"mine") for path in names]
     old = held(local_hub)
     shutil.rmtree(releasable / "3x3-icy_floor")
     lines = dry()
     published(local_hub, releasable, "1.1.0")
     assert local_hub.history(REPO)[1] == theirs[1]
     new = held(local_hub)
-    assert new.pop("notes.txt") == new.pop("raw/rows.parquet") == old.pop("notes.txt")
-    del old["raw/rows.parquet"]
+    assert new.pop(names[0]) == new.pop(names[1]) == old.pop(names[0])
+    del old[names[1]]
     assert new == built(releasable)
     assert plan(lines, "add") == sorted(path for path in new if old.get(path) != new[path])
     assert plan(lines, "keep") == sorted(p for p in new if old.get(p) == new[p])
@@ -303,6 +304,24 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
     assert f"{len(plan(lines, 'add'))} files to add ({size / 1e6:.2f} MB)" in lines[-1]
     (line,) = dry()
     assert line.startswith("1.1.0 is published already, at ")
+
+
+def test_files_of_a_person_on_the_hub_stop_the_release_that_would_replace_them(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    local_hub.create_repo(REPO)
+    local_hub.commit(REPO, "3x3/manifest.json", b"mine")
+    local_hub.commit(REPO, "README.md", b"mine")
+    for version in ("1.0.0", "1.1.0"):
+        before = local_hub.history(REPO)
+        error = error_of(publish(local_hub, releasable, version))
+        assert error.startswith(f"{REPO} holds README.md")
+        assert "made or changed by somebody else, so not written over: rename or" in error
+        assert local_hub.history(REPO) == before
+        if version == "1.0.0":
+            local_hub.remove(REPO, "README.md", "3x3/manifest.json")
+            published(local_hub, releasable)
+            local_hub.commit(REPO, "README.md", b"mine")
 
 
 def test_files_of_a_person_are_not_published_and_are_named(

@@ -139,9 +139,13 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     assert (front["sdk"], front["app_file"], front["datasets"]) == ("static", "index.html", [REPO])
     assert f"(https://huggingface.co/spaces/{SPACE})" in text(REPO, "README.md", "dataset")
     here, there = built(data_dir / "report"), held(local_hub, "1.0.0", SPACE, "space")
-    assert here.pop("SHA256SUMS")
+    assert here.pop("SHA256SUMS") != there["SHA256SUMS"]  # There the card is listed, too.
     assert {path: there[path] for path in here} == here
-    assert there.keys() - here.keys() == {"README.md", "style.css"}  # The Hub's, left alone.
+    assert there.keys() - here.keys() == {
+        "README.md",
+        "SHA256SUMS",
+        "style.css",
+    }  # The Hub's, left alone.
 
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
     arguments = (json.dumps(blocks), str(data_dir), MODEL, SPACE)
@@ -206,6 +210,7 @@ def test_a_version_of_a_policy_is_published_once_and_a_dry_run_changes_nothing(
     assert re.findall(r"^  add    (\S+)$", printed, re.MULTILINE) == [
         ".eval_results/labyrinth.yaml",
         "README.md",
+        "SHA256SUMS",
         "config.json",
         "model.safetensors",
     ]
