@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterable
 
 
@@ -18,3 +20,12 @@ def check(holds: bool, message: str) -> None:
 def listed(words: Iterable[object]) -> str:
     """Return words as a list for a message."""
     return f"[{', '.join(map(str, words))}]"
+
+
+def as_typed(name: str, value: str) -> str:
+    """Return an option as it is typed in a shell, in quotation marks for Hydra where need be."""
+    if not re.fullmatch(r"[\w./:@%+-]+", value, re.ASCII):
+        # A backslash counts for Hydra before a quotation mark alone, also the closing one.
+        value = re.sub(r'(\\*)"', r'\1\1\\"', value)
+        value = f'"{value}{value[len(value.rstrip(chr(92))) :]}"'
+    return shlex.quote(f"{name}={value}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import shlex
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import TextWrapper
@@ -24,7 +25,7 @@ from labyrinth_core.evaluation.description import RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
-from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.errors import ConfigError, as_typed, check, listed
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import (
@@ -281,7 +282,15 @@ def refusal(error: Exception) -> str:
         name, _, value = error.override.partition("=")
         return (
             f"{error.override}: a value with characters such as ( ) , = & needs quotation marks "
-            f"for Hydra inside those of the shell: '{name}=\"{value}\"'"
+            f"for Hydra inside those of the shell: {as_typed(name, value)}"
+        )
+    several = re.match(r"Ambiguous value for argument '(.*?)=(.*)'$", text, re.MULTILINE)
+    if several:
+        name, value = several.groups()
+        listed_values = shlex.quote(f"{name}=[{value}]")
+        return (
+            f"{name}={value}: give {as_typed(name, value)} for one text, {listed_values} for a "
+            "list, or -m for one run after the other"
         )
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())

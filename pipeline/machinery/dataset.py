@@ -5,7 +5,7 @@ from __future__ import annotations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
-from pipeline.config.errors import ConfigError, check
+from pipeline.config.errors import ConfigError, as_typed, check
 from pipeline.config.run import Run
 
 
@@ -19,7 +19,7 @@ def manifest_of(run: Run) -> Manifest:
     options = run.options
     if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
         size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
-        command = f"labyrinth-datasets {size} data_dir={run.data_dir}"
+        command = f"labyrinth-datasets {size} {as_typed('data_dir', str(run.data_dir))}"
         raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
     try:
         folder = locate(run.source, run.dataset.name, [], options.revision)

@@ -445,3 +445,23 @@ def test_too_little_memory_is_told_in_one_line_and_finished_shards_are_kept(
     assert reason in line
     assert "finished" in line
     assert list(tmp_path.glob(".3x3.building/train-*.json"))
+
+
+@pytest.mark.parametrize("name", ["a'b", "a,b", 'a"b', "a(b"])
+def test_the_line_that_is_to_be_typed_can_be_pasted(tmp_path: Path, name: str) -> None:
+    error = error_of(run(tmp_path, f"data_dir={name}"))
+    typed = re.search(r"(?:of the shell: |: give )(.*?)(?: for one text, .*)?$", error)
+    assert typed is not None
+    command = f"{sys.executable} {RUN} {typed[1]} stages=[build] size=2x3 labyrinths=1"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", ["a:b", "./a:b"])
+def test_a_folder_may_have_a_colon_in_its_name(tmp_path: Path, name: str) -> None:
+    options = ("size=2x3", "labyrinths=2", f"data_dir={name}")
+    done = run(tmp_path, *options, "stages=[build,validate,analyse,card,report]")
+    assert done.returncode == 0, done.stderr
+    (next((tmp_path / "a:b" / "2x3").glob("train-*.parquet"))).unlink()
+    assert run(tmp_path, *options, "stages=[build]").returncode == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 from contextlib import suppress
 from dataclasses import FrozenInstanceError, fields, is_dataclass
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 import yaml
 from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +21,7 @@ from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
-from pipeline.config.errors import ConfigError
+from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.run import (
     OPTIONS,
     STAGES,
@@ -421,3 +423,12 @@ def test_json_with_other_fields_is_no_dataset_config() -> None:
     for changed in [good | {"extra": 1}, {k: v for k, v in good.items() if k != "seed"}, {}]:
         with pytest.raises(ValueError, match="a dataset's config has the fields"):
             DatasetConfig.from_json(changed)
+
+
+@given(
+    st.text(st.sampled_from("ab'\",\\\\ =(){}[]#$*:~;&|é"), min_size=1).map(lambda text: f"x{text}")
+)
+def test_an_option_is_typed_so_that_shell_and_hydra_give_its_value(value: str) -> None:
+    (argument,) = shlex.split(as_typed("data_dir", value))
+    found = OverridesParser.create().parse_override(argument).value()
+    assert getattr(found, "text", found) == value

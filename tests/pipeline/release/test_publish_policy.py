@@ -191,7 +191,7 @@ def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
         rule = local_hub.faults.hold("POST", "/commit/", after=landed)
         kill_in(local_hub, rule, nowhere, *options, repo="")
         files = held(local_hub, "main", MODEL, "model")
-        assert len(files) == (4 if landed else 0)
+        assert len(files) == (5 if landed else 0)
         assert local_hub.refs(MODEL, "model").keys() == {"refs/heads/main"}
     printed = published(local_hub, nowhere, *options, repo="")
     assert "0 files to add" in printed
