@@ -51,9 +51,11 @@ class OneOf:
 
 @dataclass(frozen=True)
 class Each:
-    """A list of any length, each item of which has a shape."""
+    """A list, each item of which has a shape."""
 
     of: Any
+    most: int | None = None
+    """The largest number of items; None for any."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,10 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
         for number, (item, of) in enumerate(zip(value, shape, strict=True)):
             check_shape(item, of, f"{place}[{number}]")
     elif isinstance(shape, Each):
+        whole = isinstance(shape.of, Number | Text)  # Which need no look inside.
         for number, item in enumerate(value):
-            check_shape(item, shape.of, f"{place}[{number}]")
+            if not whole or _unmet(item, shape.of) is not None:
+                check_shape(item, shape.of, f"{place}[{number}]")
     elif isinstance(shape, Named):
         for name, item in value.items():
             check_shape(name, shape.name, f"a name in {place}")
@@ -143,5 +147,6 @@ def _unmet(value: Any, shape: Any) -> str | None:
         fits = isinstance(value, list) and len(value) == len(shape)
         return None if fits else f"a list of {len(shape)}"
     if isinstance(shape, Each):
-        return None if isinstance(value, list) else "a list"
+        fits = isinstance(value, list) and (shape.most is None or len(value) <= shape.most)
+        return None if fits else "a list" + (f" of {shape.most} at most" if shape.most else "")
     return None if type(value) is type(shape) and value == shape else repr(shape)

@@ -6,6 +6,7 @@ again from the rows of the dataset.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -168,18 +169,27 @@ class KnownDataset:
         """The fingerprint of its rows."""
         return self.manifest.fingerprint
 
-    def miscounted(self, split: str, count: int, learnt: int | None) -> Iterator[str]:
-        """Yield why a split has not so many labyrinths; for `learnt` see `split`."""
-        held = sum(shard.labyrinths for shard in self.manifest.of(split)) if self._has(split) else 0
-        if learnt is not None and is_of_train(split):
-            held = min(held, learnt)
-        if not held:
-            yield f"{self.place} has no such split"
-        elif count != held:
-            yield f"{count} labyrinths, but {self.place} has {held}"
+    def require_counts(self, counts: Mapping[str, int], learnt: int | None) -> None:
+        """Check the number of labyrinths of each split, for which no row is read.
 
-    def _has(self, split: str) -> bool:
-        return any(shard.split == split for shard in self.manifest.shards)
+        Args:
+            counts: Split -> number of labyrinths.
+            learnt: As `split` has it.
+
+        Raises:
+            ValueError: The dataset has another number, or no such split.
+        """
+        held = Counter[str]()
+        for shard in self.manifest.shards:
+            held[shard.split] += shard.labyrinths
+        for split, count in counts.items():
+            right = held[split]
+            if learnt is not None and is_of_train(split):
+                right = min(right, learnt)
+            if not right:
+                raise ValueError(f"{split}: {self.place} has no such split")
+            if count != right:
+                raise ValueError(f"{split}: {count} labyrinths, but {self.place} has {right}")
 
     def split(self, name: str, learnt: int | None = None) -> KnownSplit:
         """Return what is known of a split.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from labyrinth_core.data.schema import (
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.description import MOST_SEED, Description, TrainedRun
+from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Description, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.outcomes import Rules, refuse, scores_of
 from labyrinth_core.evaluation.replanner import REPLANNERS
@@ -138,10 +138,18 @@ class Results:
         write_text(place, _as_text(content))
 
     @classmethod
-    def load(cls, path: str | Path) -> Results:
+    def load(
+        cls, path: str | Path, datasets: Callable[[str], KnownDataset | None] | None = None
+    ) -> Results:
         """Return the results in a file that `save` wrote, of whoever it is.
 
-        Every figure but accuracies and baselines is computed again from the outcomes.
+        Every figure but accuracies and baselines is computed again from the outcomes. If the
+        dataset is known, all that it settles is checked, too.
+
+        Args:
+            path: The file.
+            datasets: Returns the dataset of a config, such as `5x5`; None if it is not available.
+                One with another fingerprint than the results have is not compared.
 
         Raises:
             DatasetError: The file cannot be read, or does not add up; the message has one line.
@@ -152,24 +160,34 @@ class Results:
                 raise ValueError("it is not a file")
             if place.stat().st_size > LARGEST:
                 raise ValueError(f"it has more than {LARGEST:,} bytes")
-            return cls.from_json(read_json(place))
+            return cls.from_json(read_json(place), datasets)
         except (OSError, ValueError, RecursionError) as error:
             raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
 
     @classmethod
-    def from_json(cls, content: Any) -> Results:
-        """Return the results that `to_json` described; ValueError if it did not."""
+    def from_json(
+        cls, content: Any, datasets: Callable[[str], KnownDataset | None] | None = None
+    ) -> Results:
+        """Return the results that `to_json` described; ValueError if it did not.
+
+        For `datasets` see `load`. What is cheap to check is checked first.
+        """
         if isinstance(content, dict) and {"run", "training"} <= content.keys():
             raise ValueError("an earlier version wrote it: stages=evaluate makes it anew")
         rules = _rules_of(content)
-        about, evaluated, run = content["dataset"], content["evaluated"], content.get("run")
+        about, evaluated = content["dataset"], content["evaluated"]
+        run = _run_of(content["run"]) if "run" in content else None
+        known = None if datasets is None else datasets(about["config"])
+        if known is not None and known.fingerprint == about["fingerprint"]:
+            counts = {split: told["labyrinths"] for split, told in content["splits"].items()}
+            known.require_counts(counts, None if run is None else run.train_labyrinths)
         splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
         if not splits:
             raise ValueError("it has results on no split")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
         method = {each.name: content["method"][each.name] for each in fields(Description)}
-        return cls(
+        found = cls(
             dataset=about["source"],
             revision=about["revision"],
             config=about["config"],
@@ -180,35 +198,33 @@ class Results:
                 name: {split: _figures_of(by_split[split]) for split in splits}
                 for name, by_split in content["baselines"].items()
             },
-            run=None if run is None else _run_of(run),
+            run=run,
             method=Description(**method),
         )
+        if known is not None and known.fingerprint == found.fingerprint:
+            found._compare_with(known)
+        return found
 
-    def compare_with(self, known: KnownDataset) -> None:
-        """Check all that a dataset settles: labyrinths, known routes, outcomes, baselines.
-
-        Raises:
-            ValueError: Something is not so; the message says what and where.
-            DatasetError: The rows of the dataset cannot be read.
-        """
-        run, right = self.run, known.fingerprint
-        if self.fingerprint != right:
+    def require_dataset(self, known: KnownDataset) -> None:
+        """Raise a ValueError if the results are of another dataset."""
+        if self.fingerprint != known.fingerprint:
             raise ValueError(
                 f"it is of another dataset than {known.place}: their fingerprints are "
-                f"{self.fingerprint:.16} and {right:.16} (dataset= names another one)"
+                f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= names another one)"
             )
-        if run is not None and (run.fingerprint, run.config) != (right, self.config):
+
+    def _compare_with(self, known: KnownDataset) -> None:
+        """Check all that the dataset settles: labyrinths, known routes, outcomes, baselines."""
+        run = self.run
+        if run is not None and (run.fingerprint, run.config) != (self.fingerprint, self.config):
             raise ValueError(
                 f"its policy learnt from another dataset than {known.place}, on which it is judged"
             )
-        learnt = None if run is None else run.train_labyrinths
         for split, scores in self.splits.items():
-            refuse(split, known.miscounted(split, len(scores.distance), learnt))
-        for split, scores in self.splits.items():
-            known_split = known.split(split, learnt)
-            refuse(split, known_split.differences(scores, looks_up=self.way == "look-ups"))
+            right = known.split(split, None if run is None else run.train_labyrinths)
+            refuse(split, right.differences(scores, looks_up=self.way == "look-ups"))
             baselines = {name: by_split[split] for name, by_split in self.baselines.items()}
-            refuse(split, known_split.other_baselines(baselines, blind=run is not None))
+            refuse(split, right.other_baselines(baselines, blind=run is not None))
 
     def to_json(self, method: Description) -> dict[str, Any]:
         """Return what `save` writes, in plain types."""
@@ -295,8 +311,8 @@ _SHAPE = {
             "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),
             "distance": Each(_COUNTED),
             "step_limit": _COUNTED,
-            "outcomes": Each(Text("[slwi]*")),
-            "moves": Each(Each(_COUNTED)),
+            "outcomes": Each(Text("[slwi]*"), MOST_EPISODES),
+            "moves": Each(Each(_COUNTED), MOST_EPISODES),
         },
     ),
     "baselines": Named(Text("|".join((*BASELINES, *REFERENCES, *REPLANNERS))), None),

@@ -107,13 +107,7 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
     """
     source = run.training_folder
     dataset, revision = run.dataset_on_hub
-    results, made = _results(run)
-    if manifest.fingerprint != made.fingerprint:
-        raise PublishError(
-            f"{source} was trained on another dataset than {dataset}: their "
-            f"fingerprints are {made.fingerprint:.8} and {manifest.fingerprint:.8}"
-        )
-    _require_true(results, made, run, _known(run, commit, manifest))
+    results, made = _results(run, _known(run, commit, manifest))
     with tempfile.TemporaryDirectory(prefix="labyrinth-model-") as temporary:
         folder = Path(temporary)
         _copy_weights(source, folder, made)
@@ -144,34 +138,31 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
         yield folder
 
 
-def _results(run: Run) -> tuple[Results, TrainedRun]:
+def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and what they say of the run."""
-    folder, name = run.training_folder, run.run_name.name
-    path = folder / RESULTS
+    folder = run.training_folder
+    path, anew = folder / RESULTS, "stages=evaluate makes it anew"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no policy that was evaluated: {made}")
-    results = Results.load(path)
-    made_by = results.run
-    if made_by is None or (results.config, made_by.name) != (run.dataset.name, name):
-        raise DatasetError(f"{path} is not of this run: stages=evaluate makes it anew")
-    return results, made_by
-
-
-def _require_true(results: Results, made: TrainedRun, run: Run, known: KnownDataset) -> None:
-    """Raise a DatasetError if results are impossible, or say another thing than `run.json`."""
-    folder = run.training_folder
+    results = Results.load(path, lambda _: known)
+    made_by, named = results.run, (run.dataset.name, run.run_name.name, results.fingerprint)
+    if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
+        raise DatasetError(f"{path} is not of this run: {anew}")
+    if known.fingerprint != made_by.fingerprint:
+        raise PublishError(
+            f"{folder} was trained on another dataset than {run.dataset_on_hub[0]}: their "
+            f"fingerprints are {made_by.fingerprint:.8} and {known.fingerprint:.8}"
+        )
     try:
-        results.compare_with(known)
         record = read_json(folder / RECORD)
-        check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made.training)})
-        told = {name: record[name] for name in made.training}
-        if (told, record["run"]["settings"]) != (made.training, made.settings):
-            raise ValueError(f"{RECORD} records another training")
+        check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made_by.training)})
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(
-            f"{folder / RESULTS} is refused: {one_line(error):.400} (stages=evaluate makes it anew)"
-        ) from error
+        raise DatasetError(f"{folder / RECORD} cannot be read: {one_line(error):.300}") from error
+    training = {name: record[name] for name in made_by.training}
+    if (training, record["run"]["settings"]) != (made_by.training, made_by.settings):
+        raise DatasetError(f"{path} tells another training than {RECORD}: {anew}")
+    return results, made_by
 
 
 def _known(run: Run, commit: str, manifest: Manifest) -> KnownDataset:

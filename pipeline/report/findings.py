@@ -58,17 +58,12 @@ def read_results(
     }
     methods: dict[tuple[str, str], list[tuple[TrainedRun, Results]]] = {}
     for path in results_in(run_dir):
-        results = Results.load(path)
+        results = Results.load(path, of.get)
         run, known = results.run, of.get(results.config)
         if run is None or known is None or known.fingerprint != results.fingerprint:
             continue
-        try:
-            missing = [split for split in EVALUATED_SPLITS if split not in results.splits]
-            if missing:
-                raise ValueError(f"it has no results on {', '.join(missing)}")
-            results.compare_with(known)
-        except ValueError as error:
-            raise DatasetError(f"{path} is refused: {error}") from error
+        if missing := [split for split in EVALUATED_SPLITS if split not in results.splits]:
+            raise DatasetError(f"{path} is refused: it has no results on {', '.join(missing)}")
         methods.setdefault((results.config, run.of_all_seeds), []).append((run, results))
     return [
         _method(name, sorted(runs, key=lambda each: each[0].seed))

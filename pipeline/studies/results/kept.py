@@ -12,7 +12,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
-from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import check_run
 from pipeline.machinery.own_files import OwnFiles, leave
@@ -52,7 +51,7 @@ class AtHand:
         """Return what is known of a config such as `5x5`, None if it is not available.
 
         Raises:
-            ConfigError: A folder is given with a revision.
+            DatasetError: A folder is given with a revision.
         """
         if config not in self._found:
             self._found[config] = None
@@ -61,7 +60,7 @@ class AtHand:
             except DatasetError as error:
                 self.missing[config] = str(error)
             except ValueError as error:
-                raise ConfigError(str(error)) from error
+                raise DatasetError(str(error)) from error
         return self._found[config]
 
     def _read(self, config: str) -> KnownDataset:
@@ -85,7 +84,7 @@ def read(path: Path, at_hand: AtHand | None = None, place: tuple[str, str] | Non
     Raises:
         DatasetError: The file cannot be read, or does not add up; the message has one line.
     """
-    results = Results.load(path)
+    results = Results.load(path, at_hand)
     run, known = results.run, None if at_hand is None else at_hand(results.config)
     try:
         if run is not None and place is not None:
@@ -97,7 +96,7 @@ def read(path: Path, at_hand: AtHand | None = None, place: tuple[str, str] | Non
         if run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
             at_hand.missing[results.config] = f"{known.place} is another dataset"
             return Kept(path, results)
-        results.compare_with(known)
+        results.require_dataset(known)
     except ValueError as error:
         raise DatasetError(f"{path} is refused: {error}") from error
     return Kept(path, results, compared=True)

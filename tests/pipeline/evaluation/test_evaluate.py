@@ -57,9 +57,10 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     assert content["run"]["seed"] == content["evaluated"]["seed"] == 0
     assert set(content["splits"]["train"]["known_route"]) == {"1"}
     assert content["baselines"]["route_memory"]["train"]["spl"] == 1
-    results = Results.load(folder / "results.json")
+    known = KnownDataset.read(str(trained.data_dir), "3x3")
+    results = Results.load(folder / "results.json", lambda _: known)
+    results.require_dataset(known)
     assert results.run.name == folder.name == results.method.name == "bc-cnn-seed0"
-    results.compare_with(KnownDataset.read(str(trained.data_dir), "3x3"))
     policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
         arrays = load_arrays(trained.data_dir, "3x3", split)
