@@ -30,7 +30,7 @@ from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Desc
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.outcomes import Rules, refuse, scores_of
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.scores import WHY_SPL, Scores
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
@@ -182,8 +182,9 @@ class Results:
             counts = {split: told["labyrinths"] for split, told in content["splits"].items()}
             known.require_counts(counts, None if run is None else run.train_labyrinths)
         splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
-        if not splits:
-            raise ValueError("it has results on no split")
+        missing = [split for split in EVALUATED_SPLITS if split not in splits]
+        if not splits or (run is not None and missing):
+            raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
         method = {each.name: content["method"][each.name] for each in fields(Description)}

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.intervals import interval
@@ -62,8 +61,6 @@ def read_results(
         run, known = results.run, of.get(results.config)
         if run is None or known is None or known.fingerprint != results.fingerprint:
             continue
-        if missing := [split for split in EVALUATED_SPLITS if split not in results.splits]:
-            raise DatasetError(f"{path} is refused: it has no results on {', '.join(missing)}")
         methods.setdefault((results.config, run.of_all_seeds), []).append((run, results))
     return [
         _method(name, sorted(runs, key=lambda each: each[0].seed))

@@ -280,5 +280,7 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
     results.run(run)
     assert "## 3x3, cnn-labyrinths3" in (tmp_path / "results" / "README.md").read_text("utf-8")
-    (shown,) = read_results(tmp_path / "runs", [Manifest.read(small_dataset.folder)])
+    (shown,) = read_results(
+        tmp_path / "runs", small_dataset.data_dir, [Manifest.read(small_dataset.folder)]
+    )
     assert shown["name"] == "bc-cnn-labyrinths3"

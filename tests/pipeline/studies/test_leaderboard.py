@@ -171,7 +171,7 @@ def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_ot
 ):
     page = (ROOT / "docs" / "evaluation.md").read_text(encoding="utf-8")
     section = page.split("## Stand on the leaderboard\n")[1].split("\n## ")[0]
-    [command] = re.findall(r"```sh\nlabyrinth-datasets (.*)\n```", section)
+    [command] = re.findall(r"```sh\npython run\.py (.*)\n```", section)
     shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
     content = content_of(results["planner"], "planner")
     submit(content)
