@@ -150,9 +150,9 @@ def walk(page: Path, first: str) -> tuple[str, bool]:
                     run_program(block["text"], mark, names)
             except Exception as error:
                 reason = error if isinstance(error, BlockError) else traceback.format_exc(limit=-3)
-                return f"{page}: FAILED:\n{block['text']}\n{reason}", False
+                return f"{page.name}: FAILED:\n{block['text']}\n{reason}", False
     seconds = time.monotonic() - started
-    return f"{page.relative_to(ROOT)}: {len(blocks)} blocks, {first}, {seconds:.0f} s", True
+    return f"{page.name}: {len(blocks)} blocks, {first}, {seconds:.0f} s", True
 
 
 def main() -> int:

@@ -32,8 +32,8 @@ ROOT = Path(__file__).parents[1]
 ROOT_PAGES = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
 """Page of the site -> the file at the top of the repository that it shows."""
 
-LOGS = ("measurements/", "results/", "changelog")
-"""How the pages begin that a search shows after all others."""
+LOGS = ("measurements/", "results/")
+"""Folders of pages that a search leaves out: what benchmarks and evaluations printed."""
 
 NO_ALTERNATIVE = "No description has been provided for this image"
 """What nbconvert has for every picture."""
@@ -55,7 +55,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Return the text of a page with links and placeholders resolved."""
     source = page.file.src_uri
     if source.startswith(LOGS):
-        page.meta["search"] = {"boost": 0.1}
+        page.meta["search"] = {"exclude": True}
     if source in ROOT_PAGES:
         markdown = re.sub(r"\]\(docs/", "](", markdown)
     else:

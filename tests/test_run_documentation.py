@@ -1,0 +1,44 @@
+"""The check of the pages: what it lets pass, and what it finds."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+run_documentation = import_module("run_documentation")
+sys.path.pop(0)
+
+pytestmark = pytest.mark.slow
+
+NOT_RUN = "<!-- not run: it takes hours -->\n"
+
+
+@pytest.mark.parametrize(
+    ("page", "found"),
+    [
+        ("```sh\nls run.py\n```", ""),
+        ("```sh\nls elsewhere\n```", "bash ends with status 2"),
+        (NOT_RUN + "```sh\nls elsewhere\n```", ""),
+        ("```sh\nprintf x=[ab]\n```", "no matches found: x=[ab]"),
+        ("```sh\necho {1..3} $[1 + 1] =ls\n```", "ls not found"),
+        ("```sh\ntrue  # A word for zsh.\n```", "a comment"),
+        (NOT_RUN + "```sh\npython run.py size=0\n```", "size=0"),
+        (NOT_RUN + "```sh\npython run.py -m size=3,0 'stages=[build,validate]'\n```", ""),
+        ("<!-- run with: X=3 -->\n```sh\necho python run.py X=2 >out\ngrep X=3 out\n```", ""),
+        ("<!-- run beside mine.txt: ours -->\n```sh\ngrep ours mine.txt\n```", ""),
+        ("```python\nx = 1\n```\ntext\n```python\nassert x == 2\n```", "AssertionError"),
+        (NOT_RUN + "```python\nx\n```", ""),
+        (NOT_RUN + "```python\nx y\n```", "SyntaxError"),
+    ],
+)
+def test_a_page_passes_if_it_does_what_it_says(page, found, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # Which the check leaves.
+    path = tmp_path / "page.md"
+    path.write_text(page + "\n")
+    line, works = run_documentation.walk(path, "bash")
+    assert works is (not found)
+    assert found in line
