@@ -1,4 +1,4 @@
-"""Run the notebooks of examples/, each from a clean kernel in an empty folder.
+"""Run the notebooks of examples/, each from a clean kernel in an empty folder, and there again.
 
     python scripts/run_notebooks.py          # fails where a cell fails
     python scripts/run_notebooks.py --write  # and keeps what the cells print and draw
@@ -13,6 +13,7 @@ import os
 import sys
 import tempfile
 import time
+from copy import deepcopy
 from pathlib import Path
 
 import nbformat
@@ -31,11 +32,13 @@ def run(path: Path, write: bool) -> None:
         CellExecutionError: A cell fails.
     """
     notebook = nbformat.read(path, 4)
+    again = deepcopy(notebook)
     with tempfile.TemporaryDirectory() as folder:
-        resources = {"metadata": {"path": folder}}
-        NotebookClient(
-            notebook, timeout=SECONDS, record_timing=False, resources=resources
-        ).execute()
+        for each in (notebook, again):
+            resources = {"metadata": {"path": folder}}
+            NotebookClient(
+                each, timeout=SECONDS, record_timing=False, resources=resources
+            ).execute()
     if write:
         nbformat.write(notebook, path)
 
