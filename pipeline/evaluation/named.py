@@ -24,7 +24,7 @@ from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.run import Run
-from pipeline.config.training import EvaluationOptions
+from pipeline.config.training import RECORD, EvaluationOptions
 from pipeline.machinery.dataset import fingerprint_of
 
 
@@ -90,6 +90,8 @@ def refuse_others(path: Path, name: str | None) -> None:
         path: Where they are to be.
         name: The name of the policy; None for that of the run whose folder it is.
     """
+    if name is not None and path.with_name(RECORD).exists():
+        raise DatasetError(f"{path.parent} holds a trained run: choose another evaluation.name")
     if not path.exists():
         return
     try:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import io
 import json
 import platform
-import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.schema import read_json
-from labyrinth_core.data.storage import write_bytes, write_text
+from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
+from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import RECORD
+from pipeline.config.training import POLICY, RECORD
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -34,7 +35,7 @@ def current_versions() -> dict[str, str]:
 def write_record(
     folder: Path, identity: Mapping[str, Any], progress: Progress, computed: Mapping[str, Any]
 ) -> None:
-    """Write `run.json` into a run's folder, atomically.
+    """Write `run.json` into a run's folder, atomically, with the hashes of the files beside it.
 
     `identity` determines the run (method, settings, encoder, seed, dataset, ...); `computed` tells
     the device and the number of threads.
@@ -47,6 +48,7 @@ def write_record(
         "epochs": progress.epoch,
         "selected": progress.best,
         "history": progress.history,
+        "files": {name: file_sha256(folder / name) for name in (POLICY, CURVES)},
     }
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
 
@@ -69,8 +71,28 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
+def files_of(folder: Path) -> list[Path]:
+    """Return the files of a run in its folder, with the results of its policy.
+
+    Raises:
+        DatasetError: A file with the name of one is not of this run, as far as `run.json` knows.
+    """
+    recorded = dict((read_record(folder) or {}).get("files", {}))
+    found = [folder / name for name in (RECORD, POLICY, CURVES) if (folder / name).exists()]
+    others = [p for p in found if p.name != RECORD and file_sha256(p) != recorded.get(p.name)]
+    for path in sorted(folder.glob(f"{Path(RESULTS).stem}*.json")):
+        found.append(path)
+        with suppress(*MALFORMED):
+            if read_json(path)["run"]["evaluated"]["weights"] == recorded[POLICY]:
+                continue
+        others.append(path)
+    if others:
+        raise DatasetError(f"{others[0]} is not of the run in its folder: move it away")
+    return found
+
+
 def open_board(folder: Path) -> Any:
-    """Return a writer of figures for TensorBoard into the folder `tensorboard/`, emptied first.
+    """Return a writer of figures for TensorBoard into `tensorboard/`, without earlier events.
 
     Raises:
         ConfigError: TensorBoard is not installed.
@@ -80,7 +102,8 @@ def open_board(folder: Path) -> Any:
     except ImportError as error:
         needed = "pip install 'labyrinth-datasets[tensorboard]'"
         raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
-    shutil.rmtree(folder / BOARD, ignore_errors=True)
+    for path in (folder / BOARD).glob("events.out.tfevents.*"):
+        path.unlink()
     return SummaryWriter(str(folder / BOARD))
 
 

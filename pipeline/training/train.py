@@ -6,7 +6,6 @@ run is in progress, and afterwards `policy.safetensors`, `curves.png` and, writt
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -39,10 +38,11 @@ from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.memory import memory_of, remembered, with_memory
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.policy import INSTEAD, require_same, save_policy
+from pipeline.training.policy import INSTEAD, load_tensors, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
     draw_curves,
+    files_of,
     open_board,
     read_record,
     write_record,
@@ -68,19 +68,35 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
         if (folder / POLICY).is_file():
             console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
             return
+    before = _to_replace(folder, overwrite=options.overwrite)
     _tell_changes(options, settings)
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
-        if options.overwrite:
-            shutil.rmtree(folder, ignore_errors=True)
+        for path in before:
+            path.unlink()
         folder.mkdir(parents=True, exist_ok=True)
         with progress() as bars:
             report = _reporter(bars, options, learner.settings.epochs, folder)
             protocol, path = PROTOCOLS[options.protocol], folder / CHECKPOINT
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     _finish(folder, identity, run.run_name.name, learner, done)
+
+
+def _to_replace(folder: Path, *, overwrite: bool) -> list[Path]:
+    """Return the files of an earlier run that are to be removed before another one.
+
+    Raises:
+        DatasetError: Files in the way are not those of a run.
+    """
+    checkpoint = folder / CHECKPOINT
+    if checkpoint.exists():
+        if not overwrite:
+            return []
+        load_tensors(checkpoint, "state")  # Raises if it is something else.
+    found = files_of(folder)
+    return [*found, *([checkpoint] if checkpoint.exists() else [])] if overwrite else []
 
 
 def choose_device(options: TrainingOptions) -> torch.device:

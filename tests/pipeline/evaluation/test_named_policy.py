@@ -185,6 +185,10 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
         path.write_text('{"mine": 1}')
     else:
         stage.run(run_of("strange:right", name=theirs))
+    (path.parent / "run.json").write_text("{}")
+    with pytest.raises(DatasetError, match="my-policy holds a trained run: choose another"):
+        stage.run(run_of("strange:right", name="my-policy"))
+    (path.parent / "run.json").unlink()
     before = path.read_bytes()
     reason = r"is not of the policy my-policy: move it away, or choose another evaluation\.name"
     with pytest.raises(DatasetError, match=reason):

@@ -126,6 +126,26 @@ def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
     assert record_of(run)["epochs"] == 4
 
 
+def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -> None:
+    run = run_of()
+    folder = run.training_folder
+    folder.mkdir(parents=True)
+    (folder / POLICY).write_text("mine")
+    for overwrite in (False, True):
+        with pytest.raises(DatasetError, match=f"{POLICY} is not of the run in its folder"):
+            train.run(run_of(overwrite=overwrite))
+    assert (folder / POLICY).read_text() == "mine"
+    (folder / POLICY).unlink()
+    train.run(run)
+    (folder / "notes.txt").write_text("mine")
+    train.run(run_of(overwrite=True))
+    assert (folder / "notes.txt").read_text() == "mine"
+    (folder / CURVES).write_bytes(b"mine")
+    with pytest.raises(DatasetError, match=f"{CURVES} is not of the run in its folder: move it"):
+        train.run(run_of(overwrite=True))
+    assert (folder / CURVES).read_bytes() == b"mine"
+
+
 def test_a_policy_that_was_removed_is_made_again(run_of: Callable[..., Run]) -> None:
     run = run_of()
     train.run(run)
