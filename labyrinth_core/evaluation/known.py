@@ -90,14 +90,12 @@ class KnownSplit:
         iced = scores.episodes.outcomes == "ice"
         of_parity = np.where(moves % 2 == 1, self.to_ice[:, 1], self.to_ice[:, 0])
         roundabout = solved & (moves > self.distance)
-        yield from cases_of(
-            scores,
-            [
-                (iced & (moves < self.to_ice.min(axis=1)), "an end on ice that is not so near"),
-                (iced & (moves < of_parity) & looks_up, "an end on ice that is not so many away"),
-                (roundabout & self.single_route & looks_up, "a detour where there is none"),
-            ],
-        )
+        cases = [
+            (iced & (moves < self.to_ice.min(axis=1)), "ice, which is farther away"),
+            (iced & (moves < of_parity) & looks_up, "ice, where so many moves lead to none"),
+            (roundabout & self.single_route & looks_up, "a detour, where only one route leads on"),
+        ]
+        yield from cases_of(scores, cases)
         for name, count in zip(ACCURACIES, self.acting, strict=True):
             share = getattr(scores, name)
             states = count if looks_up else 0

@@ -26,3 +26,20 @@ def test_seeds_that_disagree_widen_the_interval_and_are_paired_in_a_difference()
     wider_low, wider_high = interval(disagreeing)
     assert wider_high - wider_low > 2 * (high - low)
     assert interval(disagreeing, disagreeing) == (0, 0)
+
+
+@pytest.mark.parametrize("shape", [(1, 6_000), (3, 2_000), (600, 10)])
+def test_the_interval_of_many_values_is_that_of_the_bootstrap_without_resampling(shape):
+    rng = np.random.default_rng(5)
+    seeds, labyrinths = rng.normal(size=(shape[0], 1)), rng.normal(size=shape[1])
+    values = seeds + labyrinths + rng.normal(size=shape)
+    drawn = [
+        values[rng.integers(shape[0], size=(shape[0], 1)), rng.integers(shape[1], size=shape[1])]
+        for _ in range(2_000)
+    ]
+    expected = np.quantile([each.mean() for each in drawn], [0.025, 0.975])
+    assert interval(values) == pytest.approx(expected, abs=0.1 * (expected[1] - expected[0]))
+    few = values[:, :1]
+    bounds = interval(values, few)
+    assert bounds[0] < values.mean() - few.mean() < bounds[1]
+    assert interval(np.ones(shape)) == (1, 1)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from time import process_time
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +18,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import LARGEST, Results, results_in
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.evaluation.scores import ACCURACIES, EVALUATED_SPLITS
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +100,12 @@ def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(resu
     refused(read, some, known, "train: 3 labyrinths, but .*/3x3 has 4")
 
 
+def test_a_run_is_saved_under_its_own_name(results, tmp_path):
+    with pytest.raises(ValueError, match="is 'mine', but 'bc-cnn-seed0' by it"):
+        of_run(results).save(tmp_path / "mine.json", name="mine")
+    assert not any(tmp_path.iterdir())
+
+
 def test_what_an_earlier_version_left_of_a_run_is_refused_with_the_command_that_makes_it_anew(
     results, tmp_path
 ):
@@ -126,6 +134,7 @@ def test_some_splits_are_enough(content, known, read):
     [
         ({"name": " "}, "name=' ': say what the policy is called"),
         ({"details": {"steps": 1.5}}, "details: steps=1.5: give a whole number"),
+        ({"date": "2026-02-31"}, "date=2026-02-31: give a day"),
     ],
 )
 def test_results_of_which_something_impossible_is_said_are_not_saved(
@@ -230,6 +239,14 @@ def in_another_order(told):
     told["labyrinth_ids"][:2] = told["labyrinth_ids"][1::-1]
 
 
+def by_a_detour(told):
+    told["moves"][0][solved(told)] += 1
+
+
+def elsewhere_known(told):
+    told["known_route"] = told["known_route"].translate(str.maketrans("01", "10"))
+
+
 def easier(told):
     told["distance"] = [2 - moves % 2 for moves in told["distance"]]
 
@@ -244,6 +261,8 @@ def easier(told):
         (on_ice, f"{FIRST} an end on ice, which this task has not: ice after .*", True),
         (twice, r"labyrinth [0-9a-f]{16} is there twice", True),
         (far_away, f"{FIRST} a shortest route of .*", True),
+        (by_a_detour, f"{FIRST} a detour of an odd number of moves: solved after .*", True),
+        (elsewhere_known, "known_route does not say which routes train of .*/3x3 demo.*", False),
         (one_less, "7 labyrinths, but .*/3x3 has 8", False),
         (in_another_order, "labyrinth 1 is [0-9a-f]{16}, but [0-9a-f]{16} in .*/3x3", False),
         (easier, f"{FIRST} a shortest route of [12] moves, but of [2-8] in .*/3x3", False),
@@ -260,6 +279,45 @@ def test_a_forgery_that_adds_up_is_refused_for_what_cannot_be(
         refused(read, content, None, f"test: {why}")
     else:
         read(content)
+
+
+def forge(told, number, outcome, moves, cells):
+    """Change the episode in one labyrinth, and what follows from it."""
+    letters = told["outcomes"][0]
+    told["outcomes"][0] = letters[:number] + outcome + letters[number + 1 :]
+    told["moves"][0][number] = moves
+    accuracies = {name: told[name] for name in ACCURACIES}
+    add_up(told, cells)
+    told |= accuracies
+
+
+def test_an_end_on_ice_is_as_far_away_as_there_is_ice(datasets, read):
+    known = KnownDataset.read(str(datasets), "3x4-icy_floor")
+    content = content_of(results_of(datasets, "3x4-icy_floor", forgetful(3, 4)))
+    told, right = content["splits"]["test"], known.split("test")
+    even, odd = right.to_ice[0].tolist()
+    assert (even, odd) == (481, 3)  # More than the limit: no ice is an even number of moves away.
+    for moves, why in ((1, "which is farther away"), (4, "where so many moves lead to none")):
+        forge(told, 0, "i", moves, 12)
+        refused(read, content, known, f"test: {FIRST} ice, {why}: ice after .*")
+    forge(told, 0, "i", 5, 12)
+    read(content, known)
+
+
+def test_by_look_ups_there_is_no_detour_in_a_labyrinth_without_a_loop(content, known, read):
+    told, right = content["splits"]["test"], known.split("test")
+    single, loop = (int(np.flatnonzero(right.single_route == kind)[0]) for kind in (True, False))
+    forge(told, loop, "s", 8, 9)
+    read(content, known)
+    forge(told, single, "s", int(right.distance[single]) + 2, 9)
+    refused(read, content, known, f"test: {FIRST} a detour, where only one route leads on: .*")
+
+
+@pytest.mark.parametrize("share", [0.123, None])
+def test_an_accuracy_is_a_share_of_the_states_of_the_split(content, known, read, share):
+    content["splits"]["test"]["accuracy_elsewhere"] = share
+    refused(read, content, known, f"test: accuracy_elsewhere is {share}, which is no share of .*")
+    read(content)
 
 
 def test_of_several_episodes_the_message_names_the_one(small_dataset, known, read):
@@ -282,6 +340,7 @@ def test_of_several_episodes_the_message_names_the_one(small_dataset, known, rea
         (("method", "author"), "a\nb", "author=.* one line of 300 characters at most, .*"),
         (("method", "budget"), "a" * 301, "budget=.* one line of 300 characters at most, .*"),
         (("method", "url"), "javascript:alert(1)", "url=.*: give an address such as https://.*"),
+        (("method", "date"), "2026-02-31", "date=2026-02-31: give a day such as 2026-11-30"),
         (("method", "date"), "yesterday", "date=yesterday: give a day such as 2026-11-30"),
         (("method", "details"), {"size": 1}, "details: 'size': choose from labyrinths, .*"),
         (("method", "details"), {"steps": -1}, "it.method.details.steps is -1, not .*"),
@@ -294,6 +353,9 @@ def test_of_several_episodes_the_message_names_the_one(small_dataset, known, rea
         (("dataset", "fingerprint"), "1" * 63, "it.dataset.fingerprint is '1+, not .*"),
         (("evaluated", "episodes"), 2, "episodes=2: a policy has one in each .* by look-ups"),
         (("evaluated", "way"), "guesses", "it.evaluated.way is 'guesses', not .*"),
+        (("evaluated", "way"), "steps", "[a-z0-9_]+: accuracy_on_demonstrations is .*, which a .*"),
+        (("evaluated", "seed"), 2**64, "it.evaluated.seed is 18446744073709551616, not .*"),
+        (("evaluated", "image_size"), 64, "image_size=64: observation=vector has none"),
         (("evaluated", "version"), "=1+1|", r"it.evaluated.version is '=1\+1\|', not .*"),
         (("splits",), {}, "it has no results on train, validation, .*"),
         (("splits", "exam"), {}, "a name in it.splits is 'exam', not .*"),
@@ -332,6 +394,18 @@ def test_what_is_no_result_is_refused_in_one_line(content, known, read, place, v
         inner = inner[key]
     inner[last] = value
     refused(read, content, known, why)
+
+
+def test_a_large_file_is_refused_before_its_figures_are_computed(content, known, read):
+    told = content["splits"]["test"]
+    told |= {"outcomes": ["s"] * 500_000, "moves": [[4]] * 500_000}
+    before = process_time()
+    refused(read, content, known, r"it.splits.test.outcomes is .*, not a list of 1000 at most")
+    count = 50_000
+    told |= {"outcomes": ["s" * count], "moves": [[4] * count], "distance": [4] * count}
+    told |= {"labyrinth_ids": [f"{n:016x}" for n in range(count)], "labyrinths": count}
+    refused(read, content, known, "test: 50000 labyrinths, but .*/3x3 has 8")
+    assert process_time() - before < 5  # It was two minutes.
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from policies import Rounds
-from submitted import add_up, content_of, forgetful, results_of
+from submitted import add_up, content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
@@ -122,6 +122,52 @@ def test_a_refused_file_is_named_and_keeps_no_other_from_the_leaderboard(
     )
     assert {row["method"] for row in rows(tmp_path / "results")} == {"planner"}
     assert f"1 method: {tmp_path / 'results' / 'leaderboard.md'}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("about", "why"),
+    [
+        ({"name": "bc, CNN"}, r"\S*bc-cnn-seed0\.json has the same name, BC, cnn, on the .*"),
+        ({"name": "BC-cnn-seed0 "}, r"\S*bc-cnn-seed0\.json has the same name, bc-cnn-seed0, .*"),
+        ({"name": " dagger"}, "name= dagger is for runs"),
+        ({"name": "m\uff49ne "}, r"\S*a\.json has the same name, Mine, on the same dataset"),
+        ({"author": "labyrinth  DATASETS"}, "author=Labyrinth datasets is for runs"),
+    ],
+)
+def test_a_name_of_ours_or_of_another_submission_is_refused(
+    results, run_of, submit, tmp_path, about, why
+):
+    run = of_run(results["planner"])
+    run.save(tmp_path / "results" / "runs" / "3x3" / "bc-cnn-seed0.json", name=run.run.name)
+    submit(content_of(results["planner"], "Mine"), "a.json")
+    submit(content_of(results["rounds"], **{"name": "other", **about}), "b.json")
+    with pytest.raises(RefusedError) as error:
+        stage.run(run_of())
+    _, line = str(error.value).splitlines()
+    assert re.fullmatch(rf"  \S*b\.json is refused: {why}", line), line
+    assert {row["method"] for row in rows(tmp_path / "results")} == {"BC, cnn", "Mine"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "where", "why"),
+    [
+        ({}, "3x3/bc-cnn-seed1", "it is of the run 3x3/bc-cnn-seed0, not of this one"),
+        ({}, "5x5/bc-cnn-seed0", "it is of the run 3x3/bc-cnn-seed0, not of this one"),
+        ({"method": "nova"}, "3x3/nova-cnn-seed0", r"method=nova: choose from bc, bco, .*"),
+        ({"encoder": "vit"}, "3x3/bc-vit-seed0", r"encoder=vit: choose from cnn, .*"),
+        ({"protocol": "mine"}, "3x3/bc-cnn-seed0-mine", "protocol=mine: choose from default, .*"),
+        ({"encoder": "mlp"}, "3x3/bc-mlp-seed0", "observation=image: encoder=mlp looks at vector"),
+        ({"fingerprint": "1" * 64}, "3x3/bc-cnn-seed0", "its policy learnt from another data.*"),
+    ],
+)
+def test_a_run_is_of_a_method_of_ours_and_lies_in_its_own_place(
+    results, run_of, tmp_path, changed, where, why
+):
+    run = of_run(results["planner"], **changed)
+    run.save(tmp_path / "results" / "runs" / f"{where}.json", name=run.run.name)
+    with pytest.raises(RefusedError, match=rf"\.json is refused: {why}$"):
+        stage.run(run_of())
+    assert rows(tmp_path / "results") == []
 
 
 def test_where_the_dataset_is_not_at_hand_it_is_said_and_marked(
