@@ -16,15 +16,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from pipeline.config.run import Run
 from pipeline.inspection.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
 from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
-from pipeline.machinery.own_files import OwnFiles, write_list
+from pipeline.machinery.own_files import leave
 from pipeline.report.findings import read_results
 from pipeline.report.packing import PackedSplit, pack
 
@@ -87,16 +85,7 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         datasets.append(describe(of, packed, limit))
     html = page(datasets, read_results(run_dir, data_dir, [of.manifest for of in found]))
     folder = data_dir / FOLDER
-    with held(data_dir, FOLDER):
-        own = OwnFiles.read(folder, always=re.escape(PAGE))
-        files = {PAGE: html.encode()}
-        if own.others(files):
-            raise DatasetError(
-                f"{folder / PAGE} was made or changed by somebody else: move it away, or choose "
-                "another data_dir"
-            )
-        folder.mkdir(parents=True, exist_ok=True)
-        write_list(folder, own.replace(files, gone=()).hashes)
+    leave(folder, {PAGE: html.encode()}, re.escape(PAGE))
     return folder / PAGE
 
 
