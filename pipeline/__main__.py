@@ -14,6 +14,7 @@ try:
         end_interrupted,
         end_without_output,
     )
+    from pipeline.machinery.starting import show_start
 except KeyboardInterrupt:  # No signal is answered yet.
     from pipeline.machinery.ending import end_interrupted
 
@@ -25,6 +26,7 @@ def main() -> int:
     answer_signals(end_interrupted)  # Importing takes seconds, and swallows exceptions.
     end_if_short_of_memory()
     try:
+        show_start()
         from pipeline.command import run_command
 
         status = run_command()

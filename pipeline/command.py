@@ -7,6 +7,7 @@ import sys
 import threading
 import traceback
 from importlib import import_module
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import hydra
@@ -40,35 +41,21 @@ from pipeline.machinery.ending import (
     interrupt,
 )
 from pipeline.machinery.executor import cluster
+from pipeline.machinery.hints import hints
+from pipeline.machinery.starting import show_start
 
 INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
 
-  labyrinth-datasets size=5                                    make, check, analyse, describe it
-  labyrinth-datasets stages=report                             look at it, in a browser
-  labyrinth-datasets size=5 stages=[train,evaluate] method=bc  learn from it
-  labyrinth-datasets size=5 stages=evaluate policy=my:policy   judge a policy of your own
-  labyrinth-datasets stages=results                            compare what was evaluated
+  labyrinth-datasets size=5                                      make, check, analyse, describe it
+  labyrinth-datasets stages=report                               look at it, in a browser
+  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc  learn from it, in minutes
+  labyrinth-datasets size=5 stages=evaluate policy=my:policy     judge a policy of your own
+  labyrinth-datasets stages=results                              compare what was evaluated
   labyrinth-datasets stages=publish publish.repo_id=you/labyrinth publish.version=1.0.0
 
 --help lists the options. In Python: from labyrinth_core import load_transitions, evaluate
 """
 """What is printed where nothing is asked for."""
-
-
-NEXT = {
-    "build": "stages=[validate,analyse,card] replays every row, and describes the dataset",
-    "validate": "stages=[analyse,card] says what splits have in common, and describes them",
-    "analyse": "stages=card describes the dataset; stages=report shows it",
-    "card": "stages=report shows it; stages=[train,evaluate] method=bc learns from it",
-    "report": "stages=[train,evaluate] method=bc learns from a dataset; stages=publish shares it",
-    "publish": "load_transitions, load_policy and evaluate take the ids, from any machine",
-    "export": "docs/clients.md has the lines that load it with each library",
-    "train": "stages=evaluate judges the policy on every split",
-    "evaluate": "stages=results compares it with others; stages=report shows where it fails",
-    "results": "stages=report shows which labyrinths each method fails in",
-    "environments": "docs/studies/environments.md says what the tables mean",
-}
-"""Stage -> what can be done after it, as the last line of a run says it."""
 
 
 class RunError(RuntimeError):
@@ -92,7 +79,13 @@ def run_command() -> int:
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
-        perform()
+        if {"-m", "--multirun"} & {*sys.argv}:
+            # Hydra writes the options of a sweep to a folder, which nobody needs.
+            with TemporaryDirectory(prefix="labyrinth-sweep-") as folder:
+                sys.argv.append(f"hydra.sweep.dir='{folder}'")
+                perform()
+        else:
+            perform()
     except RunError:
         return 1
     except (HydraException, OmegaConfBaseException) as error:
@@ -130,11 +123,12 @@ def _error_of(config: DictConfig) -> str | None:
         options = run.options
         stages = [import_module(STAGES[stage]) for stage in options.stages]
         answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
+        show_start(started=True)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in stages:
                 stage.run(run)
-        if not options.publish.dry_run and run.part is None:
-            say(f"Next: {NEXT[options.stages[-1]]}.")
+        for line in hints(run, HydraConfig.get().overrides.task):
+            say(line)
     except PolicyError as error:
         return f"{error}{_below(error)}"
     except Exception as error:

@@ -199,6 +199,7 @@ def _animate(options: Namespace) -> int:
     except ImportError as error:
         raise RequestError("a moving picture needs Pillow: pip install pillow") from error
     write_bytes(options.gif, picture)
+    print(f"wrote {printable(str(options.gif))}")
     return 0
 
 

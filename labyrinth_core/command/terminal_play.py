@@ -79,7 +79,7 @@ def _play(labyrinth: Labyrinth, keys: Iterator[Action | str], colour: bool) -> N
     state, moves, note = initial(labyrinth), 0, _HELP
     while True:
         drawing = draw(labyrinth, state, colour=colour)
-        sys.stdout.write(f"\x1b[H\x1b[2J{drawing}\n{moves} moves; {note}\n")
+        sys.stdout.write(f"\x1b[H\x1b[2J{drawing}\n{moves} move{'s' * (moves != 1)}; {note}\n")
         sys.stdout.flush()
         if is_terminal(labyrinth, state) or moves == step_limit(labyrinth):
             break

@@ -78,6 +78,12 @@ class Transitions:
         """Return the number of transitions, N."""
         return len(self.rows)
 
+    def __repr__(self) -> str:
+        """Return the number of transitions and of labyrinths, and what an observation is."""
+        labyrinths = len(np.unique(self.labyrinth_ids))
+        shape, kind = self.frames.shape[1:], self.frames.dtype
+        return f"Transitions({len(self)} of {labyrinths} labyrinths; observations {shape} {kind})"
+
     @property
     def observations(self) -> NDArray[Any]:
         """The observations before the actions, shape (N, ...); a new array."""

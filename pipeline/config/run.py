@@ -279,7 +279,10 @@ def refusal(error: Exception) -> str:
         hint = f"did you mean {close[0]}? " if close else ""
         return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"
     if isinstance(error, OverrideParseException):
-        name, _, value = error.override.partition("=")
+        name, equals, value = error.override.partition("=")
+        if not equals:
+            like = f"stages={name}" if name in STAGES else "size=5"
+            return f"{name}: give each option as name=value, such as {like}"
         return (
             f"{error.override}: a value with characters such as ( ) , = & needs quotation marks "
             f"for Hydra inside those of the shell: {as_typed(name, value)}"

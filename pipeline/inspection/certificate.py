@@ -172,7 +172,7 @@ class Certificate:
         for split, count in self.repeated.items():
             made_from_others = split in SHIFTS and SPLITS[split].parent is not None
             if count and split not in self.strangers and not made_from_others:
-                yield f"{split} repeats {count:,} structures"
+                yield f"{split} repeats {count:,} structure{'s' * (count != 1)}"
         for split, ids in self.strangers.items():
             if ids:
                 yield f"{split} has {len(ids):,} structures that are not in {SPLITS[split].parent}"

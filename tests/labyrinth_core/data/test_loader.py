@@ -101,6 +101,8 @@ def test_one_transition_is_state_action_and_next_state(data_dir):
     assert a == transitions.actions[1]
     assert type(a) is int
     assert len(list(transitions)) == len(transitions)
+    assert str(transitions).startswith(f"Transitions({len(transitions)} of ")
+    assert str(transitions).endswith(" labyrinths; observations (64, 64, 3) uint8)")
     with pytest.raises(IndexError):
         transitions[len(transitions)]
 

@@ -186,7 +186,7 @@ def test_arrays_of_one_file_are_certified_by_their_names(make_run, tmp_path, cap
     assert content["files"]["train"] == {labyrinth_id(LABYRINTH): f"{path}: train.npy[0]"}
     lines = capsys.readouterr().out.splitlines()
     assert f"{path}: test.npy[0] has the structure of {path}: train.npy[0]" in lines
-    assert "train repeats 1 structures" in lines
+    assert "train repeats 1 structure" in lines
 
 
 def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path, capsys):
