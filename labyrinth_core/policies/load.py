@@ -1,11 +1,13 @@
 """`load_policy`: a policy from a folder or from the Hub, as `evaluate` takes it.
 
-Two files are read, and they are data: `config.json`, of which each value is checked, and
-`model.safetensors`, a format without code. Nothing else is downloaded, and nothing is run.
+Two files are read, and they are data: `config.json` or, of a run, `run.json`, of which each value
+is checked; and weights in the safetensors format, which holds no code. Nothing else is downloaded,
+and nothing is run.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,12 +16,15 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.source import HUB_ID
 from labyrinth_core.data.storage import local_copy
-from labyrinth_core.policies.spec import CONFIG, WEIGHTS, PolicySpec
+from labyrinth_core.policies.spec import CONFIG, POLICY, RECORD, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:
+    import torch
+
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy
 
-MOST_BYTES: Mapping[str, int] = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
+PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
+MOST_BYTES: Mapping[str, int] = {**PUBLISHED, RECORD: 1 << 26, POLICY: 1 << 28}
 """The largest size of each file; the weights of the largest network here take 46 MB."""
 
 _UNREADABLE = (OSError, *MALFORMED)
@@ -27,7 +32,7 @@ _UNREADABLE = (OSError, *MALFORMED)
 
 
 def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy | LoadedMapper:
-    """Return a policy that was published, or lies in a folder, as `evaluate` takes it.
+    """Return a policy that was published or trained, as `evaluate` takes it.
 
     It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
     remembers its plan, so it is an object with `reset(count)` and `act(observations)`, which
@@ -35,8 +40,8 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
     says what they look at; a mapper looks at pictures of 600 pixels (`image_size=600`).
 
     Args:
-        source: A folder with `config.json` and `model.safetensors`, or an id on the Hub such as
-            `user/planner-5x5`.
+        source: The folder of a run, such as `runs/5x5/bc-cnn-seed0`; a folder with `config.json`
+            and `model.safetensors`; or an id on the Hub such as `user/planner-5x5`.
         revision: Branch, tag or commit on the Hub; not for folders.
 
     Raises:
@@ -51,8 +56,9 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
     folder = _located(source, revision)
-    spec = _read_spec(folder / CONFIG)
-    return _with_weights(spec, folder / WEIGHTS)
+    if (folder / RECORD).exists() and not (folder / CONFIG).exists():
+        return _with_weights(_read_spec_of_run(folder), folder / POLICY)
+    return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
 
 
 def _located(source: str | Path, revision: str | None) -> Path:
@@ -74,9 +80,9 @@ def _located(source: str | Path, revision: str | None) -> Path:
         return hf_hub_download(str(source), name, revision=revision, **options)
 
     try:
-        for name in MOST_BYTES:  # Before anything is downloaded.
+        for name in PUBLISHED:  # Before anything is downloaded.
             _check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
-        folders = {Path(download(name)).parent for name in MOST_BYTES}
+        folders = {Path(download(name)).parent for name in PUBLISHED}
     except DatasetError:
         raise
     except UNAVAILABLE as error:
@@ -97,15 +103,42 @@ def _read_spec(path: Path) -> PolicySpec:
         _check_size(path, CONFIG, path.stat().st_size)
         return PolicySpec.from_json(read_json(path))
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
+        reason = f"the folder holds no policy, published or of a run ({RECORD})"
+        raise DatasetError(f"{path} is not there: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
+
+
+def _read_spec_of_run(folder: Path) -> PolicySpec:
+    """Return what the policy of a run is made from: its weights name the size of its labyrinths."""
+    record = folder / RECORD
+    _, metadata = _read_weights(folder / POLICY)
+    try:
+        _check_size(record, RECORD, record.stat().st_size)
+        network, settings = json.loads(metadata["network"]), read_json(record)["run"]["settings"]
+        return PolicySpec.from_json(PolicySpec.of_run(network, settings).to_json())
+    except _UNREADABLE as error:
+        raise DatasetError(f"{folder} is no run of a policy: {one_line(error):.300}") from error
+
+
+def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
+    """Return the tensors and the texts of a file of weights."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        _check_size(path, path.name, path.stat().st_size)
+        with local_copy(path) as local, safe_open(local, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            return tensors, file.metadata() or {}
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
+    except (*_UNREADABLE, SafetensorError) as error:
+        raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 
 
 def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
     """Return the policy with its weights, whose names, shapes and types are checked."""
     import torch
-    from safetensors import SafetensorError, safe_open
 
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
     from labyrinth_core.policies.networks.mapping import Mapper
@@ -115,14 +148,7 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
 
     with torch.device("meta"):  # Without memory for weights, of which a file could ask for any.
         expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
-    try:
-        _check_size(path, WEIGHTS, path.stat().st_size)
-        with local_copy(path) as local, safe_open(local, framework="pt") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
-    except (*_UNREADABLE, SafetensorError) as error:
-        raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
+    tensors, _ = _read_weights(path)
     for name in sorted(expected.keys() | tensors.keys()):
         tensor = tensors.get(name)
         found = None if tensor is None else (tensor.shape, tensor.dtype)

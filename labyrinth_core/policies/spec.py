@@ -17,7 +17,10 @@ from labyrinth_core.world.labyrinth import Task
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
-"""The names of the two files of a policy."""
+"""The names of the two files of a policy that is published."""
+
+RECORD, POLICY = "run.json", "policy.safetensors"
+"""The names of the two files of a run that its policy is read from: `PolicySpec.of_run`."""
 
 KIND = "labyrinth-policy"
 FORMAT = 1
@@ -124,6 +127,20 @@ class PolicySpec:
             PLANNER: None,
             **own,
         }
+
+    @classmethod
+    def of_run(cls, network: Any, settings: Any) -> PolicySpec:
+        """Return what the policy of a run is made from; `from_json` checks its content.
+
+        Args:
+            network: The fields of its `NetworkSpec`.
+            settings: The settings of its method.
+        """
+        of_method = OWN.get(network["encoder"])
+        own = None
+        if of_method is not None:
+            own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
+        return cls(NetworkSpec(**network), settings.get("average", False), own)
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:

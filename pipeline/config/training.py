@@ -38,12 +38,6 @@ method has a network of its own, for pictures, in place of `encoder`; `memory` i
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
 
-POLICY = "policy.safetensors"
-"""The name of the file of a run's policy, in the folder of the run."""
-
-RECORD = "run.json"
-"""The name of the file that says how a run was trained, in the same folder."""
-
 
 @dataclass(frozen=True)
 class Protocol:
@@ -200,8 +194,8 @@ class EvaluationOptions:
 
 _POLICY = (
     r"[\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?",
-    "module:name, or a published policy: a folder, or an id on the Hub, with @ and a revision if "
-    "it is not main",
+    "module:name, the folder of a run or of a published policy, or an id on the Hub, with @ and a "
+    "revision if it is not main",
 )
 
 

@@ -22,9 +22,10 @@ from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
+from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.run import Run
-from pipeline.config.training import RECORD, EvaluationOptions
+from pipeline.config.training import EvaluationOptions
 from pipeline.machinery.dataset import fingerprint_of
 
 
@@ -51,7 +52,11 @@ def judge_named(run: Run) -> Judged:
     """
     options, asked = run.options, run.options.evaluation
     name = asked.name.strip() or Path(options.policy).name
-    path = Path(options.run_dir).expanduser() / run.dataset.name / _as_file_name(name) / RESULTS
+    runs = Path(options.run_dir).expanduser() / run.dataset.name
+    path = runs / _as_file_name(name) / RESULTS
+    if not asked.name and path.with_name(RECORD).exists():  # A run has results of its own there.
+        name = f"{name} as policy"
+        path = runs / _as_file_name(name) / RESULTS
     refuse_others(path, name)
     fingerprint_of(run)  # Says how the dataset is made, if there is none.
     policy = named_policy(options.policy)
@@ -123,12 +128,13 @@ def named_policy(name: str) -> Any:
 
     Args:
         name: `module:name`, a policy in a module of the working directory or an installed one, or
-            a class or a function without arguments that makes one; or a published policy: a
-            folder, or an id on the Hub such as `user/planner-5x5` or `user/planner-5x5@1.0.0`.
+            a class or a function without arguments that makes one; the folder of a run or of a
+            published policy; or an id on the Hub such as `user/planner-5x5` or
+            `user/planner-5x5@1.0.0`.
 
     Raises:
         ConfigError: There is no such module or name.
-        DatasetError: The published policy cannot be read.
+        DatasetError: The policy of a run, or a published one, cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
     if ":" not in name:

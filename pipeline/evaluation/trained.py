@@ -17,9 +17,10 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.pictures.vector import tile_count
+from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import check
 from pipeline.config.run import Run
-from pipeline.config.training import POLICY, PROTOCOLS
+from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.named import Judged, refuse_others
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
@@ -27,15 +27,14 @@ from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import (
     CONFIG,
-    OWN,
+    POLICY,
+    RECORD,
     WEIGHTS,
     MapperSpec,
-    NetworkSpec,
     PlannerSpec,
     PolicySpec,
 )
 from pipeline.config.run import Run
-from pipeline.config.training import POLICY, RECORD
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.machinery.own_files import list_all
 from pipeline.release.plan import DATASET
@@ -111,18 +110,13 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="labyrinth-model-") as temporary:
         folder = Path(temporary)
         _copy_weights(source, folder, made)
-        spec = _spec(run, made)
-        write_text(folder / CONFIG, json.dumps(spec.to_json(), indent=1) + "\n")
-        try:
-            network = load_policy(folder).network
-        except DatasetError as error:
-            told = str(error).replace(str(folder / WEIGHTS), str(source / POLICY))
-            raise DatasetError(told.replace(temporary, str(source))) from error
+        policy = load_policy(source)
+        write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
         trained = Trained(
             model=run.options.publish.model,
             version=run.options.publish.version,
-            spec=spec,
-            weights=sum(each.numel() for each in network.parameters()),
+            spec=policy.spec,
+            weights=sum(each.numel() for each in policy.network.parameters()),
             dataset=dataset,
             revision=revision or commit,
             commit=commit,
@@ -182,21 +176,6 @@ def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
         raise DatasetError(
             f"{source / RESULTS} is of other weights than {POLICY}: stages=evaluate makes it anew"
         )
-
-
-def _spec(run: Run, made: TrainedRun) -> PolicySpec:
-    """Return what the network of a run is made from; `load_policy` checks it."""
-    size = run.dataset.height, run.dataset.width
-    encoder, settings = made.encoder, made.settings
-    of_method = OWN.get(encoder)
-    own = None
-    if of_method is not None:
-        own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
-    return PolicySpec(
-        network=NetworkSpec(encoder, made.pool_stride, *size, str(run.dataset.task)),
-        average=settings.get("average", False),
-        own=own,
-    )
 
 
 def _eval_results(trained: Trained) -> str:

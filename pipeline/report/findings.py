@@ -1,4 +1,4 @@
-"""The evaluated runs that the report shows, read from the files that `evaluate` has left."""
+"""The evaluated policies that the report shows, read from the files that `evaluate` has left."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
@@ -40,13 +39,13 @@ def read_results(
 ) -> list[dict[str, Any]]:
     """Return the data of the page on the methods evaluated on datasets, each with its runs.
 
-    A method is all that the name of a run says but its seed, such as `bc-resnet18`.
+    A method is all that the name of a run says but its seed, such as `bc-resnet18`. Policies that
+    no run made come after those, each as a method with one run; they may lack splits.
 
     Args:
         run_dir: The folder of the runs; it need not exist.
         data_dir: The folder of the datasets.
-        manifests: The manifests of the datasets; runs on others are left out, and so are results
-            of policies that no run made.
+        manifests: The manifests of the datasets; results on others are left out.
 
     Raises:
         DatasetError: A file is refused.
@@ -55,30 +54,40 @@ def read_results(
         manifest.config.name: KnownDataset(str(data_dir), manifest.config.name, None, manifest)
         for manifest in manifests
     }
-    methods: dict[tuple[str, str], list[tuple[TrainedRun, Results]]] = {}
+    methods: dict[tuple[str, str, Path | None], list[Results]] = {}
     for path in results_in(run_dir):
         results = Results.load(path, of.get)
         run, known = results.run, of.get(results.config)
-        if run is None or known is None or known.fingerprint != results.fingerprint:
+        if known is None or known.fingerprint != results.fingerprint:
             continue
-        methods.setdefault((results.config, run.of_all_seeds), []).append((run, results))
-    return [
-        _method(name, sorted(runs, key=lambda each: each[0].seed))
-        for (_, name), runs in methods.items()
-    ]
+        key = (_name(results), path) if run is None else (run.of_all_seeds, None)
+        methods.setdefault((results.config, *key), []).append(results)
+    by_runs_first = sorted(methods.items(), key=lambda item: item[0][2] is not None)
+    return [_method(name, sorted(found, key=_seed)) for (_, name, _), found in by_runs_first]
 
 
-def _method(name: str, runs: Sequence[tuple[TrainedRun, Results]]) -> dict[str, Any]:
+def _name(results: Results) -> str:
+    """Return the name of a run, or of the policy that was evaluated."""
+    if results.run is not None:
+        return results.run.name
+    return results.method.name if results.method else ""
+
+
+def _seed(results: Results) -> int:
+    return results.run.seed if results.run is not None else 0
+
+
+def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     """Return the data of the page on a method: means over its runs, and each run."""
-    first = runs[0][1]
+    first = runs[0]
+    shown = [split for split in EVALUATED_SPLITS if split in first.splits]
     told = [
-        {"name": run.name, "splits": {split: _run(found[split]) for split in EVALUATED_SPLITS}}
-        for run, results in runs
-        for found in [results.splits]
+        {"name": _name(run), "splits": {split: _run(run.splits[split]) for split in shown}}
+        for run in runs
     ]
     splits = {}
-    for split in EVALUATED_SPLITS:
-        scores = [results.splits[split] for _, results in runs]
+    for split in shown:
+        scores = [run.splits[split] for run in runs]
         solved = np.concatenate([np.atleast_2d(each.episodes.solved) for each in scores])
         weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
         by_all = set.intersection(*(set(each.failed) for each in scores))
@@ -98,7 +107,7 @@ def _method(name: str, runs: Sequence[tuple[TrainedRun, Results]]) -> dict[str, 
         "splits": splits,
         "baselines": {
             split: {each: found[split] for each, found in first.baselines.items()}
-            for split in EVALUATED_SPLITS
+            for split in shown
         },
         "runs": told,
     }

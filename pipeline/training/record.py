@@ -15,9 +15,9 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
+from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import POLICY, RECORD
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT = "checkpoint.safetensors"

@@ -21,12 +21,11 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import (
     IMAGE_SIZE,
-    POLICY,
     PROTOCOLS,
     TrainingOptions,
     usual_settings,

@@ -38,11 +38,11 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import solved_by, success_rate
 from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import RunConfig, resolve
-from pipeline.config.training import IMAGE_SIZE, POLICY, PROTOCOLS
+from pipeline.config.training import IMAGE_SIZE, PROTOCOLS
 from pipeline.generation import build
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import fit

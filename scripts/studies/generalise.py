@@ -33,11 +33,11 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter, Style, render
 from labyrinth_core.policies.networks.mapping import MapperPolicy
 from labyrinth_core.policies.networks.symmetry import Averaged
+from labyrinth_core.policies.spec import POLICY
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode
 from pipeline.config.run import RunConfig, resolve
-from pipeline.config.training import POLICY
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 from pipeline.training.record import read_record

@@ -164,11 +164,12 @@ function noResults() {
 
 function resultsOf(config) {
   const methods = DATA.results.filter((method) => method.config === config);
-  const [{ baselines, splits: first }] = methods;
-  const splits = Object.keys(first);
-  const bars = (split) => methods.map(({ name, splits: { [split]: { spl, spl_interval } } }) => ({
-    name, share: spl, interval: spl_interval, colour: DATA.colours.goal,
-  }));
+  const splits = [...new Set(methods.flatMap((method) => Object.keys(method.splits)))];
+  const baselines = Object.assign({}, ...methods.map((method) => method.baselines).reverse());
+  const bars = (split) => methods.filter((method) => split in method.splits)
+    .map(({ name, splits: { [split]: { spl, spl_interval } } }) => ({
+      name, share: spl, interval: spl_interval, colour: DATA.colours.goal,
+    }));
   const panels = splits.map((split) =>
     panel(split, "", barPicture(bars(split), 1, `SPL on ${split}`)),
   );
@@ -181,7 +182,7 @@ function resultsOf(config) {
   ]);
   const results = figure(
     `SPL, ${config}`,
-    `${DATA.whySpl} One greedy episode in each labyrinth, the mean over seeds; SPL has its 95% ` +
+    `${DATA.whySpl} Of runs one greedy episode in each labyrinth, the mean over seeds; SPL has its 95% ` +
     "interval over seeds and labyrinths. In the table, success rate, average return and its " +
     "standard deviation stand below; in grey, what needs no learning.",
     panels,
@@ -191,8 +192,10 @@ function resultsOf(config) {
   return [results, ...methods.map(methodDetails)];
 }
 
-/** Return a table's cell with SPL, success rate and average return. */
-function ratesOf({ spl, sr, aer, aer_std: deviation }) {
+/** Return a table's cell with SPL, success rate and average return, empty if there are none. */
+function ratesOf(figures) {
+  if (!figures) return "";
+  const { spl, sr, aer, aer_std: deviation } = figures;
   const below = `SR ${percent(sr)}, ${aer.toFixed(2)} ± ${deviation.toFixed(2)}`;
   return element("span", {}, percent(spl), element("br"), element("small", {}, below));
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from policies import RELEASED_SPEC, lay_out_released
+from policies import RELEASED, RELEASED_SPEC, lay_out_released
 from safetensors.torch import load_file, save_file
 
 from labyrinth_core import DatasetError, PolicyError, evaluate, load_policy
@@ -49,6 +50,25 @@ MAPPER = PolicySpec(NetworkSpec("mapper", 1, 3, 3, "navigation"), False, MapperS
 def released(tmp_path: Path) -> Path:
     """The planner that was released, in a folder to be changed."""
     return lay_out_released(tmp_path / "planner")
+
+
+def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None:
+    policy, same = load_policy(RELEASED), load_policy(released)
+    assert policy.spec == RELEASED_SPEC
+    ours, theirs = policy.network.state_dict(), same.network.state_dict()
+    assert ours.keys() == theirs.keys()
+    assert all(torch.equal(ours[name], theirs[name]) for name in ours)
+    run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
+    record = (run / "run.json").read_text(encoding="utf-8")
+    told = f"{run} is no run of a policy: "
+    for old, new, reason in (
+        ('"channels": 32', '"channels": 1e9', "planner.channels is 1000000000.0, not a whole num"),
+        ('"settings"', '"others"', "'settings'"),
+    ):
+        (run / "run.json").write_text(record.replace(old, new), encoding="utf-8")
+        check_refused(run, told + reason)
+    save_file({}, run / "policy.safetensors")
+    check_refused(run, f"{told}'network'")
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.network.encoder)

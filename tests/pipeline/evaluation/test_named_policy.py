@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +12,13 @@ from pathlib import Path
 import pytest
 from making import make
 from PIL import Image
+from policies import RELEASED
 from publishing import REPO, environment, local_hub, published
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import EvaluationOptions
 from pipeline.evaluation import evaluate as stage
@@ -101,6 +104,15 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     assert content["method"] == unsaid | {"name": f"strange:{name}", "details": {}}
 
 
+def test_the_folder_of_a_run_is_a_policy_whose_results_lie_beside_it(run_of, folder):
+    made = Path(shutil.copytree(RELEASED, folder / "runs" / "3x3" / "planner"))
+    before = {path.name: path.read_bytes() for path in made.iterdir()}
+    stage.run(run_of("runs/3x3/planner"))
+    path = folder / "runs" / "3x3" / "planner-as-policy" / "results.json"
+    assert Results.load(path).method.name == "planner as policy"
+    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
+
+
 def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folder, capsys):
     stage.run(run_of("strange:right", gifs=3))
     results = folder / "runs" / "3x3" / "strange-right"
@@ -160,9 +172,9 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
     [
         (
             {"policy": "a b"},
-            "policy=a b: give module:name, or a published policy: a folder, or an id on the Hub",
+            "policy=a b: give module:name, the folder of a run or of a published policy, or an id",
         ),
-        ({"policy": "ppo.zip"}, "policy=ppo.zip: give module:name, or a published policy: a fold"),
+        ({"policy": "ppo.zip"}, "policy=ppo.zip: give module:name, the folder of a run or of a p"),
         (
             {"policy": "a:b", "episodes": 0},
             "evaluation.episodes=0: give a whole number",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reporting import METHOD, analyse, evaluate
+from reporting import METHOD, analyse, evaluate, evaluate_own
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
@@ -166,6 +166,20 @@ def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir,
     assert read_results(runs, data_dir, [manifest]) == []
 
 
+def test_a_policy_that_no_run_made_is_shown_after_them_with_the_splits_that_it_has(
+    data_dir, tmp_path
+):
+    folder, runs = data_dir / "3x3", tmp_path / "runs"
+    evaluate_own(folder, runs, "A policy of mine")
+    evaluate(folder, runs)
+    method, own = read_results(runs, data_dir, [Manifest.read(folder)])
+    assert (method["name"], own["name"]) == (METHOD, "A policy of mine")
+    assert own["splits"].keys() == own["baselines"].keys() == {"test"}
+    (run,) = own["runs"]
+    assert run["name"] == "A policy of mine"
+    assert run["splits"]["test"]["spl"] == own["splits"]["test"]["spl"]
+
+
 def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     failed = [evaluate(folder, runs, seed) for seed in (0, 1)]
@@ -193,9 +207,10 @@ def test_results_that_do_not_add_up_or_are_of_fewer_labyrinths_are_refused_in_on
     path.write_text(json.dumps(wrong))
     with pytest.raises(DatasetError, match=r"^.*results\.json is refused: test: sr is 1\.0, .*$"):
         write_report(data_dir, tmp_path / "runs")
-    content["run"]["train_labyrinths"] = 7
-    content["method"]["name"] += "-labyrinths7"
-    path.write_text(json.dumps(content))
+    fewer = json.loads(path.read_text()) | {"splits": content["splits"]}
+    fewer["run"]["train_labyrinths"] = 7
+    fewer["method"]["name"] += "-labyrinths7"
+    path.write_text(json.dumps(fewer))
     with pytest.raises(DatasetError, match=r"is refused: train: 8 labyrinths, but \S* has 7$"):
         write_report(data_dir, tmp_path / "runs")
     del content["splits"]["s0"]

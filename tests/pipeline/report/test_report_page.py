@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
-from reporting import METHOD, analyse, evaluate, ids_of
+from reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.loader import load_episodes
@@ -408,6 +408,18 @@ def test_what_was_found_out_leads_to_the_labyrinths(open_report, reported):
         page.locator(".tile").first.click()
         assert name in page.locator("#facts").text_content()
         page.keyboard.press("Escape")
+
+
+def test_results_of_ones_own_policy_are_shown_where_it_has_some(browser, reported, tmp_path):
+    data_dir = shutil.copytree(reported, tmp_path / "labyrinth")
+    runs = shutil.copytree(reported.parent / "runs", tmp_path / "runs")
+    evaluate_own(data_dir / "3x3", runs, "<i>Mine</i>")
+    page = browser.new_page()
+    page.goto(f"{write_report(data_dir, runs).as_uri()}#/results")
+    row = page.locator("#runs tr", has_text="<i>Mine</i>").first
+    cells = row.locator("td, th").all_text_contents()
+    assert [bool(cell) for cell in cells] == [True, True, False, False, True, False, False]
+    page.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

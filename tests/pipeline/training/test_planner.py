@@ -22,13 +22,12 @@ from labyrinth_core.evaluation.playing import solved_by, success_rate
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman, Planner
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import POLICY
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
 from pipeline.training.policy import read_policy

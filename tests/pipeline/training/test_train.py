@@ -17,9 +17,9 @@ import torch
 import pipeline.training
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.config.training import POLICY
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
