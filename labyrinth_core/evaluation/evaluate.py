@@ -187,7 +187,7 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
 def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
     """Return the scores by look-ups, if a policy that is asked twice answers alike."""
     acting = np.flatnonzero(~arrays.terminal)
-    some = acting[:: -(-len(acting) // TRIED)]  # All over the split.
+    some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
     first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
     if not np.array_equal(first, second):
         raise PolicyError(
