@@ -23,6 +23,7 @@ from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.release import readme
+from pipeline.release.changes import CHANGES, Changes
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.files import (
@@ -80,6 +81,7 @@ def write_card(
     version: str | None = None,
     *,
     space: str | None = None,
+    changes: Changes | None = None,
     workers: int = 1,
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
@@ -92,6 +94,7 @@ def write_card(
         repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
         version: The version of the release, if it is one.
         space: The id of the Space with the report, if there is one.
+        changes: The labyrinths that came and went since the version before, if there was one.
         workers: The number of processes that read shards.
 
     Raises:
@@ -100,10 +103,12 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, Release(repo_id, version, space=space), workers)
+        return _write_card(data_dir, Release(repo_id, version, space=space), changes, workers)
 
 
-def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
+def _write_card(
+    data_dir: AnyPath, release: Release, changes: Changes | None, workers: int
+) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / README)
     own, versions = own_files(data_dir), changelog_of(data_dir)
     datasets = _without_leaks(data_dir, workers)
@@ -117,13 +122,17 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         CITATION: citation_file(release).encode(),
         EVAL: eval_file(manifests, str(values.get("pretty_name", NAME))).encode(),
     }
+    if changes is not None:
+        files[CHANGES] = changes.table().encode()
     others = own.others(files)
     for name in others:
         del files[name]
     if versions is None:
         others.append(CHANGELOG)
     else:
-        files[CHANGELOG] = changelog(versions, manifests, release.version).encode()
+        came_and_went = changes.lines() if changes is not None else []
+        text_ = changelog(versions, manifests, release.version, came_and_went)
+        files[CHANGELOG] = text_.encode()
     files[README] = _with_front_matter(values, manifests, text).encode()
     for dataset in datasets:
         dataset.leave(data_dir / dataset.name)

@@ -13,6 +13,7 @@ from labyrinth_core.language.reading import regular_file
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
+from pipeline.release.changes import CHANGES
 from pipeline.release.figures import FIGURES
 from pipeline.release.plan import DATASET, Kind
 from pipeline.release.readme import BANNER, picture_path
@@ -75,7 +76,7 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
     data_dir = own.folder
     pictures = pictures_of([manifest.config.name for manifest in manifests])
     names = [README, *([CHANGELOG] if changelog_of(data_dir) else [])]
-    names += [name for name in (CITATION, CROISSANT, EVAL) if own.has(name)]
+    names += [name for name in (CHANGES, CITATION, CROISSANT, EVAL) if own.has(name)]
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
         files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards)]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -27,15 +26,21 @@ from pipeline.config.run import PublishOptions, Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.release.card import write_card
+from pipeline.release.changes import changes_since
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, staged_policy
 from pipeline.release.plan import DATASET, MODEL, SPACE, Plan, make_plan
-from pipeline.release.remote import FAULTS, PublishError, Remote, explained, reasons, repeated
+from pipeline.release.remote import (
+    FAULTS,
+    VERSION,
+    PublishError,
+    Remote,
+    explained,
+    reasons,
+    repeated,
+)
 from pipeline.release.space import staged_report
 from pipeline.release.verify import verified
-
-VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
-"""What a tag of a release looks like."""
 
 
 def run(run: Run) -> None:
@@ -58,7 +63,7 @@ def run(run: Run) -> None:
                 reason = "holds no finished dataset: labyrinth-datasets makes one"
                 raise PublishError(f"{run.local_dir} {reason}")
             remote = Remote(api, options.repo_id, DATASET)
-            if _release(remote, options, run.local_dir, _carded(run)):
+            if _release(remote, options, run.local_dir, _carded(run, remote)):
                 config = front_matter.default_config(manifests)
                 say(f'load_dataset("{options.repo_id}", "{config}", {version})')
     if options.model:
@@ -75,13 +80,20 @@ def run(run: Run) -> None:
 
 
 @contextmanager
-def _carded(run: Run) -> Iterator[Path]:
+def _carded(run: Run, remote: Remote) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, another that looks like it."""
     options = run.options.publish
 
     def card(folder: Path) -> None:
-        space, workers = options.space or None, run.options.workers
-        write_card(folder, options.repo_id, options.version, space=space, workers=workers)
+        changes = changes_since(remote, options.version, folder, front_matter.finished(folder))
+        write_card(
+            folder,
+            options.repo_id,
+            options.version,
+            space=options.space or None,
+            changes=changes,
+            workers=run.options.workers,
+        )
 
     if not options.dry_run:
         card(run.local_dir)

@@ -5,6 +5,7 @@ The client repeats some of its calls after a fault of the Hub, others not; those
 
 from __future__ import annotations
 
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -32,6 +33,9 @@ WAITS = (0.2, 1.0, 3.0)
 
 FAULTS = (HTTPError, JSONDecodeError)
 """What the client raises for a fault; the second where it takes an error page for JSON."""
+
+VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
+"""What a tag of a release looks like."""
 
 Result = TypeVar("Result")
 
@@ -186,6 +190,14 @@ class Remote:
         """Return the commit that each tag points to."""
         tags = self._call("list_repo_refs").tags
         return {str(each.name): str(each.target_commit) for each in tags}
+
+    def versions(self) -> dict[str, str]:
+        """Return the commit of each tag that is a version, such as 1.0.0."""
+        return {tag: commit for tag, commit in self.tags().items() if VERSION.fullmatch(tag)}
+
+    def download(self, path: str, commit: str) -> Path:
+        """Return a file of a commit, in the Hub's cache."""
+        return Path(self._call("hf_hub_download", filename=path, revision=commit))
 
     def tag(self, tag: str, commit: str) -> None:
         """Let a tag point to a commit.

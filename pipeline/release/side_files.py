@@ -16,6 +16,7 @@ from pipeline.release.provenance import Release
 from pipeline.release.texts import fill, read
 
 UNRELEASED = "Unreleased"
+_CHANGES = re.compile(r"- `[^`]+`: since \S+ [\d,]+ labyrinths came and [\d,]+ went .*")
 _FINGERPRINT = re.compile(r"- `[^`]+`: .* rows, fingerprint `[0-9a-f]{64}`")
 
 
@@ -59,7 +60,9 @@ def eval_file(manifests: Sequence[Manifest], name: str) -> str:
     return _yaml({"name": name} | yaml.safe_load(read("eval.yaml")) | {"tasks": tasks})
 
 
-def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
+def changelog(
+    text: str, manifests: Sequence[Manifest], version: str | None, changes: Sequence[str] = ()
+) -> str:
     """Return the changelog with an entry for the datasets of a folder.
 
     The entry "Unreleased" changes with the data, and becomes that of a version when there is one.
@@ -69,6 +72,7 @@ def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> 
         text: The changelog so far; empty if there is no file.
         manifests: The manifests of all datasets of the folder.
         version: The version of the release, if it is one.
+        changes: A line for each config whose labyrinths are others than in the version before.
     """
     title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
     entries = [(part.partition("\n")[0].strip(), part.splitlines()[1:]) for part in parts]
@@ -82,11 +86,15 @@ def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> 
         return text
     heading = version or UNRELEASED
     replaced = [line for name, body in entries if name in (heading, UNRELEASED) for line in body]
-    of_person = [line for line in replaced if line and not _FINGERPRINT.fullmatch(line)]
+    of_person = [line for line in replaced if line and not _is_generated(line)]
     kept = [(name, body) for name, body in entries if name not in (heading, UNRELEASED)]
-    entries = [(heading, ["", *lines, *of_person]), *kept]
+    entries = [(heading, ["", *lines, *changes, *of_person]), *kept]
     written = ("\n".join([f"## {name}", *body]).rstrip() for name, body in entries)
     return "\n\n".join([title.strip() or read("changelog.md").strip(), *written]) + "\n"
+
+
+def _is_generated(line: str) -> bool:
+    return any(form.fullmatch(line) for form in (_FINGERPRINT, _CHANGES))
 
 
 def is_changelog(text: str) -> bool:

@@ -7,9 +7,11 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from hub.local_hub import LocalHub
@@ -224,6 +226,41 @@ def test_a_release_that_adds_a_config_sends_it_alone_and_leaves_the_first_as_it_
     assert all(all(values[1:]) for values in before.values())
     changelog = local_hub.content(REPO, "CHANGELOG.md").decode()
     assert re.findall(r"^## (.*)$", changelog, re.MULTILINE) == ["1.1.0", "1.0.0"]
+
+
+def labyrinths(folder: Path) -> set[str]:
+    """Return config, split and id of each labyrinth of a dataset, as CSV has them."""
+    table = pq.read_table(folder / "labyrinths.parquet").to_pylist()
+    return {f"{folder.name},{row['split']},{row['labyrinth_id']}" for row in table}
+
+
+def test_the_changelog_counts_labyrinths_that_came_and_went_and_a_file_has_their_ids(
+    local_hub: LocalHub, releasable: Path, with_one_more: Path, build_dataset: Callable[..., Path]
+) -> None:
+    published(local_hub, releasable)
+    assert "changes.csv" not in held(local_hub)
+    before, added = labyrinths(releasable / "2x3"), "3x3-icy_floor"
+    shutil.copytree(with_one_more / added, releasable / added)
+    shutil.rmtree(releasable / "2x3")
+    build_dataset(releasable, "2x3", labyrinths=3, random_steps=5, seed=5)
+    published(local_hub, releasable, "1.1.0")
+    after, new = labyrinths(releasable / "2x3"), labyrinths(releasable / added)
+    came, went = len(after - before), len(before - after)
+    assert came > 0
+    assert went > 0
+    lines = local_hub.content(REPO, "CHANGELOG.md").decode().splitlines()
+    assert [line for line in lines if "since 1.0.0" in line] == [
+        f"- `2x3`: since 1.0.0 {came} labyrinths came and {went} went (changes.csv)",
+        f"- `{added}`: since 1.0.0 {len(new)} labyrinths came and 0 went (changes.csv)",
+    ]
+    head, *rows = local_hub.content(REPO, "changes.csv").decode().splitlines()
+    assert head == "config,split,labyrinth_id,change"
+    assert {row for row in rows if row.endswith(",came")} == {
+        f"{each},came" for each in (after - before) | new
+    }
+    assert {row for row in rows if row.endswith(",went")} == {
+        f"{each},went" for each in before - after
+    }
 
 
 def test_a_version_is_published_once(
