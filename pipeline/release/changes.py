@@ -8,7 +8,7 @@ from pathlib import Path
 
 from huggingface_hub.errors import RepositoryNotFoundError
 
-from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.labyrinth_table import TABLE, labyrinths_of
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.release.remote import Remote
@@ -88,11 +88,3 @@ def changes_since(
 def parts(version: str) -> list[int]:
     """Return the numbers of a version, by which versions are compared."""
     return [*map(int, version.split("."))]
-
-
-def labyrinths_of(table: Path) -> Labyrinths:
-    """Return the split and the id of each labyrinth of a table."""
-    import pyarrow.parquet as pq
-
-    columns = pq.read_table(table, columns=["split", "labyrinth_id"]).to_pydict()
-    return set(zip(columns["split"], columns["labyrinth_id"], strict=True))
