@@ -124,6 +124,12 @@ def test_every_link_to_a_file_leads_to_one(document):
         assert not anchor or anchor in anchors(target), f"{link}#{anchor}"
 
 
+def test_every_picture_of_the_documentation_is_shown():
+    texts = "".join(path.read_text(encoding="utf-8") for path in CURRENT)
+    pictures = [path.name for path in (ROOT / "docs" / "pictures").iterdir()]
+    assert [name for name in pictures if f"pictures/{name})" not in texts] == []
+
+
 @pytest.mark.parametrize("document", CURRENT, ids=lambda path: path.name)
 def test_every_path_that_is_named_exists(document):
     for path in paths(document.read_text(encoding="utf-8")):
