@@ -109,6 +109,23 @@ def paths(text: str) -> Iterator[str]:
             yield quoted
 
 
+def test_options_with_brackets_are_quoted_for_zsh():
+    """In pages, and in all that the program prints but its hints, which it quotes as it prints."""
+    programs = {*ROOT.glob("pipeline/**/*.*"), *ROOT.glob("labyrinth_core/**/*.py")}
+    programs.discard(ROOT / "pipeline" / "machinery" / "hints.py")
+    shown = [
+        path for path in [*CURRENT, *programs] if path.suffix in (".py", ".js", ".md", ".yaml")
+    ]
+    unquoted = [
+        f"{path.relative_to(ROOT)}: {match[0]}"
+        for path in shown
+        for match in re.finditer(
+            r"(?<!['\w.])(stages|shifts|\w+\.splits)=\[\w+.*", path.read_text(encoding="utf-8")
+        )
+    ]
+    assert unquoted == []
+
+
 def anchors(document: Path) -> set[str]:
     """Return the anchors of a document's headings, as GitHub and the Hub make them."""
     headings = re.findall(r"^#+ (.*)$", document.read_text(encoding="utf-8"), re.MULTILINE)
