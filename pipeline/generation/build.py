@@ -76,7 +76,9 @@ def run(
     cells_per_shard: int = CELLS_PER_SHARD,
     cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
 ) -> None:
-    """Build the dataset of a run, or the damaged and missing files of one that is finished.
+    """Build the dataset of a run, or a part of it, or what a finished one lacks.
+
+    A finished dataset lacks what is damaged or missing, or the labyrinths to grow by.
 
     Args:
         run: The run.
