@@ -17,8 +17,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.loader import load_episodes as load_episodes
     from labyrinth_core.data.loader import load_transitions as load_transitions
-    from labyrinth_core.data.loader import stream_episodes as stream_episodes
-    from labyrinth_core.data.loader import stream_transitions as stream_transitions
+    from labyrinth_core.data.stream import stream_episodes as stream_episodes
+    from labyrinth_core.data.stream import stream_transitions as stream_transitions
     from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
@@ -57,8 +57,8 @@ _HOMES = {
     "render": "pictures.renderer",
     "sample_labyrinth": "world.random_labyrinth",
     "shortest_route": "world.solver",
-    "stream_episodes": "data.loader",
-    "stream_transitions": "data.loader",
+    "stream_episodes": "data.stream",
+    "stream_transitions": "data.stream",
 }
 """Public name -> the module of this package that defines it."""
 

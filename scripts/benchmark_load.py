@@ -38,7 +38,8 @@ from typing import Any
 import numpy as np
 from measuring import forget, machine, parser_of, positive, report, run_command, take_turns
 
-from labyrinth_core.data.loader import Transitions, load_transitions, stream_transitions
+from labyrinth_core.data.loader import Transitions, load_transitions
+from labyrinth_core.data.stream import stream_transitions
 
 SIZE = 64
 BATCH = 64

@@ -88,28 +88,17 @@ class Episodes:
         return tables[self.which, self.states]
 
 
-def replayed(
-    blocks: Iterable[Rows], part: int = 0, parts: int = 1, cells: int = PARSED_CELLS
-) -> Generator[Episodes]:
+def replayed(blocks: Iterable[Rows], cells: int = PARSED_CELLS) -> Generator[Episodes]:
     """Yield the episodes of rows in order, many together.
 
     Args:
         blocks: The rows.
-        part: Which of the parts to yield, from 0.
-        parts: The number of parts to which the episodes are dealt in turn.
         cells: The cells of labyrinths that are parsed and replayed together.
 
     Raises:
         DatasetError: The rows do not make episodes; raised after the episodes before that row.
     """
-    before = 0
     for whole in grouped(blocks):
-        dealt = (np.arange(len(whole.firsts)) + before) % parts == part
-        before += len(dealt)
-        if not dealt.any():
-            continue
-        if not dealt.all():
-            whole = whole.take(dealt)
         rows = whole.rows
         # A text of a labyrinth has at least eight characters for each cell.
         together = max(1, cells * 8 // (len(rows.texts[0]) + 1))

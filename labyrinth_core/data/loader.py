@@ -13,12 +13,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 import warnings
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import wraps
 from inspect import signature
@@ -32,19 +28,12 @@ from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import Episodes, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.rows import Rows, of_labyrinths
-from labyrinth_core.data.source import (
-    Filter,
-    Part,
-    find_numbers,
-    find_part,
-    local_folder,
-    stream_rows,
-)
+from labyrinth_core.data.row_groups import RowGroups
+from labyrinth_core.data.rows import Rows
+from labyrinth_core.data.source import Filter, Part, find_part, find_row_groups
 from labyrinth_core.data.transitions import (
     Columns,
     LoadedEpisode,
-    Transition,
     Transitions,
     columns_of,
     joined_columns,
@@ -86,14 +75,9 @@ class Request:
         """Return the part of the dataset to read, with all its files in a folder."""
         return find_part(*self._where())
 
-    def streamed(self, *, pictures: bool) -> Iterator[Rows]:
-        """Return the rows as they are downloaded, or those of a folder."""
-        if local_folder(self.source, self.config, self.revision) is not None:
-            return self.part().rows(pictures=pictures)
-        numbers = find_numbers(*self._where())
-        source = str(self.source)
-        rows = stream_rows(source, self.config, self.split, self.revision, pictures=pictures)
-        return of_labyrinths(rows, numbers)
+    def row_groups(self) -> RowGroups:
+        """Return the part of the dataset to read, by row group."""
+        return find_row_groups(*self._where())
 
 
 @dataclass(frozen=True)
@@ -113,7 +97,7 @@ class TransitionsRequest(Request):
         return Path(self.cache_dir).expanduser()
 
 
-def _asked_by(
+def asked_by(
     request: Callable[P, AnyRequest],
 ) -> Callable[[Callable[[AnyRequest], Result]], Callable[P, Result]]:
     """Give a function of a request the fields of the request as arguments, `help` included."""
@@ -136,7 +120,7 @@ def _asked_by(
     return decorate
 
 
-@_asked_by(TransitionsRequest)
+@asked_by(TransitionsRequest)
 def load_transitions(request: TransitionsRequest) -> Transitions:  # noqa: D417
     """Return all transitions of a split.
 
@@ -228,9 +212,9 @@ def _observed(
         raise DatasetError("there is no episode in the split")
 
 
-def _parts(rows: Iterator[Rows], spec: ObservationSpec, *worker: int) -> Iterator[Episodes]:
+def _parts(rows: Iterable[Rows], spec: ObservationSpec) -> Iterator[Episodes]:
     """Yield the episodes of rows, as many together as are observed at once."""
-    for block in replayed(rows, *worker):
+    for block in replayed(rows):
         yield from block.parts(spec.together)
 
 
@@ -248,7 +232,7 @@ def _key(part: Part, spec: ObservationSpec, version: int = PICTURES_VERSION) -> 
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-@_asked_by(Request)
+@asked_by(Request)
 def load_episodes(request: Request) -> Generator[LoadedEpisode]:  # noqa: D417
     """Yield the episodes of a split, in order.
 
@@ -275,70 +259,10 @@ def load_episodes(request: Request) -> Generator[LoadedEpisode]:  # noqa: D417
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = request.spec()
-    return _episodes(request.part().rows(pictures=spec.decodes), spec)
+    return episodes_of(request.part().rows(pictures=spec.decodes), spec)
 
 
-def _episodes(
-    rows: Iterator[Rows], spec: ObservationSpec, *worker: int
-) -> Generator[LoadedEpisode]:
-    for episodes in _parts(rows, spec, *worker):
+def episodes_of(rows: Iterable[Rows], spec: ObservationSpec) -> Generator[LoadedEpisode]:
+    """Yield the episodes that rows make."""
+    for episodes in _parts(rows, spec):
         yield from loaded(episodes, spec.observe(episodes))
-
-
-@_asked_by(Request)
-def stream_episodes(request: Request) -> Generator[LoadedEpisode]:
-    """Yield the episodes of a split as they are downloaded, by `load_dataset(streaming=True)`.
-
-    From a folder nothing is downloaded, and the episodes are those of `load_episodes`, made ahead.
-    A thread downloads and decodes a few episodes ahead; it ends after the last episode, or when
-    the generator is closed. Arguments and errors are those of `load_episodes`. Only the columns
-    that are needed are downloaded.
-
-    Called in a worker of a `DataLoader`, it yields that worker's part of the episodes, so that all
-    workers together yield each of them once.
-    """
-    spec = request.spec()
-    rows = request.streamed(pictures=spec.decodes)
-    return prefetched(_episodes(rows, spec, *_part_of_worker()), ahead=2)
-
-
-def _part_of_worker() -> tuple[int, int]:
-    """Return the number of this worker of a `DataLoader`, from 0, and how many workers there are.
-
-    A process that has not imported torch is not a worker.
-    """
-    torch_data = sys.modules.get("torch.utils.data")
-    worker = None if torch_data is None else torch_data.get_worker_info()
-    return (0, 1) if worker is None else (worker.id, worker.num_workers)
-
-
-@_asked_by(Request)
-def stream_transitions(request: Request) -> Generator[Transition]:
-    """Yield the transitions of a split as they are downloaded; see `stream_episodes`."""
-    return _steps(stream_episodes(**vars(request)))
-
-
-def _steps(episodes: Generator[LoadedEpisode]) -> Generator[Transition]:
-    with closing(episodes):
-        for episode in episodes:
-            observations = episode.observations
-            for step, action in enumerate(episode.actions.tolist()):
-                yield Transition(observations[step], action, observations[step + 1])
-
-
-def prefetched(items: Generator[LoadedEpisode], ahead: int) -> Generator[LoadedEpisode]:
-    """Yield the items of a generator in order; a thread computes up to `ahead` items in advance.
-
-    Its errors are raised here, in their place. After `close`, `break` or an error the generator is
-    closed and the thread has ended before this returns.
-    """
-    end: Any = object()
-    thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="prefetch")
-    try:
-        waiting = deque(thread.submit(next, items, end) for _ in range(ahead))
-        while (item := waiting.popleft().result()) is not end:
-            waiting.append(thread.submit(next, items, end))
-            yield item
-    finally:
-        thread.shutdown(cancel_futures=True)
-        items.close()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.columns import NO_ACTION, footer_problem, open_shard, tables_of
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
+from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
 from labyrinth_core.language.text import without_agent
 
 if TYPE_CHECKING:
@@ -78,13 +78,18 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
     Raises:
         DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
     """
-    columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
     for shard in shards:
         with opened(folder, shard) as file:
-            tables = tables_of(file, columns, together=1 if pictures else TOGETHER)
+            together = 1 if pictures else TOGETHER
+            tables = tables_of(file, columns_read(pictures), together=together)
             blocks = (rows_of_table(table, pictures=pictures) for table in tables)
             while some := list(islice(blocks, 1 if pictures else TOGETHER)):
                 yield joined(some)
+
+
+def columns_read(pictures: bool) -> list[str]:
+    """Return the names of the columns that rows are read from."""
+    return [*TYPES, "obs.bytes"] if pictures else [*TYPES]
 
 
 @contextmanager
@@ -94,10 +99,29 @@ def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFil
     with readable(path), local_copy(path) as local:
         check_file(local, shard, path)
         with open_shard(local) as file:
-            problem = footer_problem(file, shard.rows)
-            if problem is not None:
-                raise DatasetError(f"{path} is damaged: {problem}")
+            check_footer(file, shard, path)
             yield file
+
+
+@contextmanager
+def opened_in_place(path: RemotePath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
+    """Open a shard of which only the ranges that are read are downloaded; check its footer alone.
+
+    An error within means that it cannot be read.
+    """
+    import pyarrow.parquet as pq
+
+    with readable(path), path.open_ranges() as ranges:
+        file = pq.ParquetFile(ranges, pre_buffer=True, read_dictionary=["info"])
+        check_footer(file, shard, path)
+        yield file
+
+
+def check_footer(file: pyarrow.parquet.ParquetFile, shard: Shard, path: AnyPath) -> None:
+    """Raise DatasetError if the footer of a file is not that of the shard."""
+    problem = footer_problem(file, shard.rows)
+    if problem is not None:
+        raise DatasetError(f"{path} is damaged: {problem}")
 
 
 def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
@@ -183,6 +207,14 @@ def of_labyrinths(blocks: Iterable[Rows], numbers: Numbers | None) -> Iterator[R
     if numbers is None:
         yield from blocks
         return
+    for rows, number in numbered(blocks):
+        yield rows.take(np.isin(number, numbers))
+        if number[-1] > numbers[-1]:
+            return
+
+
+def numbered(blocks: Iterable[Rows]) -> Iterator[tuple[Rows, Numbers]]:
+    """Yield blocks of rows with the number of the labyrinth in each row, from 0, shape (n,)."""
     before, last = -1, ""
     for rows in blocks:
         if not len(rows.info):
@@ -192,10 +224,8 @@ def of_labyrinths(blocks: Iterable[Rows], numbers: Numbers | None) -> Iterator[R
         labyrinth = np.array([places[text] for text in bare])[rows.info]
         begins = np.diff(labyrinth, prepend=places.get(last, -1)) != 0
         number = before + np.cumsum(begins)
-        yield rows.take(np.isin(number, numbers))
+        yield rows, number
         before, last = int(number[-1]), bare[rows.info[-1]]
-        if before > numbers[-1]:
-            return
 
 
 class WholeEpisodes(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from pathlib import Path
 from posixpath import normpath
@@ -16,16 +16,9 @@ import numpy as np
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from labyrinth_core.data.rows import (
-    TYPES,
-    Numbers,
-    Rows,
-    of_labyrinths,
-    read_rows,
-    readable,
-    rows_of_table,
-)
-from labyrinth_core.data.storage import AnyPath, folder_at
+from labyrinth_core.data.row_groups import RowGroups
+from labyrinth_core.data.rows import Numbers, Rows, numbered, of_labyrinths, read_rows, readable
+from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -175,6 +168,55 @@ def find_numbers(
     return None if len(numbers) == count else numbers
 
 
+def find_row_groups(
+    source: str | Path,
+    config: str,
+    split: str,
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+) -> RowGroups:
+    """Return a split or a part of it, to be read by row group; nothing of it is downloaded yet.
+
+    For the arguments and errors see `loader.load_episodes`.
+    """
+    numbers = find_numbers(source, config, split, revision, labyrinths, where)
+    folder = locate(source, config, [], revision)
+    manifest = Manifest.read(folder)
+    place = None
+    if local_folder(source, config, revision) is None:  # The folder is that of a commit.
+        place = RemotePath(f"hf://datasets/{source}@{folder.parent.name}/{config}")
+    found = RowGroups(folder, place, manifest.of(split))
+    if numbers is None:
+        return found
+    if manifest.labyrinths is None:
+        number = _numbers_of_rows(found, int(numbers[-1]))
+    else:
+        rows = _rows_of_labyrinths(locate(source, config, [TABLE], revision), manifest, split)
+        number = np.repeat(np.arange(len(rows)), rows)
+    return replace(found, kept=np.isin(number, numbers))
+
+
+def _numbers_of_rows(found: RowGroups, last: int) -> Numbers:
+    """Return the number of the labyrinth in each row up to the last row of a labyrinth."""
+    parts = []
+    for _, part in numbered(found.all(pictures=False)):
+        parts.append(part)
+        if part[-1] > last:
+            break
+    return np.concatenate(parts)
+
+
+def _rows_of_labyrinths(folder: AnyPath, manifest: Manifest, split: str) -> Numbers:
+    """Return the number of rows of each labyrinth of a split."""
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    with table_file(folder, manifest) as path:
+        table = pq.read_table(path, columns=["rows"], filters=pc.field("split") == split)
+    return table["rows"].to_numpy()  # type: ignore[no-any-return]
+
+
 def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> Numbers:
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -200,28 +242,6 @@ def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> Nu
     if not len(numbers):
         raise ValueError(f"where={where}: split={split} has no such labyrinth")
     return numbers
-
-
-def stream_rows(
-    source: str, config: str, split: str, revision: str | None, *, pictures: bool
-) -> Iterator[Rows]:
-    """Return the rows of a split as they are downloaded.
-
-    Raises:
-        DatasetError: At once if there is no such dataset, later if it cannot be read.
-    """
-    from datasets import Image, load_dataset
-
-    # `datasets` casts a selection of columns to their declared types, and leaves all as they are.
-    columns = None if pictures else [*TYPES]
-    with _available(source):
-        stream = load_dataset(
-            source, config, split=split, streaming=True, revision=revision, columns=columns
-        )
-        if pictures:
-            # As bytes, since `datasets` would decode them, too.
-            stream = stream.cast_column("obs", Image(decode=False))
-    return (rows_of_table(table, pictures=pictures) for table in _tables(source, stream))
 
 
 def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:

@@ -121,6 +121,11 @@ class RemotePath:
         """Open for reading, mode "rb"."""
         return cast("BinaryIO", self._ask(lambda store, path: store.open(path, mode)))
 
+    def open_ranges(self) -> BinaryIO:
+        """Open for reading in ranges, of which each is downloaded as it is and none ahead."""
+        opened = self._ask(lambda store, path: store.open(path, "rb", cache_type="none"))
+        return cast("BinaryIO", opened)
+
     def read_bytes(self) -> bytes:
         return bytes(self._ask(lambda store, path: store.cat_file(path)))
 

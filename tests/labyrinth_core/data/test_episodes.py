@@ -11,10 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from labyrinth_core.data.episodes import replayed
-from labyrinth_core.data.loader import load_episodes, load_transitions, stream_episodes
+from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import read_rows
 from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.text import labyrinth_id, parse, without_agent
 from labyrinth_core.pictures.renderer import Painter

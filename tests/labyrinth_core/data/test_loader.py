@@ -20,16 +20,12 @@ from datasets import load_dataset
 
 from labyrinth_core.data.columns import MOST_ROWS, arrow_schema
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import (
-    load_episodes,
-    load_transitions,
-    stream_episodes,
-    stream_transitions,
-)
+from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import stream_infos
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.pictures.png import encode
 
 CONFIGS = "3x3", "4x4-key_and_door"

@@ -16,13 +16,9 @@ from labyrinth_core import load_arrays
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
-from labyrinth_core.data.loader import (
-    load_episodes,
-    load_transitions,
-    stream_episodes,
-    stream_transitions,
-)
+from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
 FIELDS = ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids")
 

@@ -1,0 +1,131 @@
+"""The row groups of a split, of which any may be read: the episodes that begin in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.columns import BATCH_ROWS, NO_ACTION
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.rows import Rows, columns_read, opened, opened_in_place, rows_of_table
+from labyrinth_core.data.storage import AnyPath, RemotePath
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
+
+
+@dataclass(frozen=True, eq=False)
+class RowGroups:
+    """A split, or some labyrinths of it.
+
+    A row group begins and ends with an episode, unless an episode is too long for one. Such an
+    episode is read with the row group that it begins in, and no other.
+    """
+
+    folder: AnyPath
+    place: RemotePath | None
+    """Where the shards are that the folder does not hold; None if it holds all."""
+    shards: Sequence[Shard]
+    kept: NDArray[np.bool_] | None = None
+    """Which of the split's first rows are those of the labyrinths, shape (n,); None for all."""
+
+    def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
+        """Open a shard; an error within means that it cannot be read."""
+        shard = self.shards[number]
+        if self.place is None or (self.folder / shard.path).is_file():
+            return opened(self.folder, shard)
+        return opened_in_place(self.place / shard.path, shard)
+
+    def first_rows(self) -> NDArray[np.int64]:
+        """Return the number in the split of each shard's first row, and of the last one's end."""
+        return np.cumsum([0, *(shard.rows for shard in self.shards)])
+
+    def group_rows(self, file: ParquetFile, number: int) -> NDArray[np.int64]:
+        """Return the number in the split of each row group's first row, and of the last's end."""
+        groups = map(file.metadata.row_group, range(file.num_row_groups))
+        return np.cumsum([self.first_rows()[number], *(group.num_rows for group in groups)])
+
+    def kept_before(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return how many rows before each of some are kept."""
+        if self.kept is None:
+            return rows
+        count = np.append(0, np.cumsum(self.kept))
+        return count[np.minimum(rows, len(self.kept))]
+
+    def all(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield all rows."""
+        with self.opened(0) as file:
+            yield from self._after(file, 0, 0, pictures=pictures)
+
+    def read(
+        self, file: ParquetFile, number: int, groups: Sequence[int], row: int, *, pictures: bool
+    ) -> Iterator[Rows]:
+        """Yield the rows of the episodes that begin in consecutive row groups.
+
+        Args:
+            file: The shard that they are in, opened.
+            number: Its number.
+            groups: The numbers of the row groups in it.
+            row: The number in the split of their first row.
+            pictures: Whether to read the pictures.
+        """
+        begun = ended = False
+        for rows in _blocks(file, groups, pictures=pictures):
+            starts = np.flatnonzero(rows.episode_starts)
+            skipped = 0
+            if not begun and not rows.episode_starts[0]:
+                begun = self._ends_before(file, number, groups[0])  # Then the rows are damaged.
+                skipped = 0 if begun else int([*starts, len(rows.actions)][0])
+            if skipped < len(rows.actions):
+                begun, ended = True, bool(rows.actions[-1] == NO_ACTION)
+                yield self._kept(rows.take(slice(skipped, None)), row + skipped)
+            row += len(rows.actions)
+        if not begun or ended:
+            return
+        for rows in self._after(file, number, groups[-1] + 1, pictures=pictures):
+            starts = np.flatnonzero(rows.episode_starts)
+            rest = rows.take(slice(int([*starts, len(rows.actions)][0])))
+            yield self._kept(rest, row)
+            row += len(rest.actions)
+            if len(starts) or rest.actions[-1] == NO_ACTION:
+                return
+
+    def _kept(self, rows: Rows, first: int) -> Rows:
+        """Return those rows that are kept, given the number in the split of the first."""
+        if self.kept is None:
+            return rows
+        return rows.take(np.flatnonzero(self.kept[first : first + len(rows.actions)]))
+
+    def _ends_before(self, file: ParquetFile, number: int, group: int) -> bool:
+        """Return whether an episode ends before a row group, or the split begins with it."""
+        if group:
+            last = file.read_row_group(group - 1, ["actions"])["actions"][-1].as_py()
+            return bool(last == NO_ACTION)
+        if number == 0:
+            return True
+        with self.opened(number - 1) as before:
+            return self._ends_before(before, number - 1, before.num_row_groups)
+
+    def _after(
+        self, file: ParquetFile, number: int, group: int, *, pictures: bool
+    ) -> Iterator[Rows]:
+        """Yield the rows from a row group of a shard on, to the end of the split."""
+        for each in range(group, file.num_row_groups):
+            yield from _blocks(file, [each], pictures=pictures)
+        for later in range(number + 1, len(self.shards)):
+            with self.opened(later) as other:
+                for each in range(other.num_row_groups):
+                    yield from _blocks(other, [each], pictures=pictures)
+
+
+def _blocks(file: ParquetFile, groups: Sequence[int], *, pictures: bool) -> Iterator[Rows]:
+    """Yield the rows of row groups, few enough at once for any length of a picture."""
+    import pyarrow as pa
+
+    for batch in file.iter_batches(BATCH_ROWS, groups, columns_read(pictures)):
+        yield rows_of_table(pa.Table.from_batches([batch]), pictures=pictures)

@@ -1,0 +1,300 @@
+"""Streams of episodes and transitions: shuffled, divided among processes, and resumed anywhere.
+
+    from labyrinth_core import stream_transitions
+
+    for s, a, s_next in stream_transitions("data/labyrinth", "5x5", shuffle=True):
+        ...
+
+`datasets` divides a stream by row group, too, but reads the footer of the file anew for each (ten
+times the bytes at 5x5), loses its shuffle buffer when it resumes, and cuts long episodes in two.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass
+from itertools import chain, islice
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from labyrinth_core.data.loader import Request, asked_by, episodes_of
+from labyrinth_core.data.rows import TOGETHER, Rows, joined
+from labyrinth_core.data.transitions import LoadedEpisode, Transition
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
+
+BUFFER = 4096
+"""The rows that `shuffle=True` holds; at 64 x 64 their pictures have 50 MB."""
+
+TOGETHER_BYTES = 8 << 20
+"""The bytes of unpacked row groups with pictures that are read in one go."""
+
+Item = TypeVar("Item", covariant=True)
+
+
+@dataclass(frozen=True)
+class StreamRequest(Request):
+    """What to stream and in which order; `stream_episodes` explains the fields."""
+
+    _: KW_ONLY
+    shuffle: bool | int = False
+    seed: int = 0
+    rank: int | None = None
+    world_size: int | None = None
+
+    def buffer(self) -> int:
+        """Return how many rows are shuffled together, 0 for none."""
+        if isinstance(self.shuffle, bool):
+            return BUFFER * self.shuffle
+        return _whole(self.shuffle, "shuffle", 1, "True, False or a number of rows from 1 on")
+
+    def share(self) -> tuple[int, int]:
+        """Return the rank of this process and the number of ranks, perhaps of torchrun."""
+        rank: Any = self.rank
+        ranks: Any = self.world_size
+        if rank is None and ranks is None:
+            given = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
+            rank, ranks = (int(text) if text.isdecimal() else text for text in given)
+        ranks = _whole(ranks, "world_size", 1, "a whole number from 1 on")
+        return _whole(rank, "rank", 0, f"a whole number from 0 to {ranks - 1}", ranks), ranks
+
+
+def _whole(value: Any, name: str, least: int, allowed: str, end: float = np.inf) -> int:
+    """Return a whole number; raise ValueError for any other value."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not least <= value < end:
+        raise ValueError(f"{name}={value!r:.99}: give {allowed}")
+    return int(value)
+
+
+class Stream(Generic[Item]):
+    """Episodes or transitions of a split, which may be iterated once an epoch.
+
+    Pass it to a `DataLoader` as it is, after importing torch. `next` takes items without `iter`.
+    """
+
+    def __init__(
+        self,
+        request: StreamRequest,
+        items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]],
+    ) -> None:
+        self._spec, self._items_of = request.spec(), items_of
+        self._buffer = request.buffer()
+        self._seed = _whole(request.seed, "seed", 0, "a whole number from 0 on")
+        self._rank, self._ranks = request.share()
+        self._found = request.row_groups()
+        self._epoch: Any = np.zeros((), np.int64)
+        self._at: dict[str, Any] | None = None
+        self._loaded = False
+        self._running: Iterator[Item] | None = None
+        if hasattr(sys.modules.get("torch.utils.data"), "IterableDataset"):
+            sys.modules["torch.utils.data"].IterableDataset.register(type(self))
+            # Workers that live for several epochs see the number that the main process sets.
+            torch = sys.modules["torch"]
+            self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+
+    def __iter__(self) -> Iterator[Item]:
+        """Begin the epoch, or go on where `load_state_dict` says."""
+        at = self.state_dict() if self._loaded else self._start()
+        self._check(at)
+        self._at, self._loaded = at, False
+        return self._items(at)
+
+    def __next__(self) -> Item:
+        """Return the next item of an iteration that the first call begins."""
+        if self._running is None:
+            self._running = iter(self)
+        return next(self._running)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process is sent."""
+        return vars(self) | {"_running": None}
+
+    def close(self) -> None:
+        """End the iteration of `next`."""
+        self._running = iter(())
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the order of the next iteration; a shuffled stream has another in each epoch.
+
+        Raises:
+            ValueError: The epoch is not a whole number from 0 on.
+        """
+        epoch = _whole(epoch, "epoch", 0, "a whole number from 0 on")
+        if epoch != int(self._epoch):
+            self._at, self._loaded = None, False
+        self._epoch[...] = epoch
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the place after the last item: a few numbers, which JSON holds, too."""
+        return dict(self._at or self._start())
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on after the item at which `state_dict` was called, in the next iteration.
+
+        Raises:
+            ValueError: The state is not one of a stream with the same rows, order and share.
+        """
+        at = dict(state)
+        self._check(at)
+        self._epoch[...] = at["epoch"]
+        self._at, self._loaded = at, True
+
+    def _start(self) -> dict[str, Any]:
+        return {"stream": self._name(), "epoch": int(self._epoch), "shard": 0, "part": 0, "item": 0}
+
+    def _check(self, at: Mapping[str, Any]) -> None:
+        start = self._start()
+        numbers = [at.get(name) for name in start if name != "stream"]
+        if at.keys() != start.keys() or not all(type(n) is int and n >= 0 for n in numbers):
+            raise ValueError(f"load_state_dict: {at!r:.99} is not what state_dict gave")
+        if at["stream"] != start["stream"]:
+            raise ValueError(
+                "load_state_dict: the state is of another stream: give the same rows, observation, "
+                "shuffle, seed, world_size and number of workers, and each worker its own state"
+            )
+
+    def _name(self) -> str:
+        """Return a hash of all that the order and the share of this process depend on."""
+        kept = self._found.kept
+        parts = [
+            *(shard.sha256 for shard in self._found.shards),
+            None if kept is None else hashlib.sha256(np.packbits(kept).tobytes()).hexdigest(),
+            *(self._spec.decodes, self._buffer, self._seed, self._items_of.__name__),
+            self._share(),
+        ]
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+    def _share(self) -> tuple[int, int]:
+        """Return the number of this process among all ranks and workers, and how many there are."""
+        torch_data = sys.modules.get("torch.utils.data")
+        worker = None if torch_data is None else torch_data.get_worker_info()
+        number, workers = (0, 1) if worker is None else (worker.id, worker.num_workers)
+        return self._rank * workers + number, self._ranks * workers
+
+    def _random(self, at: Mapping[str, Any], *more: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, at["epoch"], *more])
+
+    def _items(self, at: dict[str, Any]) -> Iterator[Item]:
+        """Yield items from a place on, and keep the place up to date."""
+        found, (share, shares) = self._found, self._share()
+        ends = found.kept_before(found.first_rows())
+        total, rows = int(ends[-1]), np.diff(ends)
+        own = range(total * share // shares, total * (share + 1) // shares)
+        order = np.arange(len(rows))
+        if self._buffer:
+            self._random(at).shuffle(order)
+        before = np.cumsum(rows[order]) - rows[order]
+        for place, number in islice(enumerate(order.tolist()), at["shard"], None):
+            first = int(before[place])
+            if first < own.stop and first + rows[number] > own.start:
+                with found.opened(number) as file:
+                    for part in self._parts(file, number, first, own, at)[at["part"] :]:
+                        for item in islice(self._read(file, number, part, at), at["item"], None):
+                            at["item"] += 1
+                            yield item
+                        at.update(part=at["part"] + 1, item=0)
+            at.update(shard=place + 1, part=0, item=0)
+
+    def _parts(
+        self, file: ParquetFile, number: int, before: int, own: range, at: Mapping[str, Any]
+    ) -> list[list[int]]:
+        """Return the row groups of a shard that are this process's, by those read together.
+
+        Args:
+            file: The shard.
+            number: Its number.
+            before: How many rows there are before it in the order of the epoch.
+            own: The numbers in this order of the rows that are this process's.
+            at: The place, which tells the epoch.
+        """
+        rows = np.diff(self._found.kept_before(self._found.group_rows(file, number)))
+        order, cost, limit = np.arange(len(rows)), rows, self._buffer
+        if self._buffer:
+            self._random(at, number).shuffle(order)
+        elif self._spec.decodes:
+            sizes = [file.metadata.row_group(group).total_byte_size for group in order.tolist()]
+            cost, limit = np.array(sizes), TOGETHER_BYTES
+        else:
+            cost, limit = np.ones_like(rows), TOGETHER
+        # A group is whose the row in its middle is.
+        middle = before + np.cumsum(rows[order]) - (rows[order] + 1) // 2
+        parts: list[list[int]] = []
+        held = limit
+        for group in order[
+            (own.start <= middle) & (middle < own.stop) & (rows[order] > 0)
+        ].tolist():
+            if held + cost[group] > limit:
+                parts.append([])
+                held = 0
+            parts[-1].append(group)
+            held += cost[group]
+        return parts
+
+    def _read(
+        self, file: ParquetFile, number: int, part: list[int], at: Mapping[str, Any]
+    ) -> Iterator[Item]:
+        """Yield the items of row groups, in random order if the stream is shuffled."""
+        found, spec, groups = self._found, self._spec, np.sort(part)
+        first_rows = found.group_rows(file, number)
+        runs = np.split(groups, np.flatnonzero(np.diff(groups) != 1) + 1)
+        blocks: Iterable[Rows] = chain.from_iterable(
+            found.read(file, number, run.tolist(), int(first_rows[run[0]]), pictures=spec.decodes)
+            for run in runs
+        )
+        if not spec.decodes:  # Many texts are parsed in less time together.
+            blocks = [joined(some)] if (some := list(blocks)) else []
+        items = self._items_of(episodes_of(blocks, spec))
+        if not self._buffer:
+            return items
+        every = list(items)
+        shuffled = self._random(at, number, 1 + part[0]).permutation(len(every))
+        return map(every.__getitem__, shuffled.tolist())
+
+
+def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:
+    return iter(episodes)
+
+
+def _steps(episodes: Iterable[LoadedEpisode]) -> Iterator[Transition]:
+    for episode in episodes:
+        observations = episode.observations
+        for step, action in enumerate(episode.actions.tolist()):
+            yield Transition(observations[step], action, observations[step + 1])
+
+
+@asked_by(StreamRequest)
+def stream_episodes(request: StreamRequest) -> Stream[LoadedEpisode]:  # noqa: D417
+    """Return the episodes of a split as they are read, to be iterated once an epoch.
+
+    From the Hub only the row groups and columns that are needed are downloaded. Each row group
+    goes to one of the workers of a `DataLoader` and one of the ranks, so that all together get
+    every episode once an epoch; their shares differ by about a row group. `set_epoch` chooses
+    the order, `state_dict` and `load_state_dict` go on after the last item.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and
+            for all arguments that are not explained here.
+        config: Name of the dataset's config, such as `5x5`.
+        shuffle: Whether shards, the row groups in each, and the items of consecutive row groups
+            come in random order; a number says how many rows are held for the latter, True 4,096.
+        seed: The order follows from this number and the epoch.
+        rank: Number of this process, from 0; by default torchrun's `RANK`.
+        world_size: Number of processes; by default torchrun's `WORLD_SIZE`.
+
+    Raises:
+        ValueError: An argument has a value that is not allowed.
+        DatasetError: As for `load_episodes`; raised for rows after the items before them.
+    """
+    return Stream(request, _whole_episodes)
+
+
+@asked_by(StreamRequest)
+def stream_transitions(request: StreamRequest) -> Stream[Transition]:
+    """Return the transitions of a split as they are read; see `stream_episodes`."""
+    return Stream(request, _steps)
