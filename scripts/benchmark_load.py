@@ -1,6 +1,6 @@
 """Measure how fast transitions (s, a, s') at 64 x 64 are loaded, beside `datasets` and Pillow.
 
-    python scripts/benchmark_load.py [--labyrinths N] [--rounds N] [--quick]
+    python scripts/benchmark_load.py [--labyrinths N] [--rounds N] [--quick] [--streams]
 
 The baseline is what one writes with the library `datasets` alone: a row, whose picture is decoded
 by Pillow and resized by area (`Image.BOX`) to an array. In random order each transition takes two
@@ -12,9 +12,11 @@ Ours are the following, each timed until every transition has been in an array o
               cleared; then all transitions in batches of 64
     warm      batches of 64, copied from the cache file into arrays of their own
     views     one transition at a time, its arrays being views of that file; a byte of each is read
-    stream    `stream_transitions`
+    stream    `stream_transitions`, in order and shuffled
     torch     a `DataLoader` with its own collation, batches of 64 (if torch is installed), whose
               workers are running already; "gathered" lets the dataset make the batches
+
+With `--streams` these are measured alone, beside the streams of `datasets`.
 
 In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
 median of the rounds' ratios to the baseline of the same order. The dataset is the split train of
@@ -167,14 +169,14 @@ def epoch(loader: Any) -> int:
     return sum(len(action) for _, action, _ in loader)
 
 
-def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, dict[str, Passed]]:
+def contestants(
+    folder: Path, data_dir: Path, pairs: int
+) -> dict[str, dict[str, Callable[[], int]]]:
     """Return what is measured, by order and name; the first of each order is its baseline."""
     from datasets import load_dataset
 
     rows = load_dataset(str(data_dir), CONFIG, split="train", cache_dir=str(folder / "arrow"))
     load = partial(load_transitions, data_dir, CONFIG, image_size=SIZE)
-    stream = partial(stream_transitions, data_dir, CONFIG, image_size=SIZE)
-    their_stream = partial(load_dataset, str(data_dir), CONFIG, split="train", streaming=True)
     warm = load(cache_dir=folder / "warm")
     in_both = {
         "cold, decoded": partial(cold, load, folder),
@@ -189,14 +191,27 @@ def contestants(folder: Path, data_dir: Path, pairs: int) -> dict[str, dict[str,
     }
     ordered = {
         "datasets, in order": partial(ordered_rows, lambda: iter(rows), 2 * pairs),
-        "datasets, stream": partial(ordered_rows, lambda: iter(their_stream()), 2 * pairs),
         **{f"{name}, in order": partial(each, shuffled=False) for name, each in in_both.items()},
-        "stream, decoded": partial(streamed, stream),
-        "stream, drawn": partial(streamed, partial(stream, draw=True)),
+        **streams(data_dir, pairs),
     }
+    return {"random": shuffled, "in order": ordered}
+
+
+def streams(data_dir: Path, pairs: int) -> dict[str, Callable[[], int]]:
+    """Return the streams by name, those of `datasets` first; "row groups" is after `reshard`."""
+    from datasets import load_dataset
+
+    theirs = partial(load_dataset, str(data_dir), CONFIG, split="train", streaming=True)
+    ours = partial(stream_transitions, data_dir, CONFIG, image_size=SIZE)
     return {
-        order: {name: timed(passed) for name, passed in by_name.items()}
-        for order, by_name in (("random", shuffled), ("in order", ordered))
+        "datasets, stream": partial(ordered_rows, lambda: iter(theirs()), 2 * pairs),
+        "datasets, stream, row groups": partial(
+            ordered_rows, lambda: iter(theirs().reshard()), 2 * pairs
+        ),
+        "stream, decoded": partial(streamed, ours),
+        "stream, decoded, shuffled": partial(streamed, partial(ours, shuffle=True)),
+        "stream, drawn": partial(streamed, partial(ours, draw=True)),
+        "stream, drawn, shuffled": partial(streamed, partial(ours, draw=True, shuffle=True)),
     }
 
 
@@ -205,6 +220,7 @@ def main() -> None:
     parser = parser_of(__doc__, rounds=7)
     parser.add_argument("--labyrinths", type=positive, default=1_000, help="in the split train")
     parser.add_argument("--pairs", type=positive, default=200, help="transitions of datasets")
+    parser.add_argument("--streams", action="store_true", help="measure streams alone")
     arguments = parser.parse_args()
     if arguments.quick:
         arguments.labyrinths, arguments.pairs, arguments.rounds = 100, 50, 2
@@ -216,9 +232,12 @@ def main() -> None:
         libraries = ("numpy", "pillow", "pyarrow", "datasets", "torch")
         about = f"{arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
         print(f"{machine(*libraries)}; {about}")
-        for by_name in contestants(folder, folder / "data", arguments.pairs).values():
+        place = folder / "data", arguments.pairs
+        found = {"": streams(*place)} if arguments.streams else contestants(folder, *place)
+        for by_name in found.values():
             baseline, *others = by_name
-            measured = take_turns(by_name, arguments.rounds)
+            passed = {name: timed(each) for name, each in by_name.items()}
+            measured = take_turns(passed, arguments.rounds)
             report(measured, dict.fromkeys(others, baseline), "(s, a, s') a second")
 
 

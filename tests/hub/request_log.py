@@ -18,6 +18,8 @@ class Exchange:
     """0 if the connection was dropped, by either side, before an answer."""
     token: str
     """Label of the token; `none` without one, `rejected` if unknown."""
+    sent: int = 0
+    """The bytes of the answer's body."""
 
     def __str__(self) -> str:
         return f"{self.status or '---'} {self.method:6} {self.path} ({self.token})"

@@ -96,7 +96,8 @@ class Handler(BaseHTTPRequestHandler):
             self.close_connection = True
             self.connection.shutdown(socket.SHUT_RDWR)
             return
-        hub.log.add(Exchange(self.command, unquote(url.path), told.status, label))
+        sent = 0 if self.command == "HEAD" else len(told.body)
+        hub.log.add(Exchange(self.command, unquote(url.path), told.status, label, sent))
         self._send(told)
 
     def _answer(self, request: Request) -> Answer:

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hub.faults import UNLIMITED
@@ -76,6 +77,40 @@ def test_reading_from_a_silent_hub_ends_with_one_line(
     assert re.search(r": the Hub sent nothing for 1 seconds, twice: \w+ http\S+\n$", printed)
     assert printed.count("\n") == 1
     assert "waiting for the Hub: " in notices
+
+
+def test_each_worker_downloads_its_row_groups_and_the_footer_alone(
+    hub: LocalHub, tmp_path: Path
+) -> None:
+    make(tmp_path, "5x5", labyrinths=400)
+    hub.create_repo("user/large")
+    files = list(tmp_path.glob("5x5/*"))
+    for path in files:
+        hub.commit("user/large", f"5x5/{path.name}", path.read_bytes())
+    count = """
+from types import SimpleNamespace
+import labyrinth_core as lib, sys
+for number in range(4):
+    worker = SimpleNamespace(id=number % 2, num_workers=2)
+    sys.modules["torch.utils.data"] = SimpleNamespace(get_worker_info=lambda: worker)
+    stream = lib.stream_transitions(
+        "user/large", "5x5", rank=number // 2, world_size=2, shuffle={}, draw={}
+    )
+    print(sum(1 for _ in stream))
+"""
+    size = next(path.stat().st_size for path in files if path.name.startswith("train"))
+    footers = 4 * (2**16 + 8)  # What Arrow reads at the end of a file.
+    for shuffle in (False, 500):
+        sent, counts = [], []
+        for draw in (False, True):
+            since = len(hub.log)
+            printed, _ = run(hub, count.format(shuffle, draw))
+            counts.append([int(line) for line in printed.split()])
+            sent.append(sum(each.sent for each in hub.log.find("GET", SHARD, since=since)))
+        assert counts[0] == counts[1]
+        assert 0 not in counts[0]
+        assert size < sent[0] < size + footers
+        assert sent[1] < size / 5 + footers
 
 
 def test_a_reader_that_takes_its_time_is_not_told_that_the_hub_is_silent(hub: LocalHub) -> None:

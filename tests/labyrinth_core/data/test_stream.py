@@ -1,0 +1,252 @@
+"""Streams: everything once an epoch among all, in an order that follows from seed and epoch."""
+
+from __future__ import annotations
+
+import gc
+import json
+import pickle
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import islice, pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from unittest import mock
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labyrinth_core import (
+    DatasetError,
+    load_episodes,
+    load_transitions,
+    stream_episodes,
+    stream_transitions,
+)
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.transitions import LoadedEpisode
+
+CONFIG = "3x4"
+VECTOR = {"observation": "vector"}
+GROUPS = (2, 7, 40, 0)
+"""Rows a row group, which end within episodes; 0 for a row group an episode."""
+
+ORDERS = st.one_of(st.booleans(), st.integers(1, 60))
+
+
+@pytest.fixture(scope="module")
+def folders(build, tmp_path_factory):
+    """The same dataset of three shards, in row groups of other lengths."""
+    folder = tmp_path_factory.mktemp("data")
+    run = build(folder / "whole", size="3x4", labyrinths=12, cells_per_shard=48, random_steps=60)
+    found = {}
+    for rows in GROUPS:
+        found[rows] = Path(shutil.copytree(run.data_dir, folder / str(rows)))
+        manifest = Manifest.read(run.folder)
+        shards = []
+        for shard in manifest.shards:
+            path = found[rows] / CONFIG / shard.path
+            table = pq.read_table(path)
+            cuts = range(0, len(table), rows) if rows else np.flatnonzero(table["episode_starts"])
+            write(path, table, cuts)
+            shards.append(replace(shard, sha256=file_sha256(path)))
+        replace(manifest, shards=tuple(shards)).write(path.parent)
+    return found
+
+
+def write(path, table, cuts):
+    """Write a table in row groups that begin with the given rows."""
+    with pq.ParquetWriter(path, table.schema) as writer:
+        for begin, end in pairwise([*cuts, len(table)]):
+            writer.write_table(table.slice(begin, end - begin))
+
+
+@pytest.fixture(autouse=True)
+def no_torchrun(monkeypatch):
+    for name in ("RANK", "WORLD_SIZE"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@contextmanager
+def worker(number: int, of: int) -> Iterator[None]:
+    """Be a worker of a `DataLoader`."""
+    info = SimpleNamespace(id=number, num_workers=of)
+    torch_data = SimpleNamespace(get_worker_info=lambda: info)
+    with mock.patch.dict(sys.modules, {"torch.utils.data": torch_data}):
+        yield
+
+
+def keys(items):
+    """Return what an episode or a transition is known by, of each."""
+    return [
+        (each.observation.tobytes(), each.action, each.next_observation.tobytes())
+        if hasattr(each, "action")
+        else (each.info, each.observations.tobytes(), each.actions.tobytes())
+        for each in items
+    ]
+
+
+PLACES = st.tuples(st.sampled_from(GROUPS), st.sampled_from(["train", "random"]))
+
+
+@settings(max_examples=15)
+@given(PLACES, st.integers(1, 4), st.integers(1, 3), ORDERS, st.integers(0, 2), st.booleans())
+def test_all_ranks_and_workers_together_get_every_item_once_an_epoch(
+    folders, place, ranks, workers, shuffle, epoch, part
+):
+    folder, split = folders[place[0]], place[1]
+    options = {"split": split, "where": pc.field("moves") >= 4 if part else None, **VECTOR}
+    expected = Counter(keys(load_episodes(folder, CONFIG, **options)))
+    met: Counter[tuple] = Counter()
+    for rank in range(ranks):
+        stream = stream_episodes(
+            folder, CONFIG, shuffle=shuffle, rank=rank, world_size=ranks, **options
+        )
+        stream.set_epoch(epoch)
+        for number in range(workers):
+            with worker(number, workers):
+                met.update(keys(stream))
+    assert met == expected
+
+
+@settings(max_examples=15)
+@given(PLACES, ORDERS, st.integers(0, 2), st.integers(0, 2), st.data())
+def test_after_a_state_is_loaded_the_rest_is_the_rest(folders, place, shuffle, epoch, number, data):
+    def stream():
+        return stream_transitions(
+            folders[place[0]],
+            CONFIG,
+            split=place[1],
+            shuffle=shuffle,
+            rank=1,
+            world_size=2,
+            **VECTOR,
+        )
+
+    with worker(number, 3):
+        one, other = stream(), stream()
+        one.set_epoch(epoch)
+        every = keys(one)
+        taken = data.draw(st.integers(0, len(every)))
+        items = iter(one)
+        assert keys(islice(items, taken)) == every[:taken]
+        state = json.loads(json.dumps(one.state_dict()))
+        assert keys(items) == every[taken:]
+        other.load_state_dict(state)
+        assert other.state_dict() == state
+        assert keys(other) == every[taken:]
+        assert keys(other) == every  # From the beginning of the same epoch.
+
+
+@settings(max_examples=6)
+@given(st.sampled_from(GROUPS), st.integers(20, 60), st.integers(0, 9))
+def test_the_order_follows_from_seed_and_epoch(folders, rows, buffer, seed):
+    def order(seed, epoch):
+        stream = stream_episodes(folders[rows], CONFIG, shuffle=buffer, seed=seed, **VECTOR)
+        stream.set_epoch(epoch)
+        return keys(stream)
+
+    assert order(seed, 1) == order(seed, 1)
+    assert order(seed, 1) != order(seed, 2)
+    assert order(seed, 1) != order(seed + 10, 1)
+
+
+def test_without_shuffle_all_come_in_order(folders):
+    for folder in folders.values():
+        for options in ({"image_size": 8}, VECTOR):
+            loaded = load_transitions(folder, CONFIG, cache_dir=False, **options)
+            assert keys(stream_transitions(folder, CONFIG, **options)) == keys(loaded)
+
+
+@pytest.mark.parametrize("buffer", [1, 100, 200])
+def test_no_more_is_held_than_the_buffer_and_one_item(folders, buffer):
+    place = folders[0], CONFIG
+    longest = max(len(each) + 1 for each in load_episodes(*place, split="random", **VECTOR))
+    for _ in stream_episodes(*place, split="random", shuffle=buffer, **VECTOR):
+        held = sum(len(each) + 1 for each in gc.get_objects() if isinstance(each, LoadedEpisode))
+        assert held <= max(buffer, longest) + longest
+
+
+def test_ranks_are_those_of_torchrun_unless_given(folders, monkeypatch):
+    def share(**given):
+        return keys(stream_episodes(folders[7], CONFIG, **given, **VECTOR))
+
+    every, second = share(), share(rank=1, world_size=2)
+    assert 0 < len(second) < len(every)
+    monkeypatch.setenv("RANK", "1")
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    assert share() == second
+    assert share(rank=0, world_size=1) == every
+
+
+def test_a_stream_may_be_used_like_a_generator(folders):
+    expected = keys(load_episodes(folders[7], CONFIG, **VECTOR))
+    stream = stream_episodes(folders[7], CONFIG, **VECTOR)
+    assert keys([next(stream), next(stream)]) == expected[:2]
+    assert keys(pickle.loads(pickle.dumps(stream))) == expected
+    stream.close()
+    assert list(islice(iter(lambda: next(stream, None), None), 1)) == []
+
+
+def test_rows_lost_between_two_groups_are_missed(folders, tmp_path):
+    folder = Path(shutil.copytree(folders[7], tmp_path / "damaged"))
+    manifest = Manifest.read(folder / CONFIG)
+    path = folder / CONFIG / manifest.of("train")[0].path
+    table = pq.read_table(path)
+    end = table["actions"].to_pylist().index(-1) + 1
+    rows = pa.concat_tables([table.slice(0, end), table.slice(end + 1)])
+    write(path, rows, [0, end])
+    shards = [
+        replace(shard, sha256=file_sha256(path), rows=shard.rows - 1)
+        if shard.path == path.name
+        else shard
+        for shard in manifest.shards
+    ]
+    replace(manifest, shards=tuple(shards)).write(folder / CONFIG)
+    with worker(1, 2), pytest.raises(DatasetError, match="episode_starts: False where"):
+        list(stream_episodes(folder, CONFIG, labyrinths=4, **VECTOR))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"shuffle": 0}, "shuffle=0: give True, False or a number of rows from 1 on"),
+        ({"shuffle": "yes"}, "shuffle='yes': give True, False or a number of rows from 1 on"),
+        ({"seed": -1}, "seed=-1: give a whole number from 0 on"),
+        ({"rank": 2, "world_size": 2}, "rank=2: give a whole number from 0 to 1"),
+        ({"rank": 0}, "world_size=None: give a whole number from 1 on"),
+        ({"world_size": 2}, "rank=None: give a whole number from 0 to 1"),
+        ({"rank": 0, "world_size": 0}, "world_size=0: give a whole number from 1 on"),
+    ],
+)
+def test_an_impossible_order_or_share_is_refused_at_once(folders, options, message):
+    with pytest.raises(ValueError, match=rf"\A{message}\Z"):
+        stream_transitions(folders[7], CONFIG, **options)
+
+
+def test_a_state_or_epoch_that_cannot_be_is_refused(folders):
+    stream = stream_episodes(folders[7], CONFIG, shuffle=30, **VECTOR)
+    state = stream.state_dict()
+    for wrong in ({}, state | {"item": -1}, state | {"epoch": "1"}, {**state, "more": 1}):
+        with pytest.raises(
+            ValueError, match=r"\Aload_state_dict: .* is not what state_dict gave\Z"
+        ):
+            stream.load_state_dict(wrong)
+    for options in ({"shuffle": 31}, {"shuffle": 30, "split": "random"}, {}):
+        other = stream_episodes(folders[7], CONFIG, **options, **VECTOR)
+        with pytest.raises(ValueError, match=r"\Aload_state_dict: the state is of another stream"):
+            other.load_state_dict(state)
+    stream.load_state_dict(state)
+    with worker(0, 2), pytest.raises(ValueError, match="another stream"):
+        iter(stream)
+    with pytest.raises(ValueError, match=r"\Aepoch=-1: give a whole number from 0 on\Z"):
+        stream.set_epoch(-1)
