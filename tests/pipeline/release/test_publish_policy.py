@@ -195,7 +195,7 @@ def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
         assert local_hub.refs(MODEL, "model").keys() == {"refs/heads/main"}
     printed = published(local_hub, nowhere, *options, repo="")
     assert "0 files to add" in printed
-    assert "4 files are those published, and the policy loads." in printed
+    assert "5 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model") == files
     assert len(local_hub.history(MODEL, kind="model")) == 2
 
