@@ -282,7 +282,7 @@ def test_another_dataset_is_replaced_only_when_that_is_asked_for(
     arguments = ["size=3", "labyrinths=8", "data_dir=data", STAGES]
     error = error_of(run(tmp_path, *arguments))
     assert "data/3x3" in error
-    assert "labyrinths=2, not 8; random_steps=5, not 100" in error
+    assert "labyrinths=2, not labyrinths=8; random_steps=5, not random_steps=100" in error
     assert "overwrite=true" in error
     assert content_of(tmp_path) == before
     result = run(tmp_path, *arguments, "overwrite=true")

@@ -257,7 +257,7 @@ def test_another_configuration_leaves_nothing_of_the_one_before(
     build: Build, url: str, small_dataset: Run
 ) -> None:
     build(url, labyrinths=2, random_steps=5, cells_per_shard=9)
-    with pytest.raises(DatasetError, match="labyrinths=2, not 8"):
+    with pytest.raises(DatasetError, match="labyrinths=2, not labyrinths=8"):
         build(url)
     run = build(url, overwrite=True)
     assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
