@@ -13,13 +13,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from threading import Event, Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from huggingface_hub import set_client_factory
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
-from huggingface_hub.utils import _http, httpx  # type: ignore[attr-defined]
+from huggingface_hub.utils import _http
 
 from labyrinth_core.data.errors import DatasetError
+
+if TYPE_CHECKING:
+    from huggingface_hub.utils import httpx  # type: ignore[attr-defined]
+else:  # The library that the client makes its calls with: httpx2 in its later versions.
+    httpx = getattr(_http, "httpx2", None) or _http.httpx
 
 VARIABLE, SECONDS = "LABYRINTH_HUB_SECONDS", "60"
 """The environment variable with the seconds without a byte that end a call, and its default."""
