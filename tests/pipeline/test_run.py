@@ -409,7 +409,7 @@ def test_commands_short_of_memory_or_interrupted_end_with_one_line() -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=500,
+        timeout=900,
     )
     assert (result.returncode, result.stderr) == (0, ""), result.stdout
     assert "4 commands under limits of memory, 0 wrong" in result.stdout
