@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import inf
 from types import FrameType
 from typing import NoReturn
 
@@ -51,17 +52,23 @@ def end(status: int, line: str = "") -> NoReturn:
         os._exit(status)
 
 
+def limit_of_memory() -> float:
+    """Return the bytes of address space that this process may take, infinity for no limit."""
+    if sys.platform == "win32":
+        return inf
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return inf if limit == resource.RLIM_INFINITY else limit
+
+
 def end_if_short_of_memory() -> None:
     """Let libraries spare address space if it is limited, and end if it is too small for them.
 
     Without memory they crash, and each thread and worker says so in lines of its own.
     """
-    if sys.platform == "win32":
-        return
-    import resource
-
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit == resource.RLIM_INFINITY or limit >= AMPLE:
+    limit = limit_of_memory()
+    if limit >= AMPLE:
         return
     for name, value in SPARING.items():
         os.environ.setdefault(name, value)

@@ -10,6 +10,8 @@ import os
 import threading
 from typing import Any
 
+from pipeline.machinery.ending import AMPLE, limit_of_memory
+
 PATIENCE = 0.5
 """Seconds between two looks at whether the parent is still there."""
 
@@ -41,6 +43,9 @@ def begin_worker(parent: int, count: Any) -> None:
     """
     global _count
     _count = count
+    if limit_of_memory() < AMPLE:
+        # It would explain at length that it has no memory; its parent does so in a line.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     end_with_parent(parent)
 
 
