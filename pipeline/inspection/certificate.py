@@ -162,7 +162,7 @@ class Certificate:
         for pair in self.pairs:
             if pair.mirrored:
                 yield (
-                    f"{pair.first} and {pair.second} share {len(pair.equal)} structures, "
+                    f"{pair.first} and {pair.second} share {_structures(len(pair.equal))}, "
                     f"{len(pair.mirrored)} when mirror images count"
                 )
         yield from self.problems_of_splits()
@@ -172,10 +172,15 @@ class Certificate:
         for split, count in self.repeated.items():
             made_from_others = split in SHIFTS and SPLITS[split].parent is not None
             if count and split not in self.strangers and not made_from_others:
-                yield f"{split} repeats {count:,} structure{'s' * (count != 1)}"
+                yield f"{split} repeats {_structures(count)}"
         for split, ids in self.strangers.items():
             if ids:
-                yield f"{split} has {len(ids):,} structures that are not in {SPLITS[split].parent}"
+                others = _structures(len(ids))
+                yield f"{split} has {others} not found in {SPLITS[split].parent}"
+
+
+def _structures(count: int) -> str:
+    return f"{count:,} structure{'s' * (count != 1)}"
 
 
 def certify(splits: Mapping[str, Keys]) -> Certificate:

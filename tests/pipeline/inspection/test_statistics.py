@@ -145,7 +145,7 @@ SHARE = "train and {} share {} structures, 1 when mirror images count"
             SHARE.format("validation", 0),
         ),
         ("test", lambda folder: labyrinths(folder, "test")[3], "test repeats 1 structure"),
-        ("s0", elsewhere, "s0 has 1 structures that are not in train"),
+        ("s0", elsewhere, "s0 has 1 structure not found in train"),
     ],
     ids=["a copy", "a mirror image", "twice in a split", "not one of train"],
 )

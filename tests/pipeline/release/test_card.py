@@ -487,7 +487,7 @@ def test_a_readme_with_one_mark_only_is_refused(folder, mark):
 def test_a_dataset_with_a_leak_gets_no_card(folder):
     copied = labyrinths(folder / DEFAULT, "train")[0]
     plant(folder / DEFAULT, "test", labyrinths(folder / DEFAULT, "test")[0], copied)
-    refused(folder, "3x3: train and test share 1 structures, 1 when mirror images count")
+    refused(folder, "3x3: train and test share 1 structure, 1 when mirror images count")
 
 
 def test_a_folder_without_a_dataset_gets_no_card(tmp_path):
