@@ -132,17 +132,21 @@ def elsewhere(folder):
     return dump(Labyrinth(structure, ends.start, ends.goal))
 
 
-SHARE = "train and {} share {} structures, 1 when mirror images count"
+SHARE = "train and {} share {}, 1 when mirror images count"
 
 
 @pytest.mark.parametrize(
     ("split", "planted", "problem"),
     [
-        ("test", lambda folder: labyrinths(folder, "train")[2], SHARE.format("test", 1)),
+        (
+            "test",
+            lambda folder: labyrinths(folder, "train")[2],
+            SHARE.format("test", "1 structure"),
+        ),
         (
             "validation",
             lambda folder: transposed(other_than_its_image(folder)),
-            SHARE.format("validation", 0),
+            SHARE.format("validation", "0 structures"),
         ),
         ("test", lambda folder: labyrinths(folder, "test")[3], "test repeats 1 structure"),
         ("s0", elsewhere, "s0 has 1 structure not found in train"),
