@@ -172,7 +172,7 @@ def test_no_more_is_held_than_the_buffer_and_one_item(folders, buffer):
     place = folders[0], CONFIG
     longest = max(len(each) + 1 for each in load_episodes(*place, split="random", **VECTOR))
     for _ in stream_episodes(*place, split="random", shuffle=buffer, **VECTOR):
-        held = sum(len(each) + 1 for each in gc.get_objects() if isinstance(each, LoadedEpisode))
+        held = sum(len(each) + 1 for each in gc.get_objects() if type(each) is LoadedEpisode)
         assert held <= max(buffer, longest) + longest
 
 

@@ -159,10 +159,7 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
     results = loaded(local_hub, "1.0.0", tmp_path / "copy")
     configs = ["3x3", "4x4", "5x5"]
     told = fresh(local_hub, REFUSED, REPO).splitlines()
-    assert told[0] == f"config=9x9: {REPO} holds 3x3, 4x4, 5x5"
-    available = [*configs, *(f"{config}-labyrinths" for config in configs)]
-    assert told[1] == f"{REPO}: BuilderConfig '9x9' not found. Available: {available}"
-    assert len(told) == 2
+    assert told == 2 * [f"config=9x9: {REPO} holds 3x3, 4x4, 5x5"]
     assert list(results) == [
         *(name for config in configs for name in [*(f"{config} {s}" for s in BASE_SPLITS), config]),
         *(f"{config}-labyrinths labyrinths" for config in configs),

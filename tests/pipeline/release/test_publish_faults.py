@@ -157,7 +157,8 @@ def test_a_call_that_is_never_answered_ends_with_one_line(
     error = error_of(done)
     if "xet" not in path:
         assert error.startswith(f"the Hub sent nothing for 1 seconds, twice: {method} http")
-    assert (done.stdout + done.stderr).count("waiting for the Hub: ") == 1
+    # One for this call; on a busy machine another one may take a sixth of a second, too.
+    assert 1 <= (done.stdout + done.stderr).count("waiting for the Hub: ") <= 2
     assert done.stderr.count("Retrying in") <= 1
 
 
