@@ -167,6 +167,7 @@ def test_without_shuffle_all_come_in_order(folders):
             assert keys(stream_transitions(folder, CONFIG, **options)) == keys(loaded)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("buffer", [1, 100, 200])
 def test_no_more_is_held_than_the_buffer_and_one_item(folders, buffer):
     place = folders[0], CONFIG

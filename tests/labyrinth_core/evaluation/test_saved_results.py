@@ -396,6 +396,7 @@ def test_what_is_no_result_is_refused_in_one_line(content, known, read, place, v
     refused(read, content, known, why)
 
 
+@pytest.mark.slow
 def test_a_large_file_is_refused_before_its_figures_are_computed(content, known, read):
     told = content["splits"]["test"]
     told |= {"outcomes": ["s"] * 500_000, "moves": [[4]] * 500_000}

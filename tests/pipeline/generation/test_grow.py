@@ -50,6 +50,7 @@ def test_a_longer_dataset_keeps_the_shards_that_were_full(
     assert len(before & after) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -114,6 +115,7 @@ def no_table(folder: Path) -> None:
         del content["labyrinths"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "options", "words"),
     [

@@ -40,6 +40,7 @@ def written(data_dir: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in found}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [1, 2, 4, 40])
 def test_parts_put_together_are_the_dataset_that_one_process_makes(
     build: Build, tmp_path: Path, whole: Run, parts: int

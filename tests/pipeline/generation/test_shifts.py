@@ -210,6 +210,7 @@ def test_what_a_shift_leaves_free_follows_test(plain: Run, split: str) -> None:
 # Bytes, workers, several shards.
 
 
+@pytest.mark.slow
 def test_workers_make_no_difference(build: Build, plain: Run, tmp_path: Path) -> None:
     with_two = build(tmp_path, **OPTIONS, shifts=("all",), workers=2)
     assert Manifest.read(with_two.folder) == Manifest.read(plain.folder)

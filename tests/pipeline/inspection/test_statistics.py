@@ -93,6 +93,7 @@ def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded)
         assert list(measured(carded / OTHER).splits[split].examples) == list(first.values())[:5]
 
 
+@pytest.mark.slow
 def test_shards_and_workers_change_nothing(carded, tmp_path):
     folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)

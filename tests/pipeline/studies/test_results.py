@@ -163,6 +163,7 @@ def test_the_tables_are_made_of_the_kept_runs_alone_and_stay_the_same(evaluated,
     assert [(folder / name).read_bytes() for name in ("README.md", "results.csv")] == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["README.md", "results.csv", "leaderboard.md", "leaderboard.csv"])
 def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path, name):
     path = tmp_path / "results" / name

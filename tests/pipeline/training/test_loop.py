@@ -23,6 +23,7 @@ from pipeline.training.policy import require_same
 from pipeline.training.record import CHECKPOINT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("broken", [nan, inf])
 def test_a_loss_that_is_not_finite_ends_the_run_and_leaves_the_checkpoint_before_it(
     problem_of: Callable[..., Problem], tmp_path: Path, broken: float
