@@ -30,7 +30,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.row_groups import RowGroups
 from labyrinth_core.data.rows import Rows
-from labyrinth_core.data.source import Filter, Part, find_part, find_row_groups
+from labyrinth_core.data.source import Filter, Part, Wanted, find_part, find_row_groups
 from labyrinth_core.data.transitions import (
     Columns,
     LoadedEpisode,
@@ -68,16 +68,19 @@ class Request:
         """Return how states are observed; raise ValueError for a value that is not allowed."""
         return ObservationSpec(self.observation, self.image_size, self.draw, self.resize)
 
-    def _where(self) -> tuple[Any, ...]:
-        return self.source, self.config, self.split, self.revision, self.labyrinths, self.where
+    def wanted(self) -> Wanted:
+        """Return which part of the dataset to read."""
+        return Wanted(
+            self.source, self.config, self.split, self.revision, self.labyrinths, self.where
+        )
 
     def part(self) -> Part:
         """Return the part of the dataset to read, with all its files in a folder."""
-        return find_part(*self._where())
+        return find_part(self.wanted())
 
     def row_groups(self) -> RowGroups:
         """Return the part of the dataset to read, by row group."""
-        return find_row_groups(*self._where())
+        return find_row_groups(self.wanted())
 
 
 @dataclass(frozen=True)

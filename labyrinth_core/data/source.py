@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -108,19 +108,24 @@ class Part:
             yield from of_labyrinths(read_rows(self.folder, [shard], pictures=pictures), numbers)
 
 
-def find_part(
-    source: str | Path,
-    config: str,
-    split: str,
-    revision: str | None = None,
-    labyrinths: int | None = None,
-    where: Filter | None = None,
-) -> Part:
-    """Return a split or a part of it; from the Hub come only the shards that hold some of it.
+class Wanted(NamedTuple):
+    """A split or a part of it, as a user asks for it; `loader.load_episodes` explains the fields.
 
-    For the arguments and errors see `loader.load_episodes`.
+    The functions that take it raise the errors named there.
     """
-    numbers = find_numbers(source, config, split, revision, labyrinths, where)
+
+    source: str | Path
+    config: str
+    split: str
+    revision: str | None = None
+    labyrinths: int | None = None
+    where: Filter | None = None
+
+
+def find_part(wanted: Wanted) -> Part:
+    """Return a split or a part of it; from the Hub come only the shards that hold some of it."""
+    source, config, split, revision, _, _ = wanted
+    numbers = _find_numbers(wanted)
     if numbers is None:
         folder = locate(source, config, [f"{split}-*.parquet"], revision)
         manifest = Manifest.read(folder)
@@ -138,18 +143,9 @@ def find_part(
     return Part(folder, manifest.config.name, shards, within)
 
 
-def find_numbers(
-    source: str | Path,
-    config: str,
-    split: str,
-    revision: str | None = None,
-    labyrinths: int | None = None,
-    where: Filter | None = None,
-) -> Numbers | None:
-    """Return the numbers of the labyrinths of a split that are asked for, None for all.
-
-    For the arguments and errors see `loader.load_episodes`.
-    """
+def _find_numbers(wanted: Wanted) -> Numbers | None:
+    """Return the numbers of the labyrinths of a split that are asked for, None for all."""
+    source, config, split, revision, labyrinths, where = wanted
     if labyrinths is None and where is None:
         return None
     folder = locate(source, config, [] if where is None else [TABLE], revision)
@@ -168,19 +164,10 @@ def find_numbers(
     return None if len(numbers) == count else numbers
 
 
-def find_row_groups(
-    source: str | Path,
-    config: str,
-    split: str,
-    revision: str | None = None,
-    labyrinths: int | None = None,
-    where: Filter | None = None,
-) -> RowGroups:
-    """Return a split or a part of it, to be read by row group; nothing of it is downloaded yet.
-
-    For the arguments and errors see `loader.load_episodes`.
-    """
-    numbers = find_numbers(source, config, split, revision, labyrinths, where)
+def find_row_groups(wanted: Wanted) -> RowGroups:
+    """Return a split or a part of it, to be read by row group; nothing of it is downloaded yet."""
+    source, config, split, revision, _, _ = wanted
+    numbers = _find_numbers(wanted)
     folder = locate(source, config, [], revision)
     manifest = Manifest.read(folder)
     place = None

@@ -18,7 +18,7 @@ from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.observations import Looks, ObservationSpec
-from labyrinth_core.data.source import Filter, find_part
+from labyrinth_core.data.source import Filter, Wanted, find_part
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
@@ -143,7 +143,7 @@ def load_arrays(
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    part = find_part(source, config, split, revision, labyrinths, where)
+    part = find_part(Wanted(source, config, split, revision, labyrinths, where))
     for block in replayed(part.rows(pictures=False)):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):
