@@ -11,33 +11,26 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.schema import (
-    COUNT,
-    SHARE,
-    Each,
-    Maybe,
-    Named,
-    Number,
-    OneOf,
-    Text,
-    check_shape,
-    read_json,
-)
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.schema import check_shape, read_json
 from labyrinth_core.data.storage import write_text
-from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Description, TrainedRun
+from labyrinth_core.evaluation.description import Description, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.outcomes import Rules, refuse, scores_of
+from labyrinth_core.evaluation.outcomes import refuse, scores_of
 from labyrinth_core.evaluation.replanner import REPLANNERS
+from labyrinth_core.evaluation.results_form import (
+    EVALUATED,
+    FIGURES,
+    FORMAT,
+    KIND,
+    baseline_of,
+    rules_of,
+    run_of,
+)
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
 """The name of the file that the stage `evaluate` leaves."""
-
-KIND = "labyrinth-results"
-FORMAT = 2
 
 LARGEST = 1 << 28
 """The most bytes of a file that is read; five splits of 100,000 labyrinths have 16 million."""
@@ -132,7 +125,7 @@ class Results:
             ValueError: The name is empty, or one of the others is none of what is allowed.
         """
         content = self.to_json(Description(name, author, url, date, budget, details or {}))
-        _rules_of(content)  # What could not be read again is not written.
+        rules_of(content)  # What could not be read again is not written.
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
         write_text(place, _as_text(content))
@@ -174,9 +167,9 @@ class Results:
         """
         if isinstance(content, dict) and {"run", "training"} <= content.keys():
             raise ValueError("an earlier version wrote it: stages=evaluate makes it anew")
-        rules = _rules_of(content)
+        rules = rules_of(content)
         about, evaluated = content["dataset"], content["evaluated"]
-        run = _run_of(content["run"]) if "run" in content else None
+        run = run_of(content["run"]) if "run" in content else None
         known = None if datasets is None else datasets(about["config"])
         if known is not None and known.fingerprint == about["fingerprint"]:
             counts = {split: told["labyrinths"] for split, told in content["splits"].items()}
@@ -186,17 +179,17 @@ class Results:
         if not splits or (run is not None and missing):
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
-            check_shape(by_split, dict.fromkeys(splits, _FIGURES), f"it.baselines.{name}")
+            check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
         method = {each.name: content["method"][each.name] for each in fields(Description)}
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
             config=about["config"],
             fingerprint=about["fingerprint"],
-            **{name: evaluated[name] for name in _EVALUATED},
+            **{name: evaluated[name] for name in EVALUATED},
             splits=splits,
             baselines={
-                name: {split: _figures_of(by_split[split]) for split in splits}
+                name: {split: baseline_of(by_split[split]) for split in splits}
                 for name, by_split in content["baselines"].items()
             },
             run=run,
@@ -252,125 +245,6 @@ class Results:
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }
-
-
-_WORD = Text(r"\w[\w.-]{0,99}")
-_TEXT = Text(r"(?s).*")
-_CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")
-_HASH = Text(r"[0-9a-f]{64}")
-_COUNTED = Number(1, whole=True)
-_SEED = Number(0, MOST_SEED, whole=True)
-_SPLIT_NAME = Text("|".join(SPLITS))
-
-_FIGURES = {
-    "sr": SHARE,
-    "sr_within_cells": SHARE,
-    "spl": SHARE,
-    "aer": Number(-1e6, 1),
-    "aer_std": Number(0, 1e6),
-}
-"""The shape of the figures of a baseline."""
-
-_DERIVED = (
-    *_FIGURES,
-    *("sr_known_route", "sr_new_route", "sr_interval", "aer_interval", "path_efficiency"),
-    "failures",
-)
-"""The figures of a policy that are computed again, whatever a file says."""
-
-_EVALUATED = {
-    "observation": Text("image|vector|text"),
-    "image_size": Maybe(_COUNTED),
-    "way": Text("look-ups|steps"),
-    "episodes": _COUNTED,
-    "seed": _SEED,
-    "version": Text(r"[\w.+-]{1,50}"),
-}
-
-_SHAPE = {
-    "kind": KIND,
-    "format": FORMAT,
-    "method": {
-        **{each.name: _TEXT for each in fields(Description)},
-        "details": Named(_TEXT, COUNT),
-    },
-    "dataset": {
-        "source": _TEXT,
-        "revision": Maybe(_TEXT),
-        "config": _CONFIG,
-        "fingerprint": _HASH,
-    },
-    "evaluated": _EVALUATED,
-    "splits": Named(
-        _SPLIT_NAME,
-        {
-            **dict.fromkeys(_DERIVED),
-            "labyrinths": _COUNTED,
-            "known_route": Maybe(Text("[01]*")),
-            "accuracy_on_demonstrations": Maybe(SHARE),
-            "accuracy_elsewhere": Maybe(SHARE),
-            "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),
-            "distance": Each(_COUNTED),
-            "step_limit": _COUNTED,
-            "outcomes": Each(Text("[slwi]*"), MOST_EPISODES),
-            "moves": Each(Each(_COUNTED), MOST_EPISODES),
-        },
-    ),
-    "baselines": Named(Text("|".join((*BASELINES, *REFERENCES, *REPLANNERS))), None),
-}
-
-_RUN = {
-    "method": _WORD,
-    "encoder": _WORD,
-    "pool_stride": Number(1, 9, whole=True),
-    "protocol": _WORD,
-    "precision": _WORD,
-    "memory": OneOf((True, False)),
-    "train_labyrinths": Maybe(_COUNTED),
-    "seed": _SEED,
-    "settings": Named(_WORD, None),
-    "config": _CONFIG,
-    "dataset": _TEXT,
-    "revision": Maybe(_TEXT),
-    "fingerprint": _HASH,
-    "training": {
-        "epochs": COUNT,
-        "seconds": Number(0),
-        "selected": {"epoch": COUNT},
-        "computed": {"device": _WORD},
-    },
-    "evaluated": {"device": _WORD, "versions": Named(_TEXT, _TEXT), "weights": Maybe(_HASH)},
-    "references_know": Maybe(_HASH),
-    "as_tried": Maybe(Named(_SPLIT_NAME, Named(_WORD, Number()))),
-}
-"""The shape of a `TrainedRun`."""
-
-
-def _figures_of(content: Mapping[str, Any]) -> dict[str, float]:
-    return {name: content[name] for name in _FIGURES}
-
-
-def _run_of(content: Mapping[str, Any]) -> TrainedRun:
-    return TrainedRun(**{name: content[name] for name in _RUN})
-
-
-def _rules_of(content: Any) -> Rules:
-    """Return what holds for the episodes of a file, whose form is checked; ValueError if wrong."""
-    check_shape(content, _SHAPE)
-    evaluated = content["evaluated"]
-    if (evaluated["observation"] == "image") != (evaluated["image_size"] is not None):
-        raise ValueError(
-            f"image_size={evaluated['image_size']}: observation={evaluated['observation']} has "
-            f"{'one' if evaluated['observation'] == 'image' else 'none'}"
-        )
-    if "run" in content:
-        check_shape(content["run"], _RUN, "it.run")
-        run = _run_of(content["run"])
-        told = {"method.name": content["method"]["name"], "evaluated.seed": evaluated["seed"]}
-        for (name, value), right in zip(told.items(), (run.name, run.seed), strict=True):
-            if value != right:
-                raise ValueError(f"it.{name} is {value!r:.60}, but {right!r:.60} by it.run")
-    return Rules.of(content["dataset"]["config"], evaluated["way"], evaluated["episodes"])
 
 
 def _described(scores: Scores) -> dict[str, Any]:
