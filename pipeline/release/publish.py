@@ -139,7 +139,6 @@ def _release(
         return False
     if options.collection:
         remote.join(options.collection, private=options.private)
-        say(f"{remote.repo_id} is in the collection {options.collection}.")
     return True
 
 

@@ -5,17 +5,19 @@ The client repeats some of its calls after a fault of the Hub, others not; those
 
 from __future__ import annotations
 
+import os
 import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from json import JSONDecodeError
 from pathlib import Path
 from typing import Any, TypeVar
 
-from huggingface_hub import HfApi, RepoFile, constants, get_token
+from huggingface_hub import HfApi, RepoFile, constants, errors, get_token
 from huggingface_hub.errors import (  # type: ignore[attr-defined]
     EntryNotFoundError,
     HfHubHTTPError,
@@ -25,6 +27,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.hub import SilentHubError
+from pipeline.machinery.console import say
 from pipeline.machinery.own_files import HASHES, OwnFiles
 from pipeline.release.plan import SPACE, Kind
 
@@ -33,6 +36,13 @@ WAITS = (0.2, 1.0, 3.0)
 
 FAULTS = (HTTPError, JSONDecodeError)
 """What the client raises for a fault; the second where it takes an error page for JSON."""
+
+REFUSED = (401, 403)
+"""What the Hub answers if a token may not do something. A token for one repository, such as a
+trusted publisher gets, gets the first for all that is not in that repository."""
+
+NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
+"""What the client raises, since version 1.19, if a job cannot prove to the Hub what it is."""
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
 """What a tag of a release looks like."""
@@ -66,6 +76,16 @@ def repeated(
     return call()
 
 
+def allowed(call: Callable[[], Result]) -> Result | None:
+    """Return the result of a call that may be made twice, None if the token may not make it."""
+    try:
+        return repeated(call)
+    except HfHubHTTPError as error:
+        if status_of(error) not in REFUSED:
+            raise
+        return None
+
+
 def silence(error: Exception) -> SilentHubError | None:
     """Return the error, or its cause, that says that the Hub was silent for long, twice."""
     cause = error.__cause__ or error
@@ -95,6 +115,9 @@ class Remote:
     def check_access(self, *, create_pr: bool) -> bool:
         """Return whether the repository is there.
 
+        A token for one repository may not ask whose it is: the Hub's answers about that repository
+        then say whether it is valid.
+
         Raises:
             PublishError: There is no token, or it cannot be used for this.
             HfHubHTTPError: The Hub refuses.
@@ -104,11 +127,18 @@ class Remote:
                 "there is no Hub token: set HF_TOKEN, or run `hf auth login`, "
                 f"which leaves one in {constants.HF_TOKEN_PATH}"
             )
-        user = repeated(self.api.whoami)
+        user = allowed(self.api.whoami)
         if self._call("repo_exists"):
             # Anybody who sees a repository may propose a change of it.
             self._call("auth_check", write=not create_pr)
+            if not user:
+                say("left out: asking the Hub whose token this is, which this token may not.")
             return True
+        if not user:
+            raise PublishError(
+                f"{self.repo_id} does not exist, or the Hub rejects this token; a token for one "
+                "repository cannot make it: make it on the Hub, empty, then publish again"
+            )
         own = [user["name"], *(organization["name"] for organization in user.get("orgs", []))]
         if self.repo_id.partition("/")[0] not in own:
             raise PublishError(
@@ -120,9 +150,18 @@ class Remote:
         return False
 
     def create(self, *, private: bool) -> None:
-        """Make the repository, unless it is there; a Space is static."""
+        """Make the repository, unless it is there; a Space is static.
+
+        Raises:
+            PublishError: The token may not.
+        """
         own = {"space_sdk": "static"} if self.kind is SPACE else {}
-        self._call("create_repo", private=private, exist_ok=True, **own)
+        make = partial(self._call, "create_repo", private=private, exist_ok=True, **own)
+        if allowed(make) is None:
+            raise PublishError(
+                f"the token may not make {self.repo_id}: make it on the Hub, empty, then publish "
+                "again, or use a token that may write"
+            )
 
     def create_branch(self, branch: str) -> None:
         """Make a branch at the head of `main`, unless it is there."""
@@ -220,11 +259,20 @@ class Remote:
             )
 
     def join(self, collection: str, *, private: bool) -> None:
-        """Put the repository into the collection with a title, which is made if need be."""
+        """Put the repository into the collection with a title, which is made if need be.
+
+        A token that may not do that leaves a line instead, since the release is done.
+        """
         owner = self.repo_id.partition("/")[0]
         make, add = self.api.create_collection, self.api.add_collection_item
-        made = repeated(lambda: make(collection, namespace=owner, private=private, exists_ok=True))
-        repeated(lambda: add(made.slug, self.repo_id, self.kind.name, exists_ok=True))
+        made = allowed(lambda: make(collection, namespace=owner, private=private, exists_ok=True))
+        if made and allowed(lambda: add(made.slug, self.repo_id, self.kind.name, exists_ok=True)):
+            say(f"{self.repo_id} is in the collection {collection}.")
+        else:
+            say(
+                f"left out: joining the collection {collection}, which this token may not; add "
+                f"{self.repo_id} to it on the Hub."
+            )
 
 
 @contextmanager
@@ -238,7 +286,7 @@ def explained(repo_id: str) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except (HTTPError, ValueError, ConnectionError, RuntimeError) as error:
+    except (HTTPError, ValueError, ConnectionError, RuntimeError, NO_TOKEN) as error:
         # What fails while contents are sent comes as a RuntimeError or a ConnectionError.
         raise PublishError(_explanation(error, repo_id)) from error
 
@@ -246,6 +294,11 @@ def explained(repo_id: str) -> Iterator[None]:
 def _explanation(error: Exception, repo_id: str) -> str:
     if silent := silence(error):
         return str(silent)
+    if isinstance(error, NO_TOKEN) or (
+        isinstance(error, HfHubHTTPError) and error.response.url.path == "/oauth/token"
+    ):
+        resource = os.environ.get("HF_OIDC_RESOURCE", "")
+        return f"HF_OIDC_RESOURCE={resource}: the Hub gives this job no token: {one_line(error)}"
     if isinstance(error, HfHubHTTPError):
         status = status_of(error)
         return reasons(repo_id).get(status, f"the Hub answers {status}: {one_line(error)}")

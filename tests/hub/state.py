@@ -27,6 +27,8 @@ TOKENS = {
     "rejected": "hf_loopbackTokenThatTheHubRejects",
 }
 """All tokens by their labels; the Hub does not know the last one."""
+ID_TOKEN = "loopbackIdTokenOfAJob"
+"""What a job that is a trusted publisher exchanges for a token for one repository."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +40,13 @@ class Account:
     organizations: tuple[str, ...]
     role: str
     """`write` or `read`."""
+    only: str = ""
+    """The one repository that the token is for, if it is for one, of nobody."""
 
     def owns(self, repository: str) -> bool:
         """Return whether a repository is the user's or that of one of their organizations."""
+        if self.only:
+            return repository == self.only
         return repository.split("/")[0] in (self.user, *self.organizations)
 
 

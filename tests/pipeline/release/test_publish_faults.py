@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
+from hub.state import ID_TOKEN
 from publishing import (
     REPO,
     ROOT,
@@ -277,6 +278,41 @@ def test_a_token_that_does_not_do_has_its_own_line(
     assert changes(local_hub) == []
     assert local_hub.has(repo) == exists
     assert built(releasable) == before
+
+
+def test_a_token_for_one_repository_releases_there_and_says_what_it_left_out(
+    local_hub: LocalHub, releasable: Path
+) -> None:
+    def job(repo: str = REPO, **more: str) -> subprocess.CompletedProcess[str]:
+        resource = {"HF_OIDC_RESOURCE": f"datasets/{REPO}"} | more
+        options = ("1.0.0", "publish.collection=Mazes")
+        return publish(local_hub, releasable, *options, token=None, repo=repo, **resource)
+
+    no_token = f"HF_OIDC_RESOURCE=datasets/{REPO}: the Hub gives this job no token: "
+    assert error_of(job()).startswith(f"{no_token}HF_OIDC_RESOURCE is set but no OIDC id token")
+    assert error_of(job(HF_OIDC_ID_TOKEN=ID_TOKEN)).startswith(f"{no_token}Bad request: ")
+    local_hub.create_repo(REPO)
+    done = job(HF_OIDC_ID_TOKEN=ID_TOKEN)
+    assert done.returncode == 0, done.stderr
+    assert [line for line in done.stdout.splitlines() if line.startswith("left out: ")] == [
+        "left out: asking the Hub whose token this is, which this token may not.",
+        f"left out: joining the collection Mazes, which this token may not; add {REPO} to it on "
+        "the Hub.",
+    ]
+    assert held(local_hub, "1.0.0") == held(local_hub) == built(releasable)
+    assert {call.token for call in changes(local_hub)} == {"none", "one repository"}
+    asked = len(local_hub.log)
+    local_hub.create_repo("user/other")
+    error = error_of(job("user/other", HF_OIDC_ID_TOKEN=ID_TOKEN))
+    assert error.startswith("the token may not write to user/other")
+    error = error_of(job("user/new", HF_OIDC_ID_TOKEN=ID_TOKEN))
+    assert error.startswith(
+        "user/new does not exist, or the Hub rejects this token; a token for one"
+    )
+    assert {call.path for call in changes(local_hub, asked)} == {"/oauth/token"}
+    local_hub.faults.fail("POST", "/repos/create", status=403)  # To a token of some repositories.
+    error = error_of(publish(local_hub, releasable, repo="user/new"))
+    assert error.startswith("the token may not make user/new: make it on the Hub, empty, then ")
 
 
 WARM = """
