@@ -30,7 +30,12 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.results import Results
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.comparison import SPLIT, interquartile_mean, pairs_of_methods
+from pipeline.studies.results.comparison import (
+    SPLIT,
+    interquartile_mean,
+    pairs_of_methods,
+    rates_of,
+)
 from pipeline.studies.results.figures import run_of, solved_in
 from pipeline.studies.results.kept import read_runs
 from pipeline.studies.results.paper import name_of
@@ -58,7 +63,7 @@ def main() -> None:
         for method, runs in groupby(found, lambda each: run_of(each).method)
     }
     parts = parts_of(found[0], given.data_dir)
-    pairs = pairs_of_methods(found)
+    pairs = pairs_of_methods(rates_of(found))
     routes = (f"Of {lengths}:\n\n{by_route(groups, each)}" for lengths, each in parts.items())
     print(rates(groups), *routes, *pairs, costs(given.results), sep="\n\n")
     if given.figures is not None:

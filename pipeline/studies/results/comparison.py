@@ -1,15 +1,18 @@
 """Whether one method does better than another by more than chance, as figures and in Markdown.
 
-Two of the figures of Agarwal et al. (2021), "Deep reinforcement learning at the edge of the
-statistical precipice": the interquartile mean, and the probability of improvement. Intervals are
-percentile bootstrap. Where methods are evaluated in the same labyrinths, labyrinths are resampled
-for both together, and seeds for each method by itself.
+The unit is a training run: another seed gives another policy, and the question is whether a method
+does better over seeds, in these labyrinths. The test exchanges runs. A bootstrap of a few seeds
+declares equal methods apart too often, as it cannot know how far other seeds would lie. The
+interquartile mean is that of Agarwal et al. (2021), "Deep reinforcement learning at the edge of the
+statistical precipice", with a percentile bootstrap over runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import permutations
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -17,15 +20,15 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.intervals import CONFIDENCE
 from labyrinth_core.evaluation.results import Results
-from pipeline.machinery.markdown import plain, table
+from pipeline.machinery.markdown import count, plain, table
 from pipeline.studies.results.figures import by_method, run_of, solved_in
 from pipeline.studies.results.paper import name_of
 
 SPLIT = "test"
 
 ABOUT_PAIRS = f"""\
-On {SPLIT}, the probability in percent that the method of a row does better in a labyrinth than that
-of a column, a tie counting half:"""
+On {SPLIT}, the mean SR over seeds of the method of a row less that of a column, in points, and in
+parentheses the p-value by exchanging runs, with Holm's correction over all pairs:"""
 
 ABOUT_SIZES = f"""\
 Interquartile mean of SR on {SPLIT} over sizes and seeds, with an interval over seeds. It does not
@@ -33,7 +36,13 @@ say how SR would be in other labyrinths, so it ranks no method either.
 """
 
 RESAMPLES = 10_000
-"""More than elsewhere, as the bounds for many pairs lie far out."""
+"""The resamples of an interval, and the most divisions of runs that a test counts."""
+
+LEVEL = 1 - CONFIDENCE
+"""The largest p-value of a difference that is called one."""
+
+_ROUNDING = 1e-12
+"""By how much equal differences of means may differ."""
 
 
 class Estimate(NamedTuple):
@@ -56,7 +65,9 @@ def interquartile_mean(tasks: Sequence[NDArray[np.float64]]) -> Estimate:
     rng = np.random.default_rng(0)
     drawn = [each[rng.integers(len(each), size=(RESAMPLES, len(each)))] for each in tasks]
     (value,) = _middle(np.concatenate(tasks)[None]).tolist()
-    return _estimate(value, _middle(np.concatenate(drawn, axis=1)), 1)
+    tail = LEVEL / 2
+    low, high = np.quantile(_middle(np.concatenate(drawn, axis=1)), [tail, 1 - tail])
+    return Estimate(value, float(low), float(high))
 
 
 def _middle(scores: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -66,64 +77,116 @@ def _middle(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     return means
 
 
-def improvement(mine: NDArray[np.float64], others: NDArray[np.float64], pairs: int = 1) -> Estimate:
-    """Return the probability that one method scores higher than another; a tie counts half.
+def exchange_test(mine: NDArray[np.float64], others: NDArray[np.float64]) -> float:
+    """Return the two-sided p-value of a difference of means, by exchanging runs.
 
-    The average over labyrinths of the share of pairs of runs in which it does (equation 2 of the
-    paper, with labyrinths for tasks).
+    The share of all divisions of the runs into two groups as large whose means differ at least as
+    much; if there are more than `RESAMPLES`, of as many random ones. Runs of equal methods are
+    declared apart no more often than the level says, however few they are and whatever their
+    distribution (Fisher 1935, "The design of experiments"; Phipson and Smyth 2010).
 
     Args:
-        mine: The score of each run in each labyrinth, shape (runs, labyrinths).
-        others: Those of the other method in the same labyrinths.
-        pairs: How many pairs of methods are compared; the interval is wider so that all hold
-            together (Bonferroni).
+        mine: The score of each run of one method, shape (runs,).
+        others: Those of the other method.
     """
-    wins = (mine[:, None] > others) + 0.5 * (mine[:, None] == others)
-    rng = np.random.default_rng(0)
-    # How often each run of either method and each labyrinth is drawn, as a share.
-    drawn = [
-        rng.multinomial(size, np.full(size, 1 / size), RESAMPLES) / size for size in wins.shape
-    ]
-    means = np.einsum("ra,rb,rl,abl->r", *drawn, wins, optimize=True)
-    return _estimate(float(wins.mean()), means, pairs)
+    scores, chosen = np.concatenate([mine, others]), _divisions(len(mine), len(others))
+    sums = chosen @ scores
+    differences = np.abs(sums / len(mine) - (scores.sum() - sums) / len(others))
+    return float((differences >= differences[0] - _ROUNDING).mean())
 
 
-def _estimate(value: float, resampled: NDArray[np.float64], pairs: int) -> Estimate:
-    tail = (1 - CONFIDENCE) / 2 / pairs
-    low, high = np.quantile(resampled, [tail, 1 - tail])
-    return Estimate(value, float(low), float(high))
+@cache
+def _divisions(first: int, second: int) -> NDArray[np.float64]:
+    """Return which runs a division puts into the first group: its 1s, shape (divisions, runs).
 
-
-def pairs_of_methods(runs: Sequence[Results]) -> Iterator[str]:
-    """Yield a table of all pairs of methods of one config and setup, and what follows from it.
-
-    Nothing is yielded of a single method. `runs` are in the usual order.
+    The actual division comes first.
     """
-    groups = by_method(runs)
-    solved = {name_of(run_of(group[0]).method): solved_in(group, SPLIT) for group in groups}
-    pairs = len(solved) * (len(solved) - 1) // 2
-    if not pairs:
-        return
+    runs = first + second
+    if comb(runs, first) <= RESAMPLES:
+        chosen = np.zeros((comb(runs, first), runs))
+        for row, group in zip(chosen, combinations(range(runs), first), strict=True):
+            row[list(group)] = 1
+        return chosen
+    actual = (np.arange(runs) < first).astype(np.float64)
+    drawn = np.random.default_rng(0).permuted(np.tile(actual, (RESAMPLES - 1, 1)), axis=1)
+    return np.concatenate([actual[None], drawn])
+
+
+def differences_of(scores: Mapping[str, NDArray[np.float64]]) -> dict[tuple[str, str], float]:
+    """Return the p-value of each pair of methods, which hold for all pairs together (Holm 1979).
+
+    Args:
+        scores: Method -> the score of each of its runs, shape (runs,).
+    """
     found = {
-        (mine, other): improvement(solved[mine], solved[other], pairs)
-        for mine, other in permutations(solved, 2)
+        (one, other): exchange_test(scores[one], scores[other])
+        for one, other in combinations(scores, 2)
     }
+    adjusted, least = {}, 0.0
+    for left, pair in enumerate(sorted(found, key=found.__getitem__)):
+        least = max(least, min(1.0, (len(found) - left) * found[pair]))
+        adjusted[pair] = least
+    return {pair: adjusted[pair] for pair in found}
+
+
+def rates_of(runs: Sequence[Results]) -> dict[str, NDArray[np.float64]]:
+    """Return the success rate of each run by method, for runs of one setup in the usual order."""
+    return {
+        name_of(run_of(group[0]).method): solved_in(group, SPLIT).mean(axis=1)
+        for group in by_method(runs)
+    }
+
+
+def pairs_of_methods(rates: Mapping[str, NDArray[np.float64]]) -> Iterator[str]:
+    """Yield a table of all pairs of methods and what follows from it; nothing of a single method.
+
+    Args:
+        rates: Method -> the success rate of each of its runs, shape (runs,).
+    """
+    if len(rates) < 2:
+        return
+    found = differences_of(rates)
     yield ABOUT_PAIRS
-    rows = [[mine, *(_percent(found.get((mine, other))) for other in solved)] for mine in solved]
-    yield table(["", *solved], rows, "l" + "r" * len(solved))
-    yield _conclusion(found, pairs)
+    *above, _ = rates
+    _, *beside = rates
+    rows = [[one, *(_difference(found, rates, one, other) for other in beside)] for one in above]
+    yield table(["", *beside], rows)
+    yield _conclusion(found, rates)
 
 
-def _percent(each: Estimate | None) -> str:
-    return "" if each is None else f"{100 * each.value:.0f}"
+def _difference(
+    found: Mapping[tuple[str, str], float],
+    rates: Mapping[str, NDArray[np.float64]],
+    one: str,
+    other: str,
+) -> str:
+    if (one, other) not in found:
+        return ""
+    points = 100 * (rates[one].mean() - rates[other].mean())
+    return f"{round(points)} ({found[one, other]:.2f})"
 
 
-def _conclusion(found: dict[tuple[str, str], Estimate], pairs: int) -> str:
-    better = [f"{mine} than {other}" for (mine, other), each in found.items() if each.low > 0.5]
-    held = f"by 95% intervals that hold for all {pairs} pairs at once"
-    if better:
-        return f"Better by more than chance, {held}: {', '.join(better)}."
-    return f"No method does better than another by more than chance, {held}. There is no ranking."
+def _conclusion(
+    found: Mapping[tuple[str, str], float], rates: Mapping[str, NDArray[np.float64]]
+) -> str:
+    """Say which methods differ, or, if none can, that so few seeds never show it."""
+    held = f"at a level of {LEVEL:.0%} over {count(len(found), 'pair')}"
+    apart = [
+        " than ".join(sorted(pair, key=lambda name: -rates[name].mean()))
+        for pair, p in found.items()
+        if p <= LEVEL
+    ]
+    if apart:
+        return f"Better, {held}: {', '.join(apart)}."
+    least = len(found) * min(
+        exchange_test(np.zeros(len(rates[one])), np.ones(len(rates[other]))) for one, other in found
+    )
+    if least > LEVEL:
+        return (
+            f"With so few seeds no two methods can be told apart, {held}: the least possible "
+            f"p-value is {min(1.0, least):.2f}. There is no ranking."
+        )
+    return f"No method is better than another, {held}. There is no ranking."
 
 
 def across_sizes(results: Sequence[Results]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
 from pipeline.machinery.own_files import leave
 from pipeline.studies.results import spreadsheet
-from pipeline.studies.results.comparison import across_sizes, pairs_of_methods
+from pipeline.studies.results.comparison import across_sizes, pairs_of_methods, rates_of
 from pipeline.studies.results.figures import AVERAGED, FAILURES, Figures, by_method, gap, run_of
 from pipeline.studies.results.kept import LISTED
 from pipeline.studies.results.leaderboard import Standing
@@ -69,7 +69,7 @@ def markdown(group: Sequence[Figures], runs: Sequence[Results]) -> Iterator[str]
     methods = methods_of(group)
     names = [name_of(method) for method in methods]
     yield table(["split", "figure", *names], compared(group, methods), "ll" + "r" * len(names))
-    *_, conclusion = ["", *pairs_of_methods(runs)]
+    *_, conclusion = ["", *pairs_of_methods(rates_of(runs))]
     if conclusion:
         yield f"On test: {conclusion}"
     yield "SPL / SR of what needs no learning:"

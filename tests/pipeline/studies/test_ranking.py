@@ -6,22 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_ind
 
 from labyrinth_core.evaluation.results import Results
 from pipeline.studies.results.comparison import (
     Estimate,
     across_sizes,
-    improvement,
+    differences_of,
+    exchange_test,
     interquartile_mean,
     pairs_of_methods,
+    rates_of,
 )
 
 PUBLISHED = Path(__file__).parents[3] / "docs/results/runs"
-
-
-def shown(rows: str) -> np.ndarray:
-    """Return 1 for each + and 0 for each -, a row for each run."""
-    return np.array([[letter == "+" for letter in row] for row in rows.split()], np.float64)
 
 
 def test_the_interquartile_mean_leaves_out_a_quarter_on_either_side():
@@ -47,51 +45,70 @@ def test_runs_are_resampled_in_each_size_by_itself():
 @pytest.mark.parametrize(
     ("mine", "others", "expected"),
     [
-        ("++--", "+---", (0.5 + 1 + 0.5 + 0.5) / 4),
-        ("+- ++", "-- +-", ((1 + 0.5 + 1 + 0.5) / 4 + (0.5 + 0.5 + 1 + 1) / 4) / 2),
-        ("++ ++", "-- --", 1),
-        ("+-+", "+-+ +-+ +-+", 0.5),
+        ([1, 2, 3], [4, 5, 6], 2 / 20),  # Of twenty divisions, this and its opposite.
+        ([1, 2, 4], [3, 5, 6], 4 / 20),
+        ([1, 2], [5, 6, 7], 1 / 10),  # The opposite has groups of other sizes.
+        ([0.3, 0.3, 0.3], [0.1 + 0.2, 0.3], 1),  # Equal but for rounding.
+        ([1], [0], 1),
     ],
 )
-def test_the_probability_of_improvement_counts_pairs_of_runs_and_half_of_ties(
-    mine, others, expected
-):
-    assert improvement(shown(mine), shown(others)).value == pytest.approx(expected)
-    assert improvement(shown(others), shown(mine)).value == pytest.approx(1 - expected)
+def test_a_difference_is_as_rare_as_the_divisions_of_the_runs_that_have_it(mine, others, expected):
+    groups = np.array(mine, np.float64), np.array(others, np.float64)
+    assert exchange_test(*groups) == exchange_test(*groups[::-1]) == pytest.approx(expected)
 
 
-def test_seeds_of_each_method_and_labyrinths_of_both_are_resampled():
-    rng = np.random.default_rng(3)
-    mine, others = (rng.random((3, 40)) < share for share in (0.6, 0.4))
-    estimate = improvement(mine.astype(float), others.astype(float))
-    means = []
-    for _ in range(4000):
-        labyrinths = rng.integers(40, size=40)
-        one, other = (of[rng.integers(3, size=3)][:, labyrinths].mean() for of in (mine, others))
-        means.append(0.5 + (one - other) / 2)  # So it is where scores are 0 and 1.
-    assert estimate.value == pytest.approx(0.5 + (mine.mean() - others.mean()) / 2)
-    expected = np.quantile(means, [0.025, 0.975])
-    assert (estimate.low, estimate.high) == pytest.approx(expected, abs=0.01)
-    wider = improvement(mine.astype(float), others.astype(float), pairs=15)
-    assert wider.low < estimate.low < estimate.high < wider.high
+def test_of_more_divisions_than_are_counted_a_random_part_gives_nearly_the_same():
+    rng = np.random.default_rng(0)
+    mine, others = rng.normal(0, 1, 20), rng.normal(0.6, 1, 20)
+    assert exchange_test(mine, others) == pytest.approx(ttest_ind(mine, others).pvalue, abs=0.01)
 
 
-def test_no_ranking_is_printed_where_none_is_significant():
-    names = [f"{method}-cnn-seed{seed}" for method in ("bc", "sqil") for seed in range(3)]
-    runs = [Results.load(PUBLISHED / "5x5" / f"{name}.json") for name in names]
-    _, table, conclusion = pairs_of_methods(runs)
-    assert "| BC |  | 52 |" in table
-    assert "| SQIL | 48 |  |" in table
-    assert conclusion.endswith("There is no ranking.")
-    assert list(pairs_of_methods(runs[:3])) == []
+@pytest.fixture(scope="module")
+def published() -> list[Results]:
+    """Return the published runs of the six methods at 5x5, three of each."""
+    return [
+        Results.load(PUBLISHED / f"5x5/{method}-cnn-seed{seed}.json")
+        for method in ("bc", "dagger", "gail", "bco", "sqil", "iupe")
+        for seed in range(3)
+    ]
 
 
-def test_what_is_significant_is_said():
-    bc, planner = (
-        Results.load(PUBLISHED / f"5x5/{run}-seed0.json") for run in ("bc-cnn", "planner")
-    )
-    *_, conclusion = pairs_of_methods([bc, planner])
-    assert conclusion.endswith(": planner than BC.")
+def test_of_a_thousand_relabellings_at_most_one_in_twenty_tells_equal_methods_apart(published):
+    rates, rng = np.concatenate([*rates_of(published).values()]), np.random.default_rng(0)
+
+    def relabelled() -> dict[str, np.ndarray]:
+        return dict(zip("abc", np.split(rng.permutation(rates), 3), strict=True))
+
+    apart = sum(min(differences_of(relabelled()).values()) <= 0.05 for _ in range(1000))
+    assert 10 < apart <= 50
+
+
+def test_twenty_seeds_tell_four_points_apart_and_say_of_which_pairs():
+    rng = np.random.default_rng(0)
+    means = {"a": 0.42, "b": 0.42, "c": 0.46}
+    rates = {name: rng.normal(mean, 0.03, 20) for name, mean in means.items()}
+    found = differences_of(rates)
+    assert list(found) == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert found["a", "b"] > 0.05 > max(found["a", "c"], found["b", "c"])
+    alone = {pair: exchange_test(rates[pair[0]], rates[pair[1]]) for pair in found}
+    smallest = min(alone, key=alone.__getitem__)
+    assert found[smallest] == pytest.approx(3 * alone[smallest])
+    assert all(found[pair] >= alone[pair] for pair in found)
+
+
+def test_three_seeds_are_said_to_be_too_few_for_six_methods(published):
+    *_, table, conclusion = pairs_of_methods(rates_of(published))
+    assert "| BC | 7 (1.00) |" in table
+    assert conclusion.startswith("With so few seeds no two methods can be told apart")
+    assert conclusion.endswith("the least possible p-value is 1.00. There is no ranking.")
+    assert list(pairs_of_methods(rates_of(published[:3]))) == []
+
+
+def test_what_is_significant_is_said(published):
+    runs = 2 * published[:3] + 2 * published[3:6]  # As if of six seeds.
+    *_, conclusion = pairs_of_methods(rates_of(runs))
+    assert conclusion.startswith("Better, at a level of 5%")
+    assert conclusion.endswith(": BC than DAgger.")
 
 
 def test_sizes_are_put_together_where_there_are_several():
