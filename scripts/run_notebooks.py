@@ -13,7 +13,10 @@ import os
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import nbformat
@@ -25,22 +28,27 @@ SECONDS = 300
 """How long a cell may take."""
 
 
-def run(path: Path, write: bool) -> None:
-    """Run a notebook, and if it is asked for keep the outputs in its file.
+def run(path: Path, write: bool) -> tuple[str, bool]:
+    """Run a notebook, and return a line about it, and whether all cells work.
 
-    Raises:
-        CellExecutionError: A cell fails.
+    Args:
+        path: The notebook.
+        write: Keep what its cells print and draw in its file.
     """
+    started = time.monotonic()
     notebook = nbformat.read(path, 4)
     again = deepcopy(notebook)
     with tempfile.TemporaryDirectory() as folder:
         for each in (notebook, again):
             resources = {"metadata": {"path": folder}}
-            NotebookClient(
-                each, timeout=SECONDS, record_timing=False, resources=resources
-            ).execute()
+            client = NotebookClient(each, timeout=SECONDS, record_timing=False, resources=resources)
+            try:
+                client.execute()
+            except CellExecutionError as error:
+                return f"{path.name}: FAILED:\n{error}", False
     if write:
         nbformat.write(notebook, path)
+    return f"{path.name}: ran in {time.monotonic() - started:.0f} s", True
 
 
 def main() -> int:
@@ -50,16 +58,14 @@ def main() -> int:
     options = parser.parse_args()
     # Programs that cells start are those of this environment.
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore"}
-    for path in sorted(EXAMPLES.glob("*.ipynb")):
-        started = time.monotonic()
-        try:
-            run(path, options.write)
-        except CellExecutionError as error:
-            print(f"{path.name}: {error}", file=sys.stderr)
-            return 1
-        print(f"{path.name}: ran in {time.monotonic() - started:.0f} s", flush=True)
-    return 0
+    os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
+    paths = sorted(EXAMPLES.glob("*.ipynb"))
+    works = True
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        for line, each in pool.map(partial(run, write=options.write), paths):
+            print(line, flush=True)
+            works &= each
+    return 0 if works else 1
 
 
 if __name__ == "__main__":
