@@ -43,6 +43,7 @@ def test_other_rows_have_another_fingerprint(some: list[Row], others: list[Row])
     assert (fingerprint(some) == fingerprint(others)) == same
 
 
+@pytest.mark.slow
 @given(st.lists(rows, min_size=1, max_size=4), st.data())
 def test_any_change_of_a_row_changes_the_fingerprint(some: list[Row], data: st.DataObject) -> None:
     place = data.draw(st.integers(0, len(some) - 1))

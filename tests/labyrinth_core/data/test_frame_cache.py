@@ -297,6 +297,7 @@ frame_cache.load(Path(sys.argv[1]), "key", 1, fill)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("again", ["the same file", "another"])
 def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
     path = cache / f"name{frame_cache.SUFFIX}"

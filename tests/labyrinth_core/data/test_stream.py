@@ -98,6 +98,7 @@ def keys(items):
 PLACES = st.tuples(st.sampled_from(GROUPS), st.sampled_from(["train", "random"]))
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(PLACES, st.integers(1, 4), st.integers(1, 3), ORDERS, st.integers(0, 2), st.booleans())
 def test_all_ranks_and_workers_together_get_every_item_once_an_epoch(
@@ -147,6 +148,7 @@ def test_after_a_state_is_loaded_the_rest_is_the_rest(folders, place, shuffle, e
         assert keys(other) == every  # From the beginning of the same epoch.
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(st.sampled_from(GROUPS), st.integers(20, 60), st.integers(0, 9))
 def test_the_order_follows_from_seed_and_epoch(folders, rows, buffer, seed):

@@ -28,6 +28,7 @@ def test_seeds_that_disagree_widen_the_interval_and_are_paired_in_a_difference()
     assert interval(disagreeing, disagreeing) == (0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 6_000), (3, 2_000), (600, 10)])
 def test_the_interval_of_many_values_is_that_of_the_bootstrap_without_resampling(shape):
     rng = np.random.default_rng(5)

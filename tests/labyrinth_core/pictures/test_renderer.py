@@ -309,6 +309,7 @@ def test_every_colour_of_a_style_is_used_and_no_other():
 SIZES = [(3, 3), (4, 4), (5, 5), (10, 10), (25, 25), (30, 30), (4, 6)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 @pytest.mark.parametrize(("height", "width"), [*SIZES[:4], (4, 6), (2, 9)])
 def test_all_states_of_a_labyrinth_look_different(height, width, task):
@@ -482,6 +483,7 @@ def test_the_average_is_exact_for_any_two_sizes(side, size, data):
     np.testing.assert_array_equal(area_average(picture, size), exact_average(picture, size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7, 8, 25, 48])
 def test_the_average_of_a_larger_picture_with_equal_rows_is_exact(size):
     random = np.random.default_rng(0)

@@ -71,6 +71,7 @@ def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None
     check_refused(run, f"{told}'network'")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.network.encoder)
 def test_a_policy_comes_back_as_it_was_written(spec: PolicySpec, tmp_path: Path) -> None:
     network = written(spec, tmp_path)

@@ -33,6 +33,7 @@ def test_generators_that_are_read_otherwise_are_left_alone():
     assert twister.random() == np.random.Generator(np.random.MT19937(0)).random()
 
 
+@pytest.mark.slow
 @given(st.integers(2, 8), st.integers(2, 8), st.integers(0, 2**64 - 1))
 def test_moves_are_those_of_each_structure(height, width, seed):
     structures = sample_each(height, width, np.random.default_rng(seed).spawn(4)).structures

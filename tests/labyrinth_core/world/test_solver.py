@@ -110,6 +110,7 @@ def test_every_state_and_route_of_every_structure_of_three_by_three_is_found():
         assert_routes_of_brute_force(labyrinth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", list(Task))
 def test_every_route_of_random_labyrinths_is_found_once(task):
     for labyrinth in sampled(task, 250, 2, [(2, 2), (2, 5), (3, 3), (4, 3), (3, 4)]):

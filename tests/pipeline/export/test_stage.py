@@ -69,6 +69,7 @@ def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
     assert [path.name for path in folder.iterdir()] == ["train-v0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overwrite", [False, True])
 @pytest.mark.parametrize("name", ["thesis.txt", stage.RECORD, "data/chunk-000/file-000.parquet"])
 def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, name, overwrite):

@@ -71,6 +71,7 @@ def any_task(request: pytest.FixtureRequest, build: Build, tmp_path_factory: Any
     return build(tmp_path_factory.mktemp("task"), **OF_ANY_TASK, task=request.param)
 
 
+@pytest.mark.slow
 def test_what_was_built_is_valid_and_the_same_byte_for_byte_when_it_is_built_again(
     build: Build, tmp_path: Path, any_task: Run
 ) -> None:
@@ -208,6 +209,7 @@ def test_row_groups_never_divide_an_episode(small_dataset: Run) -> None:
     assert groups > len(BASE_SPLITS)
 
 
+@pytest.mark.slow
 def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like_any_other(
     tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -285,6 +287,7 @@ def test_load_dataset_reads_the_folder(small_dataset: Run) -> None:
         assert dataset[-1]["actions"] == -1
 
 
+@pytest.mark.slow
 def test_load_dataset_streams_the_folder(small_dataset: Run) -> None:
     for split, rows in rows_by_split(small_dataset.folder).items():
         stream = load_dataset(str(small_dataset.data_dir), "3x3", split=split, streaming=True)
@@ -347,6 +350,7 @@ def routes_in(rows: Rows) -> Iterator[tuple[str, list[list[int]]]]:
         yield info, [[row["actions"] for row in episode[:-1]] for episode in episodes]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ["3", "4", "5", "2x5"])
 def test_all_solutions_are_each_simple_route_exactly_once(
     build: Build, tmp_path: Path, size: str

@@ -71,6 +71,7 @@ def test_the_first_chunk_is_the_stream_of_the_seed_and_later_ones_are_others(
     assert len(set(structures[40:])) > 25
 
 
+@pytest.mark.slow
 def test_a_candidate_has_the_split_of_its_bucket_once_in_its_chunk(config: DatasetConfig) -> None:
     candidates = Candidates(config, cells=(16 * 2_000, 16))
     records = candidates.after(0, 2_000)
@@ -93,6 +94,7 @@ def test_structures_are_unpacked_as_they_were_packed(
     assert records["id"].tolist() == [int(each.structure_id, 16) for each in structures]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"task": "icy_floor"}, {"goals": "varied"}], ids=str)
 def test_a_shorter_dataset_of_chunks_is_the_beginning_of_a_longer_one(
     make_run: Callable[..., Run], options: dict[str, Any]

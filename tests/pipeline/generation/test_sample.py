@@ -290,6 +290,7 @@ def labyrinths(config: DatasetConfig) -> Iterator[tuple[str, Labyrinth]]:
             yield split, labyrinth_of(config, split, structure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "task"),
     [

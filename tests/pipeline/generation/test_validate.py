@@ -220,6 +220,7 @@ def test_a_swapped_action_is_found(folder: Path, file: str, change: int) -> None
     assert all(problem.startswith(file) for problem in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [-2, -1, 1, 2])
 def test_a_moved_episode_start_is_found(folder: Path, distance: int) -> None:
     with rows_of(folder, OTHER) as rows:
@@ -308,6 +309,7 @@ def a_random_episode_cut_too_early(rows: Rows) -> int:
     return 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "change"),
     [
@@ -599,6 +601,7 @@ def test_other_columns_are_found(folder: Path, change: Callable[[pa.Table], pa.T
     assert f"{TRAIN}: its columns are not the five" in problems(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", [column.name for column in COLUMNS])
 @pytest.mark.parametrize("row", [0, 3])
 def test_a_field_that_holds_nothing_is_found(folder: Path, column: str, row: int) -> None:

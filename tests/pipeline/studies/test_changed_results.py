@@ -152,6 +152,7 @@ def board(small_dataset, make_run, tmp_path_factory, request):
     return Board(folder, make_run, small_dataset.data_dir, request.param)
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=10)
 def test_a_changed_field_is_refused_or_changes_nothing_that_is_shown(board, data):

@@ -124,6 +124,7 @@ def test_a_refused_file_is_named_and_keeps_no_other_from_the_leaderboard(
     assert f"1 method: {tmp_path / 'results' / 'leaderboard.md'}" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("about", "why"),
     [
@@ -148,6 +149,7 @@ def test_a_name_of_ours_or_of_another_submission_is_refused(
     assert {row["method"] for row in rows(tmp_path / "results")} == {"BC, cnn", "Mine"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "where", "why"),
     [

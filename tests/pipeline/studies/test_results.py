@@ -181,6 +181,7 @@ def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path, na
     stage.run(run_of(evaluated))
 
 
+@pytest.mark.slow
 def test_a_kept_file_of_somebody_else_is_not_replaced_by_a_copy_of_the_same_name(
     evaluated, run_of, tmp_path
 ):
@@ -227,6 +228,7 @@ def test_a_run_that_does_not_add_up_is_left_out_and_does_not_replace_the_one_tha
     assert (folder / "README.md").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
     evaluated, run_of, build, tmp_path, capsys
 ):
@@ -248,6 +250,7 @@ def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
         stage.run(run_of(tmp_path / "nothing there"))
 
 
+@pytest.mark.slow
 def test_runs_on_other_labyrinths_are_not_compared_but_on_fewer_of_the_same_they_are(
     evaluated, run_of, tmp_path
 ):
@@ -262,6 +265,7 @@ def test_runs_on_other_labyrinths_are_not_compared_but_on_fewer_of_the_same_they
         stage.run(run_of(runs, tmp_path / "no data"))
 
 
+@pytest.mark.slow
 def test_seeds_of_other_settings_have_no_common_mean_but_new_settings_do_no_harm(
     evaluated, run_of, tmp_path
 ):
