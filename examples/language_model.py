@@ -1,59 +1,54 @@
-"""A language model in labyrinths, by inspect-ai: text or picture in, a route out, scored exactly.
+"""A language model in labyrinths, by inspect-ai: text or picture in, a route out, replayed.
 
-    labyrinth-datasets size=5
-    inspect eval examples/language_model.py -T picture=true --model openai/gpt-5
+    labyrinth-datasets size=5 'shifts=[longer,recoloured]' 'stages=[build,questions]'
+    inspect eval examples/language_model.py --model openai/gpt-5
+    inspect eval examples/language_model.py -T picture=true -T splits=test --model openai/gpt-5
 
 Needs: pip install labyrinth-datasets inspect-ai
 """
 
-import base64
-import re
-
+from datasets import load_dataset
 from inspect_ai import Task, task
 from inspect_ai.dataset import Sample
 from inspect_ai.model import ChatMessageUser, ContentImage, ContentText
-from inspect_ai.scorer import CORRECT, INCORRECT, Score, Scorer, Target, accuracy, scorer, stderr
+from inspect_ai.scorer import Score, Scorer, Target, grouped, mean, scorer, stderr
 from inspect_ai.solver import TaskState, generate
 
-from labyrinth_core import Action, Labyrinth, dump, load_arrays, parse
-from labyrinth_core.language.drawing import describe
-from labyrinth_core.pictures.renderer import render_png
-from labyrinth_core.world.dynamics import initial, is_terminal, step_limit, transition
+from labyrinth_core import score_answer
 
-RULES = """Lead the agent (@, green) to the goal (E, blue). A door (D, brown) opens to an agent that
-has been on the key (K, yellow). Ice (I, light blue) ends the attempt. Answer with the moves alone,
-such as: up right right down left"""
+BY_SPLIT = [grouped(mean(), "split"), stderr()]
 
 
-def sample_of(labyrinth: Labyrinth, picture: bool) -> Sample:
-    """Return a labyrinth as a question; its target is the labyrinth itself, for the scorer."""
-    text = describe(labyrinth, initial(labyrinth))
-    if not picture:
-        return Sample(input=f"{RULES}\n\n{text}", target=dump(labyrinth))
-    png = base64.b64encode(render_png(labyrinth, initial(labyrinth))).decode()
-    shown = [ContentText(text=RULES), ContentImage(image=f"data:image/png;base64,{png}")]
-    return Sample(input=[ChatMessageUser(content=shown)], target=dump(labyrinth))
+def sample_of(row: dict, split: str, picture: bool) -> Sample:
+    """Return a row of a config such as 5x5-questions as a sample, with text or with picture."""
+    shown = row["prompt"]
+    if picture:
+        parts = [ContentText(text=row["picture_prompt"]), ContentImage(image=row["image_url"])]
+        shown = [ChatMessageUser(content=parts)]
+    facts = {"split": split, "info": row["info"]}
+    name = f"{split}-{row['labyrinth_id']}"
+    return Sample(input=shown, target=row["routes"], id=name, metadata=facts)
 
 
-@scorer(metrics=[accuracy(), stderr()])
-def reaches_the_goal() -> Scorer:
-    """Walk the answer's moves, by the rules of the environment, and see where they end."""
+@scorer(metrics={"solved": BY_SPLIT, "shortest": BY_SPLIT, "legal": BY_SPLIT})
+def replayed() -> Scorer:
+    """Replay the moves of an answer, in the labyrinth: every shortest route counts the same."""
 
-    async def score(state: TaskState, target: Target) -> Score:
-        labyrinth, words = parse(target.text), state.output.completion.lower()
-        at, moves = initial(labyrinth), re.findall(r"\b(?:up|right|down|left)\b", words)
-        for move in moves[: step_limit(labyrinth)]:
-            if not is_terminal(labyrinth, at):
-                at = transition(labyrinth, at, Action[move.upper()])
-        solved = at.agent == labyrinth.goal
-        return Score(value=CORRECT if solved else INCORRECT, answer=" ".join(moves))
+    async def score(state: TaskState, _target: Target) -> Score:
+        found = score_answer(state.metadata["info"], state.output.completion)
+        legal = bool(found.moves) and found.illegal_move is None
+        value = {"solved": found.reaches_goal, "shortest": found.is_shortest, "legal": legal}
+        moves = " ".join(move.name.lower() for move in found.moves)
+        facts = {"extra_moves": found.extra_moves, "illegal_move": found.illegal_move}
+        return Score(value=value, answer=moves, explanation=found.reason, metadata=facts)
 
     return score
 
 
 @task
-def labyrinths(folder="data/labyrinth", config="5x5", split="test", picture=False) -> Task:
-    """Ask for a route through each labyrinth of a split."""
-    arrays = load_arrays(folder, config, split, observation="vector")
-    samples = [sample_of(labyrinth, picture) for labyrinth in arrays.labyrinths]
-    return Task(samples, solver=generate(), scorer=reaches_the_goal())
+def labyrinths(source="data/labyrinth", config="5x5", splits=None, picture=False) -> Task:
+    """Ask for a route through each labyrinth; the splits, test and shifts, are the conditions."""
+    asked = load_dataset(source, f"{config}-questions").remove_columns(["image", "image_300"])
+    chosen = splits.split(",") if isinstance(splits, str) else splits or list(asked)
+    samples = [sample_of(row, split, picture) for split in chosen for row in asked[split]]
+    return Task(samples, solver=generate(), scorer=replayed())

@@ -23,6 +23,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
+    from labyrinth_core.evaluation.questions import question as question
+    from labyrinth_core.evaluation.written_routes import score_answer as score_answer
     from labyrinth_core.language.text import dump as dump
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
@@ -54,8 +56,10 @@ _HOMES = {
     "load_transitions": "data.loader",
     "optimal_actions": "world.solver",
     "parse": "language.text",
+    "question": "evaluation.questions",
     "render": "pictures.renderer",
     "sample_labyrinth": "world.random_labyrinth",
+    "score_answer": "evaluation.written_routes",
     "shortest_route": "world.solver",
     "stream_episodes": "data.stream",
     "stream_transitions": "data.stream",

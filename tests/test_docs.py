@@ -15,6 +15,7 @@ from labyrinth_core import __version__
 from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import OPTIONS
@@ -59,6 +60,7 @@ TABLES = {
     "docs/make.md": ROWS,
     "docs/options.md": {"option": OPTIONS},
     "docs/loading.md": {"column": {column.name: column.meaning for column in TABLE_COLUMNS}},
+    "docs/questions.md": {"column": {column.name: column.meaning for column in QUESTION_COLUMNS}},
 }
 """Document -> heading of a table in it -> what the code says."""
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from labyrinth_core import Action, parse, shortest_route
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
@@ -58,32 +56,3 @@ def test_ppo_is_trained_and_evaluated_on_all_splits(datasets, tmp_path):
         "stable_baselines3_ppo", folder=str(datasets), size="3x4", steps=2_048, archive=archive
     )
     assert tuple(results.splits) == EVALUATED_SPLITS
-
-
-@pytest.mark.filterwarnings("ignore")  # Of inspect-ai's own, which leaves its streams open.
-def test_of_a_language_model_the_right_answer_scores_all_and_silence_nothing(datasets, tmp_path):
-    inspect_ai = pytest.importorskip("inspect_ai")
-    from inspect_ai.solver import solver
-
-    @solver
-    def answering(right: bool):
-        async def solve(state, _generate):
-            if right:
-                route = shortest_route(parse(state.target.text), np.random.default_rng(0))
-                state.output.completion = " ".join(Action(action).name for action in route)
-            return state
-
-        return solve
-
-    recipe = runpy.run_path(str(EXAMPLES / "language_model.py"))
-    for right, picture in ((True, False), (True, True), (False, False)):
-        task = recipe["labyrinths"](str(datasets), "3x4-key_and_door", picture=picture)
-        (log,) = inspect_ai.eval(
-            task,
-            solver=answering(right),
-            model="mockllm/model",
-            display="none",
-            log_dir=str(tmp_path),
-        )
-        assert log.status == "success", log.error
-        assert log.results.scores[0].metrics["accuracy"].value == right

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import Row
-from labyrinth_core.pictures.png import Strip
+from labyrinth_core.pictures.png import Strip, strips_in
 
 _MODULUS = 2**127 - 1
 _BASE = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A
@@ -122,8 +122,4 @@ def _repeated(count: int) -> tuple[int, int]:
 
 def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:
     """Return the digest of a decoded picture, shape (height, width, 3)."""
-    differs = (picture[1:] != picture[:-1]).any(axis=(1, 2))
-    first = np.flatnonzero(np.concatenate(([True], differs)))
-    counts = np.diff(first, append=len(picture)).tolist()
-    bands = zip((row.tobytes() for row in picture[first]), counts, strict=True)
-    return picture_digest([(band,) for band in bands])
+    return picture_digest(strips_in(picture))

@@ -98,6 +98,9 @@ class Manifest:
     labyrinths: TableFile | None = None
     """The table of labyrinths; datasets of earlier versions have none."""
     format: int = FORMAT
+    questions: Manifest | None = None
+    """That of the questions beside the dataset, which is a file of its own, if there are any. Their
+    shards have the names and fingerprints of those that they were made from."""
 
     @property
     def fingerprint(self) -> str:

@@ -23,6 +23,9 @@ from itertools import accumulate
 from operator import mul
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 PICTURE_SIZE = 600
 """Pixels on each side of the pictures in the datasets."""
 
@@ -115,6 +118,14 @@ class Mosaic:
         parts.append(_LAST_BLOCK)
         parts.append(_SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS))
         return _file(self._header, b"".join(parts))
+
+
+def strips_in(picture: NDArray[np.uint8]) -> list[Strip]:
+    """Return the strips of a picture, each a single band; its shape is (height, width, 3)."""
+    differs = (picture[1:] != picture[:-1]).any(axis=(1, 2))
+    first = np.flatnonzero(np.concatenate(([True], differs)))
+    counts = np.diff(first, append=len(picture)).tolist()
+    return [((picture[row].tobytes(), count),) for row, count in zip(first, counts, strict=True)]
 
 
 def strips_of(png: bytes, size: int) -> list[Strip] | None:

@@ -37,6 +37,7 @@ from pipeline.config.training import (
 
 STAGES = {
     "build": "pipeline.generation.build",
+    "questions": "pipeline.generation.questions",
     "validate": "pipeline.generation.validate",
     "analyse": "pipeline.inspection.analyse",
     "card": "pipeline.release.card",

@@ -16,11 +16,14 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.evaluation.questions import questions_config
 from labyrinth_core.world.route_memory import RouteMemory
 from pipeline.config.run import Run
 from pipeline.generation.check_shard import CheckJob, ShardReport, check_shard
 from pipeline.generation.check_table import table_file_problems
+from pipeline.generation.questions import question_problems
 from pipeline.generation.shifts import SELECTED_SHIFTS, Train
+from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
@@ -48,10 +51,14 @@ def run(run: Run) -> None:
     """
     manifest = Manifest.read(run.folder)
     problems = validate(run.folder, manifest, run.options.workers)
+    problems += question_problems(run.data_dir, manifest, run.options.workers)
     if problems:
         raise ValidationError(run.folder, problems)
     rows = sum(shard.rows for shard in manifest.shards)
     say(f"{run.folder} is valid: {rows:,} rows replayed.")
+    if (questions := questions_of(run.data_dir, manifest)) is not None:
+        asked = sum(shard.rows for shard in questions.shards)
+        say(f"{run.data_dir / questions_config(run.dataset.name)} is valid: {asked:,} questions.")
     for shift in manifest.config.shifts:
         held = sum(shard.labyrinths for shard in manifest.of(shift))
         say(f"  {shift}, {held:,} labyrinths: {SPLITS[shift].meaning}")

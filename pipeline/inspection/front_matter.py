@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import yaml
@@ -15,6 +16,12 @@ from labyrinth_core.data.labyrinth_table import SPLIT, TABLE, TABLE_COLUMNS, tab
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.evaluation.questions import (
+    QUESTION_COLUMNS,
+    QUESTIONS,
+    question_splits,
+    questions_config,
+)
 from labyrinth_core.language.reading import regular_file
 
 DEFAULT_CONFIG = "5x5"
@@ -37,8 +44,25 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
     read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
     # A copy under another name is no config: its files would not be where the card says.
-    manifests = [m for folder, m in read_from.items() if m.config.name == folder]
+    manifests = [
+        replace(manifest, questions=questions_of(data_dir, manifest))
+        for folder, manifest in read_from.items()
+        if manifest.config.name == folder
+    ]
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
+
+
+def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
+    """Return the manifest of a dataset's questions; None if there are none, or of other rows."""
+    folder = data_dir / questions_config(manifest.config.name)
+    if not (folder / MANIFEST).is_file():
+        return None
+    found, splits = Manifest.read(folder), question_splits(manifest.config)
+    made_from = [shard for shard in manifest.shards if shard.split in splits]
+    same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
+        (shard.path, shard.fingerprint) for shard in made_from
+    ]
+    return found if same and found.config == manifest.config else None
 
 
 def default_config(manifests: list[Manifest]) -> str:
@@ -79,9 +103,11 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
     """Return the values by which `load_dataset` knows configs, splits, features and counts."""
     default = default_config(manifests)
     configs, infos = [], []
-    for manifest in manifests:
-        name, splits = manifest.config.name, manifest.config.splits
-        patterns = {split: shard_pattern(manifest, split) for split in splits}
+
+    def add(
+        manifest: Manifest, name: str, columns: Sequence[Column], splits: Sequence[str]
+    ) -> None:
+        patterns = {split: shard_pattern(manifest, split, name) for split in splits}
         own = {"default": True} if name == default else {}
         configs.append(_config(name, patterns) | own)
         shards = {split: manifest.of(split) for split in splits}
@@ -89,13 +115,20 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
             split: (sum(shard.bytes for shard in each), sum(shard.rows for shard in each))
             for split, each in shards.items()
         }
-        infos.append(_info(name, COLUMNS, counts))
+        infos.append(_info(name, columns, counts))
+
+    for manifest in manifests:
+        add(manifest, manifest.config.name, COLUMNS, manifest.config.splits)
     for manifest in manifests:
         if manifest.labyrinths is not None:
             name = table_config(manifest.config.name)
             configs.append(_config(name, {SPLIT: f"{manifest.config.name}/{TABLE}"}))
             rows = sum(shard.labyrinths for shard in manifest.shards)
             infos.append(_info(name, TABLE_COLUMNS, {SPLIT: (manifest.labyrinths.bytes, rows)}))
+    for manifest in manifests:
+        if manifest.questions is not None:
+            name, splits = questions_config(manifest.config.name), question_splits(manifest.config)
+            add(manifest.questions, name, QUESTION_COLUMNS, splits)
     return {"configs": configs, "dataset_info": infos}
 
 
@@ -112,7 +145,7 @@ def _info(
     size = sum(count for count, _ in splits.values())
     return {
         "config_name": name,
-        "features": [{"name": column.name, "dtype": _dtype(column.feature)} for column in columns],
+        "features": [{"name": column.name} | _kind(column.feature) for column in columns],
         "splits": [
             {"name": split, "num_bytes": count, "num_examples": rows}
             for split, (count, rows) in splits.items()
@@ -122,17 +155,26 @@ def _info(
     }
 
 
-def _dtype(feature: dict[str, Any]) -> Any:
+def _kind(feature: dict[str, Any]) -> dict[str, Any]:
     """Return a feature in the form of the front matter."""
     if feature["_type"] == "ClassLabel":
-        return {"class_label": {"names": {str(i): name for i, name in enumerate(feature["names"])}}}
-    return feature.get("dtype", feature["_type"].lower())
+        names = {str(number): name for number, name in enumerate(feature["names"])}
+        return {"dtype": {"class_label": {"names": names}}}
+    if feature["_type"] == "List":
+        return {"list": feature["feature"]["dtype"]}
+    return {"dtype": feature.get("dtype", feature["_type"].lower())}
 
 
-def shard_pattern(manifest: Manifest, split: str) -> str:
-    """Return the pattern of the paths of a split's shards, and of no file left of another build."""
+def shard_pattern(manifest: Manifest, split: str, name: str | None = None) -> str:
+    """Return the pattern of the paths of a split's shards, and of no file left of another build.
+
+    Args:
+        manifest: The manifest of the shards.
+        split: The split.
+        name: The name of their config and folder, if it is not the dataset's.
+    """
     first = manifest.of(split)[0].path
-    return f"{manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
+    return f"{name or manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
 
 
 def with_generated(text: str, generated: str) -> str:
@@ -182,7 +224,8 @@ def _are_ours(configs: object) -> bool:
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
-    return all(_CONFIG_NAME.fullmatch(name.removesuffix(f"-{SPLIT}")) for name in names)
+    bare = (name.removesuffix(f"-{SPLIT}").removesuffix(f"-{QUESTIONS}") for name in names)
+    return all(map(_CONFIG_NAME.fullmatch, bare))
 
 
 def licence_of(values: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ from pipeline.config.run import Run
 LEARN = "stages=[train,evaluate] method=bc"
 NEXT = {
     "build": {"stages=[validate,analyse,card]": "replay every row, and describe the dataset"},
+    "questions": {"stages=[validate,card]": "replay every row, and describe the dataset"},
     "validate": {"stages=[analyse,card]": "compare the splits, and describe them"},
     "analyse": {"stages=card": "describe the dataset", "stages=report": "look at it in a browser"},
     "card": {

@@ -76,6 +76,8 @@ def changes_since(
         path = f"{config}/{TABLE}"
         here, there = data_dir / path, tree.get(path)
         has_table = here.is_file()
+        if there is None and not has_table:
+            continue  # Such as the questions about another config.
         in_both = config in configs and here.parent.is_dir()
         if in_both and (not has_table or there in (None, file_sha256(here))):
             continue

@@ -9,6 +9,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, COUNTS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.evaluation.questions import questions_config
 from labyrinth_core.language.reading import regular_file
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
@@ -84,6 +85,10 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
         if read_analysis(data_dir / manifest.config.name, manifest):
             files.append(ANALYSIS)
         names += [f"{manifest.config.name}/{name}" for name in files]
+        if manifest.questions is not None:
+            folder = questions_config(manifest.config.name)
+            shards = (shard.path for shard in manifest.questions.shards)
+            names += [f"{folder}/{name}" for name in (MANIFEST, *shards)]
     return [name for name in names if (data_dir / name).is_file()]
 
 

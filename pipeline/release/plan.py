@@ -34,7 +34,7 @@ class Kind:
 
 DATASET = Kind(
     "dataset",
-    data=r"\d+x\d+(-\w+)?/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
+    data=r"\d+x\d+(-\w+){0,2}/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
     listed=r"[^/]+/manifest\.json|pictures/[^/]+\.png",
 )
 MODEL = Kind("model", data=r"config\.json|model\.safetensors", listed=r"model\.safetensors")

@@ -8,6 +8,7 @@ from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.manifest import ANALYSIS
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, questions_config
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
@@ -58,6 +59,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         splits=table(("split", "holds"), ((f"`{s}`", SPLITS[s].meaning) for s in splits), "ll"),
         counts=_rows(datasets, splits),
         labyrinth_table=_labyrinth_table(datasets, default, release),
+        questions=_questions(datasets, release),
         commands="\n".join(command(dataset.manifest.config) for dataset in datasets),
         made=_making(datasets),
         code=code(),
@@ -109,6 +111,22 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
         name=release.name,
         revision=f"@{release.version}" if release.version else "",
         shown=default if default in names else names[0],
+    )
+    return f"{section}\n"
+
+
+def _questions(datasets: Sequence[DatasetStatistics], release: Release) -> str:
+    """Return the section on questions, empty if no dataset has them."""
+    names = [questions_config(d.name) for d in datasets if d.manifest.questions is not None]
+    if not names:
+        return ""
+    section = fill(
+        "questions.md",
+        names=", ".join(f"`{name}`" for name in names),
+        columns=_meanings(QUESTION_COLUMNS),
+        name=release.name,
+        revision=f', revision="{release.version}"' if release.version else "",
+        shown=names[0],
     )
     return f"{section}\n"
 

@@ -27,6 +27,7 @@ from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import opened
 from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.evaluation.questions import questions_config
 from labyrinth_core.policies.load import load_policy
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
@@ -178,7 +179,7 @@ def _tell(what: str) -> None:
 
 
 def check_config(source: str, commit: str | None, manifest: Manifest, folder: Path) -> None:
-    """Load a config and its table of labyrinths, plain and streaming, and compare the first rows.
+    """Load a config, its table of labyrinths and its questions, and compare the first rows.
 
     Args:
         source: The dataset on the Hub, or a folder.
@@ -192,11 +193,15 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
     from datasets import Image, load_dataset
 
     name, expected = manifest.config.name, {}
-    for split in manifest.config.splits:
-        shards = manifest.of(split)
-        with opened(folder / name, shards[0]) as file:
-            first = file.read_row_group(0).to_pylist()
-        expected[name, split] = sum(shard.rows for shard in shards), first
+    listed = [(name, manifest)]
+    if manifest.questions is not None:
+        listed.append((questions_config(name), manifest.questions))
+    for config, of in listed:
+        for split in dict.fromkeys(shard.split for shard in of.shards):
+            shards = of.of(split)
+            with opened(folder / config, shards[0]) as file:
+                first = file.read_row_group(0).to_pylist()
+            expected[config, split] = sum(shard.rows for shard in shards), first
     if manifest.labyrinths is not None:
         rows = sum(shard.labyrinths for shard in manifest.shards)
         first = list(islice(table_rows(folder / name, manifest), ROWS_COMPARED))
@@ -206,8 +211,9 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
             what = f"{config} {split}{', streaming' if streaming else ''}"
             _tell(what)
             loaded = load_dataset(source, config, split=split, revision=commit, streaming=streaming)
-            if "obs" in loaded.features:
-                loaded = loaded.cast_column("obs", Image(decode=False))
+            for column, feature in loaded.features.items():
+                if isinstance(feature, Image):
+                    loaded = loaded.cast_column(column, Image(decode=False))
             if list(islice(loaded, len(first))) != first:
                 raise DatasetError(f"{what}: the first rows are not those that were published")
             if not streaming and len(loaded) != rows:

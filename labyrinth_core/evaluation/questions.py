@@ -1,0 +1,146 @@
+"""Questions for models that see or read: a labyrinth as picture and as text, and its routes.
+
+A dataset's questions are a config beside it, such as `5x5-questions`, with one row for each
+labyrinth of test and of each shift. The stage `questions` writes them; `question` makes one.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Mapping
+from typing import Any
+
+from labyrinth_core.data.columns import Column
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.language.drawing import draw_text
+from labyrinth_core.language.text import dump, labyrinth_id
+from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.dynamics import initial
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
+from labyrinth_core.world.solver import moves_and_routes, shortest_routes
+
+QUESTIONS = "questions"
+NOT_ASKED = ("train", "validation", "random")
+"""The splits to learn from, and to choose a model with."""
+SMALL_PICTURE = 300
+MOST_ROUTES = 1_000
+"""The most shortest routes of a labyrinth that is asked about; 5x5 without walls has 70."""
+
+
+def _text(name: str, meaning: str) -> Column:
+    return Column(name, {"dtype": "string", "_type": "Value"}, meaning)
+
+
+QUESTION_COLUMNS = (
+    _text("labyrinth_id", "hash of the labyrinth, as in the table of labyrinths"),
+    Column("image", {"_type": "Image"}, "picture of the first state, 600 x 600 RGB, PNG"),
+    Column("image_300", {"_type": "Image"}, "the same at 300 x 300"),
+    _text("text", "drawing of the first state, the agent as @"),
+    _text("prompt", "question about the drawing, which is in it"),
+    _text("picture_prompt", "question about the picture"),
+    _text("image_url", "`image` as a data URL, for tools that take pictures as text"),
+    Column(
+        "routes",
+        {"feature": {"dtype": "string", "_type": "Value"}, "_type": "List"},
+        "all shortest routes, each as words such as up right",
+    ),
+    _text("answer", "first of `routes`: where two part, up comes before right, down, left"),
+    Column("moves", {"dtype": "int32", "_type": "Value"}, "moves of a shortest route"),
+    _text("info", "the labyrinth, in the text language that loads it again"),
+)
+
+_PROMPT = """{shown} Find a shortest route from the agent ({agent}) to the goal ({goal}). \
+Each move leads up, right, down or left to the next cell, and never through a wall.{rule}
+
+{drawing}End your answer with one line that has all moves of the route, in this form:
+ANSWER: up right right down"""
+_DRAWN = (
+    "Here is a labyrinth of {size} as text. Cells and walls alternate: | and - are walls, a "
+    "blank between two cells is an open passage, + is the point between four cells."
+)
+_PICTURED = "The picture shows a labyrinth of {size} from above, with lines as walls."
+_RULES = {
+    Task.KEY_AND_DOOR: " The door ({door}) opens to an agent that has been on the key ({key}).",
+    Task.ICY_FLOOR: " Ice ({ice}) must not be entered.",
+}
+_SIGNS = {"agent": "@", "goal": "E", "key": "K", "door": "D", "ice": "I"}
+_PLAIN = {
+    "agent": "the green square",
+    "goal": "the blue cell",
+    "key": "the yellow square",
+    "door": "the brown cell",
+    "ice": "the pale blue cells",
+}
+_RECOLOURED = {
+    "agent": "the orange square",
+    "goal": "the blue cell",
+    "key": "the red square",
+    "door": "the dark green cell",
+    "ice": "the pale green cells",
+}
+
+
+def questions_config(config: str) -> str:
+    """Return the name of the questions of a config, such as `5x5-questions`, also on the Hub."""
+    return f"{config}-{QUESTIONS}"
+
+
+def question_splits(config: DatasetConfig) -> tuple[str, ...]:
+    """Return the splits of a dataset whose labyrinths are asked about: test and the shifts."""
+    return tuple(split for split in config.splits if split not in NOT_ASKED)
+
+
+def question(labyrinth: Labyrinth) -> dict[str, Any]:
+    """Return the question about a labyrinth, with the values of `QUESTION_COLUMNS` by name.
+
+    `image` and `image_300` are dictionaries of `bytes`, a PNG file, and `path`, its name, as the
+    library `datasets` has pictures that are not decoded. Episodes begin on the start, whatever the
+    labyrinth says.
+
+    Raises:
+        ValueError: Most of the labyrinth is hidden from its agent (partial observability), or it
+            has more than `MOST_ROUTES` shortest routes.
+    """
+    labyrinth = labyrinth.from_start()
+    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+        raise ValueError(
+            f"task={labyrinth.task}: no question shows the way, as the agent does not see it; "
+            "choose another task"
+        )
+    moves, count = moves_and_routes(labyrinth)
+    info = dump(labyrinth)
+    name = labyrinth_id(info)
+    if count > MOST_ROUTES:
+        raise ValueError(
+            f"labyrinth {name} has {count:,} shortest routes, and a question lists them all, "
+            f"{MOST_ROUTES:,} at most"
+        )
+    words = [action.name.lower() for action in Action]
+    routes = [" ".join(words[move] for move in route) for route in shortest_routes(labyrinth)]
+    state, painter = initial(labyrinth), Painter(labyrinth)
+    large, drawing = painter.png(state), draw_text(labyrinth, state)
+    small = encode(strips_in(painter.array(state, SMALL_PICTURE)), SMALL_PICTURE)
+    colours = _RECOLOURED if labyrinth.look is Look.RECOLOURED else _PLAIN
+    return {
+        "labyrinth_id": name,
+        "image": {"bytes": large, "path": f"{name}-{PICTURE_SIZE}.png"},
+        "image_300": {"bytes": small, "path": f"{name}-{SMALL_PICTURE}.png"},
+        "text": drawing,
+        "prompt": _prompt(labyrinth, _DRAWN, _SIGNS, f"{drawing}\n"),
+        "picture_prompt": _prompt(labyrinth, _PICTURED, colours),
+        "image_url": f"data:image/png;base64,{b64encode(large).decode()}",
+        "routes": routes,
+        "answer": routes[0],
+        "moves": moves,
+        "info": info,
+    }
+
+
+def _prompt(labyrinth: Labyrinth, shown: str, names: Mapping[str, str], drawing: str = "") -> str:
+    """Return a question, given how it is shown and what agent, goal and tiles are called."""
+    structure = labyrinth.structure
+    size = f"{structure.height} rows and {structure.width} columns of cells"
+    rule = _RULES.get(labyrinth.task, "").format(**names)
+    return _PROMPT.format(shown=shown.format(size=size), rule=rule, drawing=drawing, **names)

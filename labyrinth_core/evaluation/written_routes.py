@@ -1,0 +1,118 @@
+"""What a written route comes to: its moves are read from an answer and replayed.
+
+Every shortest route counts the same, since no answer is compared with another.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from dataclasses import dataclass
+
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import initial, step_limit, transition
+from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import moves_of
+
+_MARK = re.compile(r"answer[\s*_]{0,9}:", re.IGNORECASE)
+_WORD = re.compile(r"[^\W\d_]+")
+_MOVES = {action.name.lower(): action for action in Action} | {a.name[0]: a for a in Action}
+"""A word in small letters, or a capital letter -> the move."""
+_BETWEEN = ("and", "then")
+
+
+@dataclass(frozen=True)
+class RouteScore:
+    """What an answer comes to in a labyrinth."""
+
+    moves: tuple[Action, ...]
+    """The moves that were read from the answer."""
+    optimum: int
+    """The number of moves of a shortest route."""
+    steps: int | None
+    """The number of moves up to the goal; None if the goal is not reached."""
+    illegal_move: int | None
+    """The place in `moves`, from 0, of the first move that is not allowed; None if all are."""
+    reason: str | None
+    """Why the attempt went wrong: `wall`, `door` (without the key), `ice`, `after the goal` or
+    `limit` (of 40 moves a cell) for an illegal move, else `no moves` or `short of the goal`; None
+    if nothing did."""
+
+    @property
+    def reaches_goal(self) -> bool:
+        """Whether the moves before the first illegal one reach the goal."""
+        return self.steps is not None
+
+    @property
+    def extra_moves(self) -> int | None:
+        """The number of moves above the optimum; None if the goal is not reached."""
+        return None if self.steps is None else self.steps - self.optimum
+
+    @property
+    def is_shortest(self) -> bool:
+        """Whether the answer is a shortest route, whichever of them, and nothing more."""
+        return self.extra_moves == 0 and self.reason is None
+
+
+def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
+    """Return what an answer in words comes to, replayed move by move.
+
+    The attempt ends with the first move that is not allowed: into a wall or a closed door, onto
+    ice, after the goal, or beyond 40 moves a cell. In the environment a wall costs a step instead;
+    here it does not, or a list of random moves would reach many a goal. The time is proportional to
+    the length of the answer, about a second for a megabyte.
+
+    Args:
+        labyrinth: The labyrinth, or its text, such as the column `info`. The moves begin where its
+            episodes do.
+        answer: What was answered; see `read_moves`.
+
+    Raises:
+        LabyrinthSyntaxError: The text does not describe a labyrinth.
+    """
+    if isinstance(labyrinth, str):
+        labyrinth = parse(labyrinth)
+    moves, optimum = read_moves(answer), moves_of(labyrinth)
+    state, steps, limit = initial(labyrinth), None, step_limit(labyrinth)
+    for place, move in enumerate(moves):
+        after = transition(labyrinth, state, move)
+        if steps is not None:
+            reason = "after the goal"
+        elif place == limit:
+            reason = "limit"
+        elif after.agent in labyrinth.ice:
+            reason = "ice"
+        elif after == state:
+            ahead = labyrinth.structure.moves[state.agent][move]
+            reason = "wall" if ahead == state.agent else "door"
+        else:
+            state = after
+            if state.agent == labyrinth.goal:
+                steps = place + 1
+            continue
+        return RouteScore(moves, optimum, steps, place, reason)
+    reason_of_none = None if steps is not None else "short of the goal" if moves else "no moves"
+    return RouteScore(moves, optimum, steps, None, reason_of_none)
+
+
+def read_moves(answer: str) -> tuple[Action, ...]:
+    """Return the moves of an answer; none if it has none.
+
+    A move is one of the words up, right, down and left in small or capital letters, or one of the
+    capital letters U, R, D and L. Between the moves of a run there is no other word than "and" or
+    "then"; punctuation and digits may be there. What counts is the longest run after the last
+    "Answer:", of several the first. Without an "Answer:" the last run of the text counts.
+    """
+    marks = deque(_MARK.finditer(answer), maxlen=1)
+    runs: list[list[Action]] = [[]]
+    for word in _WORD.finditer(answer, marks[0].end() if marks else 0):
+        text = word[0]
+        move = _MOVES.get(text if len(text) == 1 else text.lower())
+        if move is not None:
+            runs[-1].append(move)
+        elif runs[-1] and text.lower() not in _BETWEEN:
+            runs.append([])
+    found = [run for run in runs if run] or [[]]
+    counting = max(found, key=len) if marks else found[-1]
+    return tuple(counting)

@@ -1,0 +1,215 @@
+"""The stage `questions`: a config beside a dataset, with a question about each labyrinth.
+
+It follows from the rows of the dataset, which it leaves as they are. Its folder has a manifest of
+its own, in the form of a dataset's: each shard is made from the dataset's shard of that name, and
+has its fingerprint, so that questions about other rows are told from those of the dataset.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from itertools import chain, islice, zip_longest
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from labyrinth_core.data.columns import read_schema
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.manifest import Manifest, Shard, current_versions
+from labyrinth_core.data.rows import check_file, check_footer, readable
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, new_file
+from labyrinth_core.evaluation.questions import (
+    QUESTION_COLUMNS,
+    question,
+    question_splits,
+    questions_config,
+)
+from pipeline.config.run import Run
+from pipeline.generation.workplace import Workplace
+from pipeline.inspection import front_matter
+from pipeline.inspection.routes import routes_of
+from pipeline.machinery.console import say, tracked
+from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.folders import held
+from pipeline.machinery.worker import count_done
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+GROUP_ROWS = 256
+"""The rows of a row group, some 3 MB."""
+WRITER_OPTIONS = {
+    "compression": "zstd",
+    "use_dictionary": False,
+    "write_statistics": ["labyrinth_id", "moves"],  # Of pictures they would be pictures.
+    "write_page_index": True,
+    "store_schema": False,
+}
+PICTURES = ("image", "image_300", "image_url")
+"""The columns whose bytes depend on the version of zlib."""
+
+
+class Job(NamedTuple):
+    """All that a worker needs to make the questions about one shard, or to check them."""
+
+    dataset: AnyPath
+    """The folder of the dataset."""
+    shard: Shard
+    """The shard of the dataset."""
+    folder: AnyPath
+    """The folder of the questions."""
+
+
+def run(run: Run) -> None:
+    """Write the questions about the dataset of a run, unless they are there.
+
+    Raises:
+        DatasetError: There is no dataset, or it is damaged; or its labyrinths make no questions; or
+            a user's files are in the place of the questions.
+        OSError: The folder cannot be written.
+    """
+    name = questions_config(run.dataset.name)
+    with held(run.data_dir, name):
+        manifest = Manifest.read(run.folder)
+        place = Workplace.of(run.data_dir / name)
+        place.recover()
+        place.refuse_others_files()
+        there = front_matter.questions_of(run.data_dir, manifest)
+        if there is None or place.damaged(there):
+            there = _make(run, manifest, place)
+            state = f"has {sum(shard.rows for shard in there.shards):,} questions"
+        else:
+            state = "is there already"
+    with held(run.data_dir, "README.md"):
+        front_matter.update(run.data_dir)
+    say(f"{run.data_dir / name} {state}.")
+
+
+def _make(run: Run, manifest: Manifest, place: Workplace) -> Manifest:
+    """Make the questions about a dataset, whole or not at all; return their manifest."""
+    try:
+        place.prepare(manifest.config)
+        jobs = _jobs(run.folder, manifest, place.shards)
+        write = partial(_write, scratch=place.building)
+        made = ((shard.rows, shard) for shard in ordered_map(write, jobs, run.options.workers))
+        total = sum(job.shard.labyrinths for job in jobs)
+        shards = tuple(tracked(made, "questions", total=total))
+        questions = Manifest(manifest.config, current_versions(), shards, format=manifest.format)
+        place.commit(questions)
+    except BaseException:
+        place.abandon()
+        raise
+    return questions
+
+
+def _jobs(dataset: AnyPath, manifest: Manifest, folder: AnyPath) -> list[Job]:
+    splits = question_splits(manifest.config)
+    return [Job(dataset, shard, folder) for shard in manifest.shards if shard.split in splits]
+
+
+def _write(job: Job, scratch: AnyPath) -> Shard:
+    """Write the questions about a shard and return what was written."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = longest = 0
+    with new_file(job.folder / job.shard.path, scratch) as path:
+        with pq.ParquetWriter(path, _schema(), **WRITER_OPTIONS) as writer:
+            writer.add_key_value_metadata(_schema().metadata)
+            questions = _questions(job)
+            while group := list(islice(questions, GROUP_ROWS)):
+                writer.write_table(pa.Table.from_pylist(group, _schema()))
+                rows += len(group)
+                longest = max(longest, *(row["moves"] for row in group))
+                count_done(len(group))
+        return Shard(
+            path=job.shard.path,
+            split=job.shard.split,
+            labyrinths=rows,
+            episodes=rows,
+            rows=rows,
+            longest=longest,
+            cut=0,
+            bytes=path.stat().st_size,
+            sha256=file_sha256(path),
+            fingerprint=job.shard.fingerprint,
+        )
+
+
+def _questions(job: Job) -> Iterator[dict[str, Any]]:
+    """Yield the question about each labyrinth of a shard; raise DatasetError if there is none."""
+    for route in routes_of(job.dataset, job.shard):
+        if route.is_first:
+            try:
+                yield question(route.labyrinth)
+            except ValueError as error:
+                raise DatasetError(f"{job.dataset / job.shard.path}: {error}") from error
+
+
+def question_problems(data_dir: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:
+    """Return what is wrong with the questions about a dataset, one line for each problem.
+
+    Args:
+        data_dir: The folder with the dataset and its questions.
+        manifest: The manifest of the dataset.
+        workers: The number of processes.
+    """
+    questions = front_matter.questions_of(data_dir, manifest)
+    if questions is None:
+        return []
+    name = manifest.config.name
+    jobs = _jobs(data_dir / name, manifest, data_dir / questions_config(name))
+    pairs = list(zip(jobs, questions.shards, strict=True))
+    check = partial(_check, same_bytes=dict(questions.versions) == current_versions())
+    return [line for lines in ordered_map(check, pairs, workers) for line in lines]
+
+
+def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
+    """Return the columns of the questions about a shard that its labyrinths do not give.
+
+    Each is named once, with the first row in which it is wrong.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    job, shard = made
+    path = job.folder / shard.path
+    wrong: dict[str, int] = {}
+    try:
+        with readable(path), local_copy(path) as local:
+            check_file(local, shard, path)
+            if not read_schema(local).equals(_schema(), check_metadata=False):
+                return [f"{path}: its columns are not those of questions"]
+            with pq.ParquetFile(local) as file:
+                check_footer(file, shard, path)
+                batches = map(pa.RecordBatch.to_pylist, file.iter_batches(GROUP_ROWS))
+                pairs = zip_longest(chain.from_iterable(batches), _questions(job))
+                for number, (row, right) in enumerate(pairs):
+                    if row is None or right is None:
+                        return [f"{path}: its rows end with {number}, or go on after it"]
+                    for name in right:
+                        if row[name] != right[name] and (same_bytes or name not in PICTURES):
+                            wrong.setdefault(name, number)
+    except DatasetError as error:
+        return [one_line(error)]
+    return [f"{path} row {row} {name}: not what the labyrinth gives" for name, row in wrong.items()]
+
+
+def _schema() -> pa.Schema:
+    """Return the Arrow schema of the files, with metadata that `datasets` reads features from."""
+    import pyarrow as pa
+
+    types = {
+        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
+        "List": pa.list_(pa.string()),
+        "string": pa.string(),
+        "int32": pa.int32(),
+    }
+    features = {"info": {"features": {column.name: column.feature for column in QUESTION_COLUMNS}}}
+    return pa.schema(
+        [
+            (column.name, types[column.feature.get("dtype", column.feature["_type"])])
+            for column in QUESTION_COLUMNS
+        ],
+        metadata={"huggingface": json.dumps(features)},
+    )

@@ -1,0 +1,134 @@
+"""The questions beside a dataset: made once, loadable, validated, listed, and of its rows."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from tampering import content_of
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.solver import moves_and_routes
+from pipeline.config.run import Run
+from pipeline.generation import questions, validate
+from pipeline.inspection import front_matter
+from pipeline.release import card
+from pipeline.release.verify import check_config
+
+pytestmark = pytest.mark.slow
+
+NAME = "3x4-key_and_door"
+TEST = "test-00000-of-00001.parquet"
+SHIFTS = ("recoloured",)
+SPLITS = ["test", "s0", "s0_and_g", *SHIFTS]
+
+
+@pytest.fixture(scope="module")
+def asked(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The run of a dataset whose questions are there; copy its folder before you change it."""
+    options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
+    run = build(tmp_path_factory.mktemp("asked") / "data", labyrinths=4, **options)
+    before = content_of(run.folder)
+    questions.run(run)
+    assert content_of(run.folder) == before
+    return run
+
+
+@pytest.fixture
+def copied(asked: Run, tmp_path: Path, make_run: Callable[..., Run]) -> Run:
+    """The same run in a folder of its own."""
+    shutil.copytree(asked.data_dir, tmp_path / "data")
+    options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
+    return make_run(tmp_path / "data", labyrinths=4, **options)
+
+
+def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(asked):
+    from datasets import load_dataset
+
+    loaded = load_dataset(str(asked.data_dir), f"{NAME}-questions")
+    table = load_dataset(str(asked.data_dir), f"{NAME}-labyrinths", split="labyrinths")
+    assert list(loaded) == SPLITS
+    for split, rows in loaded.items():
+        assert rows.column_names == [column.name for column in QUESTION_COLUMNS]
+        assert rows["labyrinth_id"] == [r["labyrinth_id"] for r in table if r["split"] == split]
+        assert rows[0]["image"].size == (600, 600)
+        assert rows[0]["image_300"].size == (300, 300)
+        for row in rows.remove_columns(["image", "image_300"]):
+            assert (row["moves"], len(row["routes"])) == moves_and_routes(parse(row["info"]))
+    (manifest,) = front_matter.finished(asked.data_dir)
+    check_config(str(asked.data_dir), None, manifest, asked.data_dir)
+
+
+def test_a_second_run_writes_nothing_and_one_after_damage_writes_the_same(copied, capsys):
+    folder = copied.data_dir / f"{NAME}-questions"
+    before = content_of(copied.data_dir)
+    questions.run(copied)
+    assert "is there already" in capsys.readouterr().out
+    (folder / TEST).write_bytes(b"damaged")
+    questions.run(copied)
+    assert content_of(copied.data_dir) == before
+
+
+def test_the_questions_are_validated(copied, capsys):
+    validate.run(copied)
+    assert "16 questions" in capsys.readouterr().out
+    folder = copied.data_dir / f"{NAME}-questions"
+    rows = pq.read_table(folder / TEST)
+    changed = rows.to_pylist()
+    changed[2]["answer"], changed[3]["moves"] = "up", 1
+    pq.write_table(pa.Table.from_pylist(changed, rows.schema), folder / TEST)
+    with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
+        validate.run(copied)
+    manifest = Manifest.read(folder)
+    shards = [
+        replace(shard, sha256=file_sha256(folder / TEST)) if shard.path == TEST else shard
+        for shard in manifest.shards
+    ]
+    replace(manifest, shards=tuple(shards)).write(folder)
+    with pytest.raises(DatasetError) as error:
+        validate.run(copied)
+    found = f"{error.value}".splitlines()[1:]
+    assert [line.split(TEST)[1] for line in found] == [
+        " row 2 answer: not what the labyrinth gives",
+        " row 3 moves: not what the labyrinth gives",
+    ]
+
+
+def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, build):
+    card.run(copied)
+    readme = copied.data_dir / "README.md"
+    assert all(f"| `{column.name}` |" in readme.read_text() for column in QUESTION_COLUMNS)
+    assert f"{NAME}-questions/{TEST}" in (copied.data_dir / "SHA256SUMS").read_text()
+    options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
+    build(copied.data_dir, labyrinths=5, **options)
+    assert f"{NAME}-questions" not in readme.read_text().split("---\n")[1]
+    grown = replace(copied, dataset=replace(copied.dataset, labyrinths=5))
+    questions.run(grown)
+    assert f"{NAME}-questions" in readme.read_text().split("---\n")[1]
+
+
+def test_nothing_of_a_user_is_lost_and_a_hidden_labyrinth_is_not_asked_about(
+    copied, build, tmp_path
+):
+    folder = copied.data_dir / f"{NAME}-questions"
+    (folder / "mine.txt").write_text("mine")
+    before = content_of(folder)
+    with pytest.raises(DatasetError, match=r"holds mine\.txt, which would be lost"):
+        questions.run(copied)
+    assert content_of(folder) == before
+    hidden = build(tmp_path / "hidden", labyrinths=2, task="partial_observability")
+    with pytest.raises(DatasetError, match="the agent does not see it"):
+        questions.run(hidden)
+    assert sorted(path.name for path in hidden.data_dir.iterdir()) == [
+        "3x3-partial_observability",
+        "README.md",
+    ]
