@@ -46,6 +46,10 @@ walk *pages:
 pictures:
     python scripts/draw_pictures.py
 
+# Write the tables of docs/studies and draw its figures again, from docs/results
+studies:
+    python scripts/studies/report_pages.py --figures docs/pictures
+
 # Check everything that is asked of a change, in a fresh environment
 ci:
     .ci/run

@@ -8,7 +8,7 @@
         --results results/controls/exchanged
 
 Trains one run per variant, size, task, number of labyrinths and seed, and keeps the labyrinths that
-it solves in a file in `--results`, from which report_ablation.py makes tables and figures. Runs
+it solves in a file in `--results`, from which report_pages.py makes tables and figures. Runs
 whose results exist are skipped. A smaller number of labyrinths is a prefix of a larger one. Every
 run is selected and tested on the labyrinths of the dataset of the usual size.
 

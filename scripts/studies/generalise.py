@@ -5,8 +5,10 @@
 Prints success rates with 95% bootstrap intervals: on the five splits; on the structures of
 validation and test with another start and goal; on fresh labyrinths of another seed, as a check for
 leakage; and, with `--sizes`, on larger ones. With `--looks`, test is shown in those of `looks.py`,
-too, as it is and with new starts and goals. Pictures are as large as the method wants them.
-`--json FILE` keeps which labyrinths were solved, `--pictures FOLDER` draws the failures.
+too, as it is and with new starts and goals; with `--moved`, down and to the right by some pixels,
+the border repeated. Pictures are as large as the method wants them.
+`--json FILE` keeps which labyrinths were solved after each set, and the sets that it has are not
+tried again; `--pictures FOLDER` draws the failures.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from kept_results import read_run
 from labyrinth_sets import labyrinth_sets, write_results
 from looks import LOOKS, Look
 from numpy.typing import NDArray
@@ -52,6 +55,7 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="*", default=[], help="such as 7 10 15 25")
     parser.add_argument("--labyrinths", type=int, default=100, help="fresh labyrinths of each size")
     parser.add_argument("--looks", action="store_true", help="show test in other looks, too")
+    parser.add_argument("--moved", type=int, nargs="*", default=[], help="pixels, such as 12 20")
     parser.add_argument("--only", nargs="+", help="sets to test on, such as test (all)")
     parser.add_argument("--seed", type=int, default=1_000_000, help="of what is sampled")
     parser.add_argument("--once", action="store_true", help="do not average over symmetries")
@@ -68,6 +72,11 @@ def main() -> None:
         given.run, record["run"], once=given.once, forget=given.forget
     )
     kept: dict[str, list[bool]] = {}
+    if given.json is not None and given.json.exists():
+        kept |= {name: which.tolist() for name, which in read_run(given.json)["solved"].items()}
+    about = {"run": record["run"], "drawn_with_seed": given.seed, "in_one_view": given.once}
+    about |= {"seconds_of_training": record["seconds"]}
+    about |= {"without_memory": True} if given.forget else {}
     sets = labyrinth_sets(
         given.data_dir,
         record["run"]["config"],
@@ -76,13 +85,13 @@ def main() -> None:
         labyrinths=given.labyrinths,
     )
     looks = LOOKS if given.looks else {}
-    for name, labyrinths, styles in shown(sets, looks, given.seed):
-        if given.only and name not in given.only:
+    for name, labyrinths, styles, moved in shown(sets, looks, given.moved, given.seed):
+        if name in kept or (given.only and name not in given.only):
             continue
         structure = labyrinths[0].structure
         shape = (structure.height, structure.width)
         began = time.process_time()
-        arrays = as_arrays(labyrinths, Drawing(labyrinths, styles, image_size(*shape)))
+        arrays = as_arrays(labyrinths, Drawing(labyrinths, styles, moved, image_size(*shape)))
         episodes = attempts(make_player(*shape), arrays, range(len(labyrinths)))
         kept[name] = [episode.states[-1].agent == episode.labyrinth.goal for episode in episodes]
         solved = np.array([kept[name]], float)
@@ -92,42 +101,54 @@ def main() -> None:
             f"of {len(episodes)}, {time.process_time() - began:.0f} s of CPU",
             flush=True,
         )
+        if given.json is not None:
+            write_results(given.json, about, kept)
         if given.pictures is not None:
             folder = given.pictures / name.replace(", ", "-").replace(" ", "-")
             draw_failures(folder, episodes, styles)
-    if given.json is not None:
-        about = {"run": record["run"], "drawn_with_seed": given.seed, "in_one_view": given.once}
-        about |= {"seconds_of_training": record["seconds"]}
-        about |= {"without_memory": True} if given.forget else {}
-        write_results(given.json, about, kept)
 
 
 def shown(
-    sets: Iterable[tuple[str, list[Labyrinth]]], looks: Mapping[str, Look], seed: int
-) -> Iterator[tuple[str, list[Labyrinth], list[Style | None]]]:
-    """Yield sets of labyrinths with the style of each; those of test in some looks, too."""
+    sets: Iterable[tuple[str, list[Labyrinth]]],
+    looks: Mapping[str, Look],
+    moved: Sequence[int],
+    seed: int,
+) -> Iterator[tuple[str, list[Labyrinth], list[Style | None], int]]:
+    """Yield sets of labyrinths with the style of each, and by how many pixels they are moved.
+
+    Those of test come in some looks and moved, too.
+    """
     for name, labyrinths in sets:
-        yield name, labyrinths, [None] * len(labyrinths)
+        usual: list[Style | None] = [None] * len(labyrinths)
+        yield name, labyrinths, usual, 0
         if name in ("test", "test, new ends"):
             for look, styles in looks.items():
                 rng = np.random.default_rng([seed, len(name)])
-                yield f"{name}, {look}", labyrinths, list(styles(labyrinths, rng))
+                yield f"{name}, {look}", labyrinths, list(styles(labyrinths, rng)), 0
+            for pixels in moved:
+                yield f"{name}, moved by {pixels} pixels", labyrinths, usual, pixels
 
 
 class Drawing:
     """What a policy is shown of labyrinths in a style each; None is that of the labyrinth."""
 
     def __init__(
-        self, labyrinths: Sequence[Labyrinth], styles: Sequence[Style | None], image_size: int
+        self,
+        labyrinths: Sequence[Labyrinth],
+        styles: Sequence[Style | None],
+        moved: int,
+        image_size: int,
     ) -> None:
         pairs = zip(labyrinths, styles, strict=True)
         self._painters = {id(each): Painter(each, style) for each, style in pairs}
         self._image_size = image_size
+        self._pixels = (np.arange(image_size) - moved).clip(0)
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[np.uint8]:
         """Return the pictures of states, shape (N, image_size, image_size, 3)."""
         size = self._image_size
-        return np.stack([self._painters[id(each)].array(state, size) for each, state in views])
+        pictures = np.stack([self._painters[id(each)].array(state, size) for each, state in views])
+        return pictures[:, self._pixels[:, None], self._pixels]
 
 
 def policy_of(

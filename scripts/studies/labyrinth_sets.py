@@ -76,13 +76,3 @@ def write_results(
     digits = {name: "".join(str(int(each)) for each in which) for name, which in solved.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps({**about, "solved": digits}, indent=1) + "\n")
-
-
-def read_results(path: Path) -> dict[str, Any]:
-    """Return what `write_results` wrote; `solved` has 1 or 0 for each labyrinth of each set."""
-    kept: dict[str, Any] = json.loads(path.read_text())
-    kept["solved"] = {
-        name: np.array([int(each) for each in which], float)
-        for name, which in kept["solved"].items()
-    }
-    return kept

@@ -17,16 +17,17 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
+from kept_results import Run, by_method, read_runs, solved_in, whole
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, summary_of
 from pipeline.config.training import usual_settings
 from pipeline.machinery.markdown import table
 from pipeline.studies.methods.authors.trial import try_out
-from pipeline.studies.results.figures import Figures, run_of, summarise
-from pipeline.studies.results.kept import read_runs
 from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
+
+Rates = Mapping[tuple[str, str], float]
+"""Split and method -> the success rate of usual runs, the mean over seeds."""
 
 EPISODES = 50
 """Episodes of the random policy in each labyrinth."""
@@ -38,25 +39,61 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("docs/results"))
     parser.add_argument("--data-dir", type=Path, required=True)
     given = parser.parse_args()
-    runs = [
-        each for each in read_runs(given.results / "authors") if run_of(each).protocol == "authors"
-    ]
-    usual = {
-        (each.config, each.split, each.method): each
-        for each in summarise(read_runs(given.results))
-        if each.setup == "cnn"
-    }
     configs = sorted({config for config, _, _ in paper_figures()})
     print("# Runs by the authors' protocol\n\n## Uniformly random actions, as SQIL is tried\n")
     print(table(["split", *headings(configs)], list(random_rows(given.data_dir, configs))))
     print("\n## The runs\n")
-    heading = ["run", "differs from the script", "kept"]
-    print(table(heading, [about(each) for each in runs], "lll"))
-    for config in sorted({each.config for each in runs}):
+    found = {config: runs_of(given.results, config) for config in sizes_of(given.results)}
+    rows = [about(each) for runs in found.values() for each in runs]
+    print(table(["run", "differs from the script", "kept"], rows, "lll"))
+    for config, runs in found.items():
         print(f"\n## {config}, labyrinths solved in percent\n")
+        usual = usual_rates(given.results, config)
         heading = ["method", "split", "printed", "authors", "usual", "what fits"]
-        rows = [row for each in runs if each.config == config for row in cells(each, usual)]
-        print(table(heading, rows, "llrrrl"))
+        print(table(heading, [row for each in runs for row in cells(each, usual)], "llrrrl"))
+
+
+def sizes_of(results: Path) -> list[str]:
+    """Return the sizes of which there are runs by the authors' protocol."""
+    return sorted(each.name for each in (results / "authors/runs").iterdir())
+
+
+def runs_of(results: Path, config: str) -> list[Run]:
+    """Return the runs by the authors' protocol, in the usual order of methods."""
+    groups = by_method(read_runs(results / "authors/runs" / config))
+    return [each for group in groups.values() for each in group]
+
+
+def usual_rates(results: Path, config: str) -> Rates:
+    """Return the success rates of the usual runs of a size."""
+    groups = by_method(read_runs(results / "runs" / config, "*-cnn-seed?.json")).values()
+    return {
+        (split, group[0]["run"]["method"]): float(solved_in(group, split).mean())
+        for group in groups
+        for split in EVALUATED_SPLITS
+    }
+
+
+def beside(results: Path) -> str:
+    """Return a table of all runs: printed, by the authors' protocol, and as usual."""
+    rows = []
+    for config in sizes_of(results):
+        usual = usual_rates(results, config)
+        for run in runs_of(results, config):
+            method, epochs = run["run"]["method"], run["run"]["settings"]["epochs"]
+            found = []
+            for split in EVALUATED_SPLITS:
+                theirs = whole(run["run"]["as_tried"][split]["sr"])
+                figure = paper_figures()[config, split, method]
+                found.append(f"{printed_in(figure)} / {theirs} / {whole(usual[split, method])}")
+            rows.append([f"{config}, {METHODS[method]}, {epochs} epochs", *found])
+    heading = "% solved: printed / authors' protocol / ours"
+    return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows)
+
+
+def printed_in(figure: PaperFigure) -> str:
+    """Return a cell of the paper, marked if it is impossible."""
+    return whole(figure.sr) + "†" * (not figure.is_possible)
 
 
 def headings(configs: list[str]) -> list[str]:
@@ -78,37 +115,33 @@ def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
     return rows
 
 
-def about(results: Results) -> list[str]:
+def about(kept: Run) -> list[str]:
     """Return which run it is, in what it differs from the script, and which epoch was kept."""
-    run = run_of(results)
-    chosen, script = run.settings, usual_settings(run.method, "authors")
+    run = kept["run"]
+    chosen, script = run["settings"], usual_settings(run["method"], "authors")
     changed = (f"{name} {value:,}" for name, value in chosen.items() if value != script[name])
-    kept = run.training["selected"]["epoch"]
+    epoch = run["training"]["selected"]["epoch"]
     return [
-        f"{METHODS[run.method]}, {results.config}, seed {run.seed}",
+        f"{METHODS[run['method']]}, {run['config']}, seed {run['seed']}",
         ", ".join(changed),
-        f"epoch {kept}",
+        f"epoch {epoch}",
     ]
 
 
-def cells(results: Results, usual: Mapping[tuple[str, str, str], Figures]) -> list[list[str]]:
+def cells(kept: Run, usual: Rates) -> list[list[str]]:
     """Return a row for each cell of the paper that a run is of."""
-    rows, run = [], run_of(results)
-    assert run.as_tried is not None
+    rows, run = [], kept["run"]
     for split in EVALUATED_SPLITS:
-        key = results.config, split, run.method
-        printed = paper_figures()[key]
-        theirs = run.as_tried[split]["sr"]
-        count = len(results.splits[split].distance)
-        ours = usual[key].sr
+        printed = paper_figures()[run["config"], split, run["method"]]
+        theirs, ours = run["as_tried"][split]["sr"], usual[split, run["method"]]
+        count = len(kept["solved"][split])
         found = {"authors": fits(printed, theirs, count), "usual": fits(printed, ours, count)}
         rows.append(
             [
-                METHODS[run.method],
+                METHODS[run["method"]],
                 f"`{split}`",
-                f"{100 * printed.sr:.0f}" + " †" * (not printed.is_possible),
-                f"{100 * theirs:.0f}",
-                f"{100 * ours:.0f}",
+                whole(printed.sr) + " †" * (not printed.is_possible),
+                *map(whole, (theirs, ours)),
                 " and ".join(name for name, holds in found.items() if holds) or "neither",
             ]
         )

@@ -1,47 +1,29 @@
-"""Make the tables and the figure of what the methods can be said to do, and what that cost.
+"""What the methods can be said to do, and what that cost: tables and a figure of results.md.
 
-    python scripts/studies/report_claims.py --data-dir data/thousand --figures docs/pictures
-
-Prints Markdown: success on the 1,000 labyrinths of test in `docs/results/thousand/runs`, where
-train demonstrates an optimal route and where it does not, in all and in those with shortest routes
-alike in length, beside what needs no learning; which methods differ by more than chance; and the
-hours of all runs kept in `docs/results`, by method. Intervals: 95% bootstrap over labyrinths and
-seeds. The figure is a PNG and an SVG.
+On the 1,000 labyrinths of test in `docs/results/thousand`: success, where train demonstrates an
+optimal route and where it does not, in all and in those alike in length and in the number of
+optimal routes; which methods differ by more than chance. Then the hours of all runs, by method.
+Intervals: 95% bootstrap over labyrinths and seeds. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from kept_results import Groups, by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from report_ablation import COLOURS, STYLE, save
-from report_shifts import percent
+from report_ablation import COLOURS
 
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.results import Results
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.comparison import (
-    SPLIT,
-    interquartile_mean,
-    pairs_of_methods,
-    rates_of,
-)
-from pipeline.studies.results.figures import run_of, solved_in
-from pipeline.studies.results.kept import read_runs
-from pipeline.studies.results.paper import name_of
-
-Groups = Mapping[str, Sequence[Results]]
-"""The runs of each method, one for each seed."""
+from pipeline.studies.results.comparison import SPLIT, interquartile_mean, pairs_of_methods
+from pipeline.studies.results.paper import METHODS, name_of
 
 PARTS = {"known": "train demonstrates an optimal route", "new": "train demonstrates none"}
 """Part of the labyrinths -> what it is."""
@@ -50,80 +32,152 @@ Parts = Mapping[str, NDArray[np.bool_]]
 """Part of the labyrinths -> whether each labyrinth is in it, shape (L,)."""
 
 
-def main() -> None:
-    """Print the tables and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path, default=Path("docs/results"))
-    parser.add_argument("--data-dir", type=Path, required=True, help="with the 1,000 labyrinths")
-    parser.add_argument("--figures", type=Path, help="folder for the figure")
-    given = parser.parse_args()
-    found = read_runs(given.results / "thousand")
-    groups = {
-        name_of(method): list(runs)
-        for method, runs in groupby(found, lambda each: run_of(each).method)
-    }
-    parts = parts_of(found[0], given.data_dir)
-    pairs = pairs_of_methods(rates_of(found))
-    routes = (f"Of {lengths}:\n\n{by_route(groups, each)}" for lengths, each in parts.items())
-    print(rates(groups), *routes, *pairs, costs(given.results), sep="\n\n")
-    if given.figures is not None:
-        with mpl.rc_context(STYLE):
-            save(draw(groups, parts), given.figures / "claims")
+def routes_of(results: Path, labyrinths: int, split: str) -> dict[str, tuple[int, int]]:
+    """Return the moves of a shortest route and the number of such routes, by labyrinth.
+
+    Args:
+        results: The folder docs/results.
+        labyrinths: How many train has.
+        split: The split.
+    """
+    found: dict[str, tuple[int, int]] = read_json(results / f"routes/{labyrinths}.json")[split]
+    return found
 
 
-def parts_of(results: Results, data_dir: Path) -> dict[str, Parts]:
-    """Return the parts of the labyrinths of the split: of all, and of those with usual lengths."""
-    arrays = load_arrays(data_dir, results.config, SPLIT, observation="vector")
-    known = results.splits[SPLIT].known_route
-    assert known is not None
-    usual = int(np.bincount(arrays.distance).argmax())
-    like = arrays.distance == usual
-    return {
-        "all lengths": {"known": known, "new": ~known},
-        f"shortest routes of {usual} moves": {"known": known & like, "new": ~known & like},
-    }
+def moves_and_routes(results: Path, labyrinths: int, groups: Groups, split: str) -> Any:
+    """Return the same for the labyrinths that runs were evaluated on, shape (2, L)."""
+    found = routes_of(results, labyrinths, split)
+    first = next(iter(groups.values()))[0]
+    return np.array([found[each] for each in first["splits"][split]["labyrinth_ids"]]).T
 
 
-def rates(groups: Groups) -> str:
+def thousand(results: Path) -> Groups:
+    """Return the runs on a thousand labyrinths."""
+    return by_method(read_runs(results / "thousand/runs/5x5"))
+
+
+def six(groups: Groups) -> list[Any]:
+    """Return the runs of the paper's six methods."""
+    return [run for name in METHODS.values() for run in groups[name]]
+
+
+def rates(results: Path) -> str:
     """Return a table with a row for each method, and for each reference."""
+    groups = thousand(results)
     heading = ["", "seeds", "SR", "interquartile mean", "SPL"]
     rows = []
     for name, runs in groups.items():
         solved = solved_in(runs, SPLIT)
-        middle = f"{100 * interquartile_mean([solved.mean(axis=1)]).value:.0f}"
-        spl = np.mean([each.splits[SPLIT].spl for each in runs])
-        rows.append([name, str(len(runs)), _percent(solved), middle, f"{100 * spl:.0f}"])
-    references = next(iter(groups.values()))[0].baselines
+        middle = whole(interquartile_mean([solved.mean(axis=1)]).value)
+        spl = float(np.mean([each["splits"][SPLIT]["spl"] for each in runs]))
+        rows.append([name, str(len(runs)), rate(solved), middle, whole(spl)])
+    references = next(iter(groups.values()))[0]["baselines"]
     for name in (*REFERENCES, "random", "oracle"):
-        sr, spl = (f"{100 * references[name][SPLIT][figure]:.0f}" for figure in ("sr", "spl"))
+        sr, spl = (whole(references[name][SPLIT][figure]) for figure in ("sr", "spl"))
         rows.append([f"*{name.replace('_', ' ')}*", "", sr, "", spl])
-    return table(heading, rows, "l" + "r" * (len(heading) - 1))
+    return table(heading, rows)
 
 
-def by_route(groups: Groups, parts: Parts) -> str:
-    """Return a table of success in two parts of the labyrinths, with a row for each method."""
-    heading = ["", *(f"{name} ({which.sum()})" for name, which in parts.items()), "difference"]
-    rows = [[name, *_compared(solved_in(runs, SPLIT), parts)] for name, runs in groups.items()]
-    return table(heading, rows, "l" + "r" * (len(heading) - 1))
+def parts_of(results: Path, groups: Groups) -> dict[str, Parts]:
+    """Return the parts of test: of all labyrinths, of those alike in length, and in routes."""
+    marks = next(iter(groups.values()))[0]["splits"][SPLIT]["known_route"]
+    known = np.array([mark == "1" for mark in marks])
+    moves, routes = moves_and_routes(results, 1000, groups, SPLIT)
+    usual = int(np.bincount(moves).argmax())
+    alike = {
+        "all": np.ones_like(known),
+        f"{usual} moves": moves == usual,
+        f"{usual} moves, one optimal route": (moves == usual) & (routes == 1),
+    }
+    return {name: {"known": known & like, "new": ~known & like} for name, like in alike.items()}
+
+
+def known_routes(results: Path) -> str:
+    """Return a table of what is known and new: labyrinths, optimal routes, the mean of six."""
+    groups = thousand(results)
+    _, routes = moves_and_routes(results, 1000, groups, SPLIT)
+    solved, rows = solved_in(six(groups), SPLIT), []
+    for name, parts in parts_of(results, groups).items():
+        known, new = parts.values()
+        counted = [f"{part.sum()}, {routes[part].mean():.2f}" for part in (known, new)]
+        rows.append([name, *counted, *_compared(solved, parts)])
+    heading = ["shortest routes", "known: labyrinths, optimal routes", "new: the same"]
+    return table([*heading, "six methods: known", "new", "difference"], rows)
+
+
+def by_route(results: Path) -> str:
+    """Return a table of each method's success with known and new routes, and the difference."""
+    groups = thousand(results)
+    parts = parts_of(results, groups)
+    rows = []
+    for name, runs in groups.items():
+        cells = (_compared(solved_in(runs, SPLIT), each) for each in parts.values())
+        rows.append([name, *(f"{known} / {new}: {by}" for known, new, by in cells)])
+    return table(["known / new: difference", *parts], rows)
 
 
 def _compared(solved: NDArray[np.float64], parts: Parts) -> Iterator[str]:
     """Yield the success rate in each of two parts, and by how much the first is higher."""
     first, second = (solved[:, which] for which in parts.values())
-    yield from map(_percent, (first, second))
+    yield from (whole(each.mean()) for each in (first, second))
     yield percent(first.mean() - second.mean(), *interval(first, second))
 
 
-def _percent(solved: NDArray[np.float64]) -> str:
-    return percent(solved.mean(), *interval(solved))
+def pairs(results: Path) -> str:
+    """Return which methods differ by more than chance."""
+    groups = thousand(results).items()
+    rates = {name: solved_in(runs, SPLIT).mean(axis=1) for name, runs in groups}
+    return "\n\n".join(pairs_of_methods(rates))
 
 
-def draw(groups: Groups, parts: Mapping[str, Parts]) -> Figure:
+def new_routes(results: Path) -> str:
+    """Return a table of success on test and on test_new_routes, as it is and alike in routes.
+
+    Labyrinths of test count as often as those of `test_new_routes` have as many moves and optimal
+    routes; of these, the ones that test has none of are left out.
+    """
+    groups = by_method(read_runs(results / "shifts/runs/5x5"))
+    of_test, of_new = (
+        [tuple(each) for each in moves_and_routes(results, 100, groups, split).T.tolist()]
+        for split in (SPLIT, "test_new_routes")
+    )
+    shared = np.array([each in of_test for each in of_new])
+    weights = np.array([of_new.count(each) / of_test.count(each) for each in of_test])
+    rows = []
+    for name, runs in groups.items():
+        test, new = (solved_in(runs, split) for split in (SPLIT, "test_new_routes"))
+        alike = float((test * weights).mean(axis=0).sum() / weights.sum())
+        rows.append([name, *map(whole, (test.mean(), new.mean(), alike, new[:, shared].mean()))])
+    matched = f"alike in moves and optimal routes ({shared.sum()} of {len(shared)})"
+    return table(["", "test", "`test_new_routes`", f"{matched}: test", "`test_new_routes`"], rows)
+
+
+def matching(results: Path) -> str:
+    """Return a table of lengths and numbers of routes of splits, by the labyrinths of train."""
+    rows = []
+    for count in (100, 200):
+        splits = ("train", SPLIT, "test_new_routes", "longer")
+        train, test, new, longer = (
+            np.array([*routes_of(results, count, split).values()]) for split in splits
+        )
+        cells = [
+            f"{(each[:, 0] == 8).sum()}, {each[:, 0].mean():.1f}, {each[:, 1].mean():.2f}"
+            for each in (test, new)
+        ]
+        rows.append([str(count), *cells, str(train[:, 0].max()), f"{longer[:, 0].mean():.1f}"])
+    heading = ["labyrinths", "test: of eight moves, moves, optimal routes"]
+    heading += ["`test_new_routes`: the same", "longest route of train", "`longer`: moves"]
+    return table(heading, rows)
+
+
+def draw(results: Path) -> Figure:
     """Return a figure of success with and without a route to remember, a row for each method."""
+    groups = thousand(results)
+    parts = parts_of(results, groups)
     figure = Figure(figsize=(7.2, 1.0 + 0.3 * len(groups)), layout="constrained")
     panels = figure.subplots(1, len(parts), sharey=True)
     rows = np.arange(len(groups))[::-1]
-    for panel, (lengths, each) in zip(panels, parts.items(), strict=True):
+    for panel, (alike, each) in zip(panels, parts.items(), strict=True):
         for place, (name, which) in enumerate(each.items()):
             solved = [solved_in(runs, SPLIT)[:, which] for runs in groups.values()]
             middle = np.array([some.mean() for some in solved])
@@ -137,7 +191,7 @@ def draw(groups: Groups, parts: Mapping[str, Parts]) -> Figure:
                 color=COLOURS[place],
                 label=PARTS[name],
             )
-        panel.set(xlim=(-3, 103), xlabel=f"% solved of {SPLIT}, 5x5", title=lengths)
+        panel.set(xlim=(-3, 103), xlabel=f"% solved of {SPLIT}, 5x5", title=alike)
         panel.grid(axis="x", alpha=0.3)
     panels[0].set_yticks(rows, list(groups))
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
@@ -164,7 +218,7 @@ def costs(results: Path) -> str:
     ]
     runs = str(sum(len(each) for each in found.values()))
     hours = sum(sum(each.values()) for each in found.values()) / 3600
-    return table(["method", "runs", "hours"], [*rows, ["all", runs, f"{hours:.1f}"]], "lrr")
+    return table(["method", "runs", "hours"], [*rows, ["all", runs, f"{hours:.1f}"]])
 
 
 def _kept(results: Path) -> Iterator[dict[str, Any]]:
@@ -173,7 +227,3 @@ def _kept(results: Path) -> Iterator[dict[str, Any]]:
         content = read_json(path)
         if content.get("kind") or content.keys() & {"cpu_seconds", "seconds_of_training"}:
             yield content
-
-
-if __name__ == "__main__":
-    main()

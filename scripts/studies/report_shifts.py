@@ -1,35 +1,26 @@
-"""Make tables and a figure of how methods fare on every shift, from their evaluations.
+"""How methods fare on every shift, from their evaluations: tables and a figure of results.md.
 
-    python scripts/studies/report_shifts.py --figures docs/pictures
-    python scripts/studies/report_shifts.py --results docs/results/goals
-
-Prints Markdown: success rates by split and method, and the effects of structure, start and goal,
-each as in train or new, with their interactions, unless a split is missing that these need.
-Intervals: 95% bootstrap over labyrinths and seeds. The figure is a PNG and an SVG.
+Success rates by split and method; the effects of structure, start and goal, each as in train or
+new, with their interactions; and what more goals in training change. Intervals: 95% bootstrap over
+labyrinths and seeds. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from kept_results import by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from report_ablation import STYLE, save
+from report_ablation import heat_map
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.results import Results
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.figures import run_of, solved_in
-from pipeline.studies.results.kept import read_runs
-from pipeline.studies.results.paper import METHODS
 
 CELLS = {
     (0, 0, 0): "train",
@@ -58,56 +49,38 @@ Solved = Mapping[str, NDArray[np.float64]]
 """Split -> 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths)."""
 
 
-def main() -> None:
-    """Print the tables and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path, default=Path("docs/results/shifts"))
-    parser.add_argument("--figures", type=Path, help="folder for the figure")
-    given = parser.parse_args()
-    runs = read_runs(given.results)
-    methods = by_method(runs)
-    baselines = runs[0].baselines
-    print(rates(methods, baselines))
-    if set(CELLS.values()) <= set(splits_of(methods)):
-        print("", effects(methods), sep="\n")
-    if given.figures is not None:
-        with mpl.rc_context(STYLE):
-            save(draw(methods), given.figures / "shifts")
+GOALS = {
+    "fixed, 100": "shifts",
+    "varied, 100": "goals/on_fixed",
+    "fixed, 1,000": "goals/of_1000_control",
+    "varied, 1,000": "goals/of_1000_on_fixed",
+}
+"""Train's goals and number of labyrinths -> the runs of BC evaluated with the fixed goal."""
 
 
-def by_method(runs: Sequence[Results]) -> dict[str, Solved]:
+def methods_of(results: Path) -> dict[str, Solved]:
     """Return what was solved by each method, over its seeds."""
-    groups: dict[str, list[Results]] = {}
-    for each in runs:
-        method = run_of(each).method
-        groups.setdefault(METHODS.get(method, method), []).append(each)
+    groups = by_method(read_runs(results / "shifts/runs/5x5"))
     return {
-        name: {
-            split: solved_in(group, split)
-            for split in SPLITS
-            if all(split in each.splits for each in group)
-        }
+        name: {split: solved_in(group, split) for split in SPLITS if split in group[0]["solved"]}
         for name, group in groups.items()
     }
 
 
-def rates(methods: Mapping[str, Solved], baselines: Mapping[str, Any]) -> str:
-    """Return a table of success rates in percent, with a row for each split.
-
-    `baselines` are those of any of the evaluations, which are of one dataset.
-    """
+def rates(results: Path) -> str:
+    """Return a table of success rates in percent, with a row for each split."""
+    methods = methods_of(results)
+    baselines = read_runs(results / "shifts/runs/5x5", "bc-*.json")[0]["baselines"]
     rows = []
     for split in splits_of(methods):
-        cells = [
-            percent(solved[split].mean(), *interval(solved[split])) for solved in methods.values()
-        ]
+        cells = [rate(solved[split]) for solved in methods.values()]
         labyrinths = next(iter(methods.values()))[split].shape[1]
-        beside = [f"{100 * baselines[name][split]['sr']:.0f}" for name in REFERENCES]
+        beside = [whole(baselines[name][split]["sr"]) for name in REFERENCES]
         rows.append([f"`{split}`", str(labyrinths), *cells, *beside])
     seeds = [str(len(solved["test"])) for solved in methods.values()]
     rows.append(["seeds", "", *seeds, *("" for _ in REFERENCES)])
     heading = ["split", "labyrinths", *methods, *(name.replace("_", " ") for name in REFERENCES)]
-    return table(heading, rows, "l" + "r" * (len(heading) - 1))
+    return table(heading, rows)
 
 
 def splits_of(methods: Mapping[str, Solved]) -> list[str]:
@@ -115,18 +88,33 @@ def splits_of(methods: Mapping[str, Solved]) -> list[str]:
     return [split for split in SPLITS if all(split in solved for solved in methods.values())]
 
 
-def percent(mean: float, low: float, high: float) -> str:
-    """Return a share and its interval, in percent."""
-    return f"{round(100 * mean)} [{round(100 * low)}, {round(100 * high)}]"
+def goals(results: Path) -> str:
+    """Return a table of BC with a fixed and with varied goals, evaluated with the fixed one."""
+    runs = {
+        name: read_runs(results / folder / "runs/5x5", "bc-*.json")
+        for name, folder in GOALS.items()
+    }
+    varied = {"100": runs["varied, 100"], "1,000": runs["varied, 1,000"]}
+    rows = []
+    for split in ("test", "g", "s0_and_g", "test_g", "test_s0_and_g"):
+        memory = [
+            whole(group[0]["baselines"]["route_memory"][split]["sr"]) for group in varied.values()
+        ]
+        rows.append(
+            [f"`{split}`", *(rate(solved_in(group, split)) for group in runs.values()), *memory]
+        )
+    heading = [f"{name} ({len(group)})" for name, group in runs.items()]
+    return table(["split", *heading, *(f"*memory of varied {name}*" for name in varied)], rows)
 
 
-def effects(methods: Mapping[str, Solved]) -> str:
+def effects(results: Path) -> str:
     """Return a table of effects in points of success, with a row for each."""
+    methods = methods_of(results)
     rows = [
         [name, *(percent(*effect(solved, factors)) for solved in methods.values())]
         for name, factors in EFFECTS.items()
     ]
-    return table(["effect", *methods], rows, "l" + "r" * len(methods))
+    return table(["effect", *methods], rows)
 
 
 def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -150,27 +138,9 @@ def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float,
     return float(unseen.mean() + seen.mean()), *interval(unseen, -seen)
 
 
-def draw(methods: Mapping[str, Solved]) -> Figure:
+def draw(results: Path) -> Figure:
     """Return a heat map: how much each method solves of each split."""
+    methods = methods_of(results)
     splits = splits_of(methods)
     shares = 100 * np.array([[of[split].mean() for of in methods.values()] for split in splits])
     return heat_map(shares, splits, list(methods))
-
-
-def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str]) -> Figure:
-    """Return a heat map of shares in percent, shape (rows, columns), with the figures in it."""
-    figure = Figure(figsize=(6.4, 0.6 + 0.27 * len(rows)), layout="constrained")
-    panel = figure.subplots()
-    image = panel.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
-    panel.set_xticks(range(len(columns)), columns)
-    panel.set_yticks(range(len(rows)), rows)
-    panel.tick_params(length=0, labeltop=True, labelbottom=False)
-    for (row, column), share in np.ndenumerate(shares):
-        colour = "white" if share < 50 else "black"
-        panel.text(column, row, f"{share:.0f}", ha="center", va="center", color=colour)
-    figure.colorbar(image, ax=panel, label="% solved", shrink=0.6)
-    return figure
-
-
-if __name__ == "__main__":
-    main()

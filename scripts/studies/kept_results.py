@@ -1,0 +1,85 @@
+"""Read what studies keep in docs/results, of whatever form, and make cells of tables of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.schema import read_json
+from labyrinth_core.evaluation.intervals import interval
+from pipeline.studies.results.paper import METHODS, name_of
+
+Run = dict[str, Any]
+"""A file of a run; `solved` has 1 or 0 for each labyrinth of each set or split, shape (L,)."""
+Groups = Mapping[str, Sequence[Run]]
+"""The runs of each method, one for each seed."""
+
+
+def read_run(path: Path) -> Run:
+    """Return a file of `labyrinth_sets.write_results`, or of the stage `evaluate`.
+
+    The latter's figures are not computed again, which `Results.load` does and a test of all files.
+    """
+    kept: Run = read_json(path)
+    marks = kept.get("solved") or {
+        split: each["outcomes"][0] for split, each in kept["splits"].items()
+    }
+    kept["solved"] = {
+        name: np.array([mark in "1s" for mark in digits], np.float64)
+        for name, digits in marks.items()
+    }
+    return kept
+
+
+def read_runs(folder: Path, pattern: str = "*.json") -> list[Run]:
+    """Return the files in a folder, by name.
+
+    Raises:
+        ValueError: There is none.
+    """
+    paths = sorted(folder.glob(pattern))
+    if not paths:
+        raise ValueError(f"{folder} holds no {pattern}")
+    return [read_run(path) for path in paths]
+
+
+def by_method(runs: Sequence[Run]) -> dict[str, list[Run]]:
+    """Return runs by the name of their method: those of the paper first, in its order."""
+    found = {each["run"]["method"] for each in runs}
+    order = [*(name for name in METHODS if name in found), *sorted(found - METHODS.keys())]
+    return {
+        name_of(method): [each for each in runs if each["run"]["method"] == method]
+        for method in order
+    }
+
+
+def solved_in(group: Sequence[Run], name: str) -> NDArray[np.float64]:
+    """Return 1 for each labyrinth of a set that was solved, else 0, shape (seeds, labyrinths)."""
+    return np.stack([each["solved"][name] for each in group])
+
+
+def percent(mean: float, low: float, high: float) -> str:
+    """Return a share and its interval, in percent."""
+    return f"{round(100 * mean)} [{round(100 * low)}, {round(100 * high)}]"
+
+
+def rate(solved: NDArray[np.float64]) -> str:
+    """Return the share that was solved, and its 95% interval over seeds and labyrinths."""
+    return percent(float(solved.mean()), *interval(solved))
+
+
+def whole(share: float) -> str:
+    """Return a share in whole percent."""
+    return f"{round(100 * share)}"
+
+
+def by_seed(runs: Sequence[Run], sets: Mapping[str, str]) -> list[list[str]]:
+    """Return a row for each set: its name in print, and what each run solves of it, in percent."""
+    return [
+        [shown, *(whole(each["solved"][name].mean()) for each in runs)]
+        for name, shown in sets.items()
+    ]

@@ -1,0 +1,120 @@
+"""Write the tables of docs/studies into its pages, and draw its figures, from docs/results.
+
+    python scripts/studies/report_pages.py
+    python scripts/studies/report_pages.py --figures docs/pictures
+
+A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. Figures are PNG.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import report_ablation
+import report_authors
+import report_claims
+import report_mapper
+import report_paper
+import report_shifts
+from matplotlib.figure import Figure
+
+ROOT = Path(__file__).parents[2]
+
+TABLES: Mapping[str, Callable[[Path], str]] = {
+    "thousand": report_claims.rates,
+    "known routes": report_claims.known_routes,
+    "known routes by method": report_claims.by_route,
+    "pairs": report_claims.pairs,
+    "shifts": report_shifts.rates,
+    "effects": report_shifts.effects,
+    "new routes": report_claims.new_routes,
+    "matching": report_claims.matching,
+    "goals": report_shifts.goals,
+    "memory": report_paper.memory,
+    "3x3": partial(report_paper.of_size, config="3x3"),
+    "4x4": partial(report_paper.of_size, config="4x4"),
+    "5x5": partial(report_paper.of_size, config="5x5"),
+    "authors": report_authors.beside,
+    "costs": report_claims.costs,
+    "planner by seed": report_ablation.planner_by_seed,
+    "exchanged": report_ablation.exchanged,
+    "powers": report_ablation.powers,
+    "looks": report_ablation.looks,
+    "peers": report_ablation.peers,
+    "ingredients": report_ablation.ingredients,
+    "without grid": report_ablation.without_grid,
+    "numbers of labyrinths": report_ablation.by_number,
+    "tasks": report_ablation.tasks,
+    "mapper": report_mapper.rates,
+}
+"""Name of a table -> what makes it from the folder docs/results."""
+
+FIGURES: Mapping[str, Callable[[Path], Figure]] = {
+    "claims": report_claims.draw,
+    "shifts": report_shifts.draw,
+    "ingredients": report_ablation.draw_ingredients,
+    "samples": report_ablation.draw_samples,
+    "told-less": report_mapper.draw,
+}
+"""Name of the file of a figure -> what draws it."""
+
+PLACE = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+
+INK = "#767676"
+STYLE: dict[Any, Any] = {
+    # Legible on the white and on the dark page.
+    **dict.fromkeys(
+        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK
+    ),
+    "legend.frameon": False,
+    "savefig.transparent": True,
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+
+
+def main() -> None:
+    """Write the tables and draw the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--results", type=Path, default=ROOT / "docs/results")
+    parser.add_argument("--pages", type=Path, default=ROOT / "docs/studies")
+    parser.add_argument("--figures", type=Path, help="folder for the figures")
+    given = parser.parse_args()
+    for page in sorted(given.pages.glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        page.write_text(with_tables(text, given.results), encoding="utf-8")
+    if given.figures is not None:
+        with mpl.rc_context(STYLE):
+            for name, draw in FIGURES.items():
+                save(draw(given.results), given.figures / f"{name}.png")
+
+
+def with_tables(page: str, results: Path) -> str:
+    """Return the text of a page with the tables that the results give.
+
+    Raises:
+        KeyError: A page names a table that no function makes.
+    """
+
+    def made(place: re.Match[str]) -> str:
+        begin, name, end = place.groups()
+        return f"{begin}\n{TABLES[name](results)}\n\n{end}"
+
+    return PLACE.sub(made, page)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure, without the program's name, so that the bytes are reproducible."""
+    figure.savefig(path, dpi=130, metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()

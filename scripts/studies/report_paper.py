@@ -1,0 +1,93 @@
+"""The paper's tables and the table of memory of results.md, from the runs in docs/results.
+
+`report_pages.py` writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from kept_results import Run, by_method, read_runs, solved_in, whole
+
+from labyrinth_core.evaluation.replanner import REPLANNERS
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.machinery.markdown import table
+from pipeline.studies.results.paper import name_of, paper_figures
+
+REFERENCES = {
+    "route memory": ("route_memory", "sr"),
+    "look-up on local walls": ("local_walls", "sr"),
+    "uniformly random": ("random", "sr"),
+    "the same, in n x n steps": ("random", "sr_within_cells"),
+}
+"""What needs no learning, in print -> its name in a file, and its figure."""
+
+Cell = Callable[[str], str]
+"""From a split to what stands in the table."""
+
+
+def splits() -> list[str]:
+    """Return the splits of the paper, in print."""
+    return [f"`{split}`" if split.startswith("s0") else split for split in EVALUATED_SPLITS]
+
+
+def of_size(results: Path, config: str) -> str:
+    """Return a table of all runs of a size beside the paper's figures, in parentheses."""
+    folder = results / "runs" / config
+    rows = []
+    for pattern, note in (
+        ("*-cnn-seed?.json", ""),
+        ("bc-resnet18-seed?.json", ", ResNet-18"),
+        ("bc-cnn-seed?-paper.json", ", `protocol=paper`"),
+        ("planner-seed?.json", ""),
+    ):
+        if not any(folder.glob(pattern)):
+            continue
+        for name, runs in by_method(read_runs(folder, pattern)).items():
+            cell = partial(_beside, config, runs, beside="ResNet" not in note)
+            rows.append([name + note, str(len(runs)), *map(cell, EVALUATED_SPLITS)])
+    baselines = read_runs(folder, "bc-cnn-seed0.json")[0]["baselines"]
+    for name, (kept, figure) in REFERENCES.items():
+        cells = (whole(baselines[kept][split][figure]) for split in EVALUATED_SPLITS)
+        rows.append([f"*{name}*", "", *cells])
+    return table([config, "seeds", *splits()], rows)
+
+
+def _beside(config: str, runs: Sequence[Run], split: str, *, beside: bool) -> str:
+    ours = whole(solved_in(runs, split).mean())
+    printed = paper_figures().get((config, split, runs[0]["run"]["method"]))
+    return f"{ours} ({whole(printed.sr)})" if beside and printed else ours
+
+
+def memory(results: Path) -> str:
+    """Return a table of SR and SPL under partial observability, with memory and without."""
+    runs = read_runs(results / "memory/runs/5x5-partial_observability")
+    rows = []
+    for method in ("planner", "bc"):
+        for remembers, note in ((True, " with memory"), (False, "")):
+            group = [
+                each
+                for each in runs
+                if (each["run"]["method"], each["run"]["memory"]) == (method, remembers)
+            ]
+            cells = (
+                _with_spl([each["splits"][split] for each in group]) for split in EVALUATED_SPLITS
+            )
+            rows.append([name_of(method) + note, str(len(group)), *cells])
+    for name, title in zip(
+        REPLANNERS, ("optimistic replanner, memory", "the same without memory"), strict=True
+    ):
+        told = runs[0]["baselines"][name]
+        rows.append([f"*{title}*", "", *(_with_spl([told[split]]) for split in EVALUATED_SPLITS)])
+    return table(["SR / SPL in percent", "seeds", *splits()], rows)
+
+
+def _with_spl(told: Sequence[dict[str, Any]]) -> str:
+    """Return SR and SPL in percent, the mean of some files."""
+    return " / ".join(
+        whole(float(np.mean([each[name] for each in told]))) for name in ("sr", "spl")
+    )
