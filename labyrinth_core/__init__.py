@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.data.stream import stream_transitions as stream_transitions
     from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
+    from labyrinth_core.evaluation.compare import compare as compare
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
     from labyrinth_core.evaluation.questions import question as question
@@ -48,6 +49,7 @@ _HOMES = {
     "PolicyError": "evaluation.answers",
     "Structure": "world.labyrinth",
     "Task": "world.labyrinth",
+    "compare": "evaluation.compare",
     "dump": "language.text",
     "evaluate": "evaluation.evaluate",
     "load_arrays": "evaluation.labyrinth_arrays",

@@ -85,9 +85,9 @@ def evaluate(
             actions.
         DatasetError: There is no such dataset or split.
     """
-    seed = _whole("seed", seed, 0, MOST_SEED)
+    seed = whole("seed", seed, 0, MOST_SEED)
     if episodes is not None:
-        episodes = _whole("episodes", episodes, 1, MOST_EPISODES)
+        episodes = whole("episodes", episodes, 1, MOST_EPISODES)
     player = Player.of(policy, seed)
     manifest = Manifest.read(locate(source, config, [], revision))
 
@@ -118,7 +118,7 @@ def evaluate(
     )
 
 
-def _whole(name: str, value: Any, least: int, most: int) -> int:
+def whole(name: str, value: Any, least: int, most: int) -> int:
     """Return a whole number of Python's or of numpy's as one of Python's."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not least <= value <= most:

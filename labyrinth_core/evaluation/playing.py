@@ -190,9 +190,16 @@ def solved_by(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
 
     The policy is asked only in the states that it visits, at 5x5 about a third of all.
     """
-    return play(
-        arrays, lambda state, running: _decisions(policy, arrays, state[running]), visits=1
-    ).solved
+    return _visit(policy, arrays).solved
+
+
+def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None = None) -> Episodes:
+    """Return the results of the episodes of a policy that is asked only in states it visits."""
+
+    def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
+        return _decisions(policy, arrays, state[running])
+
+    return play(arrays, choose, visits=1, limit=limit)
 
 
 def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
@@ -201,6 +208,23 @@ def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
 
 
 # Any policy.
+
+
+def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
+    """Return the results of one episode in each of L labyrinths, shape (L,).
+
+    Args:
+        player: The policy.
+        arrays: The labyrinths, in all of which it acts at once.
+        limit: The number of steps after which an episode is cut.
+
+    Raises:
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    if player.forgets:
+        return _visit(player.act, arrays, limit)
+    choose = _begun(player, arrays, len(arrays.initial))
+    return play(arrays, choose, limit=limit, remembered=player.remembered)
 
 
 def step_through(

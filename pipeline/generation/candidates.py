@@ -17,12 +17,13 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.data.storage import AnyPath, write_bytes
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
-from pipeline.generation.identity import DRAWING, bucket_of
+from pipeline.generation.identity import DRAWING
 from pipeline.generation.variants import holds_task
 
 CELLS_PER_CHUNK = 1_638_400, 204_800

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import erring_route, moves_of
 from labyrinth_core.world.tasks import tiles_matter
-from pipeline.generation.identity import bucket_of
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 from pipeline.generation.solve import acting_rng, all_routes
 from pipeline.generation.variants import start_and_goal, twin_problem

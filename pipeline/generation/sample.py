@@ -22,6 +22,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.grid import neighbours
@@ -29,7 +30,6 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.near_twins import Neighbourhood
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import Candidates, Records, record_type, unpack
-from pipeline.generation.identity import bucket_of
 from pipeline.generation.selection import selected
 from pipeline.generation.shifts import SELECTED_SHIFTS
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
@@ -19,7 +20,6 @@ from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import moves_of
 from pipeline.generation.detours import stretched
-from pipeline.generation.identity import bucket_of
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, labyrinth_of, start_and_goal
 
 

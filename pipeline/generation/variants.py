@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.grid import neighbours
@@ -19,7 +20,7 @@ from labyrinth_core.world.random_labyrinth import (
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import moves_of, shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
-from pipeline.generation.identity import ACTING, bucket_of, item_rng
+from pipeline.generation.identity import ACTING, item_rng
 
 TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 

@@ -15,6 +15,7 @@ from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
 from tampering import content_of
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
@@ -23,7 +24,6 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.run import Run
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
-from pipeline.generation.identity import bucket_of
 from pipeline.generation.sample import sample
 from pipeline.generation.validate import validate
 

@@ -15,6 +15,7 @@ from read_from_text import Shown, shown
 from tampering import manifest_of, problems, with_first_replaced
 
 from labyrinth_core import LabyrinthEnv, load_transitions
+from labyrinth_core.data.buckets import bucket_of, split_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
@@ -23,7 +24,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
-from pipeline.generation.identity import bucket_of, split_of
 from pipeline.release import card
 
 pytestmark = pytest.mark.slow

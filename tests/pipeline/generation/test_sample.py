@@ -22,6 +22,7 @@ from brute_force import (
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labyrinth_core.data.buckets import split_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
@@ -31,7 +32,7 @@ from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.candidates import unpack
-from pipeline.generation.identity import item_rng, split_of
+from pipeline.generation.identity import item_rng
 from pipeline.generation.sample import check_capacity, sample
 from pipeline.generation.variants import labyrinth_of
 

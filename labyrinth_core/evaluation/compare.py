@@ -1,0 +1,201 @@
+"""`compare`: which of two policies is better, on fresh labyrinths until that is decided.
+
+from labyrinth_core import compare
+
+print(compare(policy, other, "data/labyrinth", "5x5"))
+
+Only labyrinths that one of the two solves and the other does not tell them apart, as in McNemar's
+test. Among these, each policy is equally likely to be the one that solves if both are equally good.
+The evidence against that is a likelihood ratio: the probability of what was seen if the first
+policy wins an unknown share of them, with Jeffreys' prior, over its probability if the share is a
+half. It is a test martingale (Ville 1939), so looking at it after every labyrinth, and stopping
+when it is large, does not raise the probability of an error: see Ramdas, Grunwald, Vovk and Shafer
+2023, "Game-theoretic statistics and safe anytime-valid inference", and Waudby-Smith and Ramdas
+2024, "Estimating means of bounded random variables by betting".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+from math import exp, lgamma, log, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labyrinth_core.data.buckets import sample_test
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.source import locate
+from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.description import MOST_SEED
+from labyrinth_core.evaluation.evaluate import whole
+from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
+from labyrinth_core.evaluation.playing import play_once
+from labyrinth_core.world.dynamics import STEP_LIMIT
+
+TOGETHER = 64
+"""The number of labyrinths that are drawn at a time."""
+
+PURPOSE = 3
+"""The key of the randomness of fresh labyrinths, which no part of a dataset has."""
+
+
+def log_evidence(wins: int, losses: int, share: Any = 0.5) -> Any:
+    """Return the logarithm of the evidence against a share of wins.
+
+    Args:
+        wins: The labyrinths that the first policy alone solves.
+        losses: The labyrinths that the other policy alone solves.
+        share: The share or shares, above 0 and below 1, shape (...).
+    """
+    # The ratio of two values of the beta function, of which the second is pi.
+    seen = lgamma(wins + 0.5) + lgamma(losses + 0.5) - lgamma(wins + losses + 1) - log(pi)
+    return seen - wins * np.log(share) - losses * np.log1p(-np.asarray(share))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two policies in the same labyrinths."""
+
+    labyrinths: int
+    """The number of labyrinths that both were judged in."""
+    both: int
+    """How many of them both solve."""
+    wins: int
+    """How many of them the first policy alone solves."""
+    losses: int
+    """How many of them the other policy alone solves."""
+    steps: int
+    """The number of steps within which a labyrinth is to be solved."""
+    error: float
+    """The probability with which two equally good policies are told apart."""
+
+    @property
+    def evidence(self) -> float:
+        """The evidence against both being equally good; they are told apart at 1 / `error`."""
+        return exp(min(log_evidence(self.wins, self.losses), 700))
+
+    @property
+    def better(self) -> str | None:
+        """The better policy, "first" or "other"; None if that is not decided."""
+        if log_evidence(self.wins, self.losses) < -log(self.error):
+            return None
+        return "first" if self.wins > self.losses else "other"
+
+    @property
+    def difference(self) -> float:
+        """The first policy's success rate less the other's; stopping early exaggerates it."""
+        return (self.wins - self.losses) / self.labyrinths
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Bounds of the share of wins among the labyrinths that one policy alone solves.
+
+        At any time, and at all times together, the share lies within them but for a probability of
+        `error`. They are 0 and 1 where no labyrinth tells the policies apart.
+        """
+        shares = np.linspace(0.001, 0.999, 999)
+        against = log_evidence(self.wins, self.losses, shares)
+        low, high = shares[against < -log(self.error)][[0, -1]].tolist()
+        return (low if low > shares[0] else 0.0), (high if high < shares[-1] else 1.0)
+
+    def __str__(self) -> str:
+        first, other = ((self.both + alone) / self.labyrinths for alone in (self.wins, self.losses))
+        verdict = {
+            "first": "the first policy is better",
+            "other": "the other policy is better",
+            None: "not decided",
+        }[self.better]
+        return (
+            f"{verdict}, after {self.labyrinths:,} labyrinths: within {self.steps:,} steps the "
+            f"first solves {first:.1%}, the other {other:.1%};\n{self.wins:,} are solved by the "
+            f"first alone, {self.losses:,} by the other alone (evidence {self.evidence:.3g} of the "
+            f"{1 / self.error:.3g} that decide)"
+        )
+
+
+def compare(
+    policy: Any,
+    other: Any,
+    source: str | Path,
+    config: str,
+    *,
+    observation: str | tuple[str, str] = "image",
+    image_size: int | tuple[int, int] = DEFAULT_IMAGE_SIZE,
+    within: str = "cells",
+    most: int = 10_000,
+    error: float = 0.05,
+    seed: int = 0,
+    revision: str | None = None,
+) -> Comparison:
+    """Compare two policies on fresh labyrinths of the distribution of `test`, until one is better.
+
+    The labyrinths are drawn `TOGETHER` at a time, on structures that no dataset trains on. A policy
+    that draws at random plays one episode in each. Equally good policies are told apart with a
+    probability of at most `error`, however often the evidence is looked at.
+
+    Args:
+        policy: The first policy, as `evaluate` takes it.
+        other: The other policy.
+        source: Folder with a dataset, or its id on the Hub; only its manifest is read.
+        config: Name of the dataset's config, such as `5x5`: size, task and sampler are its own.
+        observation: As `evaluate` has it; a pair if the policies differ in it.
+        image_size: Pixels on each side of the pictures; a pair if the policies differ in it.
+        within: The number of steps that solve a labyrinth: "cells" for as many as it has cells,
+            "limit" for the step limit of the benchmark, within which random steps solve most.
+        most: The number of labyrinths after which to stop undecided.
+        error: The probability of an error, above 0 and below 1.
+        seed: Determines the labyrinths, and what policies draw.
+        revision: Branch, tag or commit on the Hub; not for folders.
+
+    Raises:
+        ValueError: An argument has a value that is not allowed.
+        PolicyError: A policy is not one, raises an error, or answers with anything but actions.
+        DatasetError: There is no such dataset.
+        LabyrinthError: The labyrinths of the dataset can hardly be drawn.
+    """
+    seed, most = whole("seed", seed, 0, MOST_SEED), whole("most", most, 1, 10**9)
+    if within not in ("cells", "limit"):
+        raise ValueError(f"within={within!r:.60}: choose cells or limit")
+    if not 0 < error < 1:
+        raise ValueError(f"error={error!r:.60}: give a probability above 0 and below 1")
+    players = [Player.of(each, seed) for each in (policy, other)]
+    specs = [
+        ObservationSpec(seen, size, draw=True)
+        for seen, size in zip(
+            _pair("observation", observation), _pair("image_size", image_size), strict=True
+        )
+    ]
+    dataset = Manifest.read(locate(source, config, [], revision)).config
+    cells = dataset.height * dataset.width
+    steps = cells if within == "cells" else STEP_LIMIT * cells
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE,)))
+    fresh = sample_test(dataset, rng)
+    found = Comparison(0, 0, 0, 0, steps, error)
+    while found.better is None and found.labyrinths < most:
+        drawn = list(islice(fresh, min(TOGETHER, most - found.labyrinths)))
+        first, second = (
+            play_once(player, as_arrays(drawn, spec), steps).solved
+            for player, spec in zip(players, specs, strict=True)
+        )
+        found = Comparison(
+            found.labyrinths + len(drawn),
+            found.both + int((first & second).sum()),
+            found.wins + int((first & ~second).sum()),
+            found.losses + int((second & ~first).sum()),
+            steps,
+            error,
+        )
+    return found
+
+
+def _pair(name: str, value: Any) -> tuple[Any, Any]:
+    """Return the values of an argument for both policies."""
+    if not isinstance(value, tuple):
+        return value, value
+    if len(value) != 2:
+        raise ValueError(f"{name}={value!r:.60}: give one value, or a pair")
+    return value
