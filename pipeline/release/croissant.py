@@ -1,9 +1,9 @@
 """The Croissant description of a dataset: JSON-LD that machines read, with responsible-AI fields.
 
-Croissant 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-spec.html) and its RAI vocabulary
-1.0 (https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html). The Hub makes one by
-itself, without those fields and without hashes. `texts/croissant.json` holds all that does not
-depend on the data: `@context` is that of appendix 1 of the specification, with the vocabulary of
+Croissant 1.1 (https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html) and its RAI
+vocabulary 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html). The Hub makes
+one by itself, without those fields and without hashes. `texts/croissant.json` holds all that does
+not depend on the data: `@context` is the one that mlcroissant 1.1 expects, with the vocabulary of
 provenance; `datePublished` is the day this form of the dataset is from (`manifest.FORMAT` 2), since
 a clock would make the same data differ.
 """

@@ -45,7 +45,9 @@ def content(folder):
 
 def test_it_validates_without_a_warning(carded, caplog):
     with caplog.at_level(logging.WARNING):
-        issues = read(carded).metadata.ctx.issues
+        context = read(carded).metadata.ctx
+    issues = context.issues
+    assert context.is_v1_1()
     assert (set(issues.errors), set(issues.warnings), caplog.messages) == (set(), set(), [])
 
 
