@@ -11,13 +11,17 @@ a clock would make the same data differ.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from labyrinth_core.data.columns import COLUMNS
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.questions import (
+    QUESTION_COLUMNS,
+    question_splits,
+    questions_config,
+)
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics
@@ -30,12 +34,15 @@ REPOSITORY = "repo"
 mlcroissant read a local copy of it."""
 
 _DATA_TYPES = {
-    "obs": "sc:ImageObject",
-    "actions": "sc:Integer",
-    "rewards": "sc:Float",
-    "episode_starts": "sc:Boolean",
-    "info": "sc:Text",
+    "Image": "sc:ImageObject",
+    "ClassLabel": "sc:Integer",
+    "string": "sc:Text",
+    "int32": "sc:Integer",
+    "int64": "sc:Integer",
+    "float32": "sc:Float",
+    "bool": "sc:Boolean",
 }
+"""The data type of each feature that columns have, by the library `datasets`' word for it."""
 
 
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
@@ -58,8 +65,21 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         ],
         "distribution": _distribution(datasets, release),
         "recordSet": [
-            *(_record_set(dataset.manifest.config) for dataset in datasets),
+            *(
+                _record_set(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
+                for d in datasets
+            ),
             *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
+            *(
+                _record_set(
+                    questions_config(d.name),
+                    QUESTION_COLUMNS,
+                    question_splits(d.manifest.config),
+                    "labyrinth, as a question",
+                )
+                for d in datasets
+                if d.manifest.questions is not None
+            ),
         ],
     }
     if release.licence != front_matter.LICENCE:
@@ -83,11 +103,13 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
         }
         parts.append(_part("cr:FileObject", REPOSITORY, **repository))
     form = {"encodingFormat": "application/x-parquet"}
-    for dataset in datasets:
-        name, manifest = dataset.name, dataset.manifest
+    manifests = {dataset.name: dataset.manifest for dataset in datasets}
+    asked = {questions_config(d.name): d.manifest.questions for d in datasets}
+    manifests |= {name: manifest for name, manifest in asked.items() if manifest is not None}
+    for name, manifest in manifests.items():
         description = f"The Parquet files of {name}."
-        splits = manifest.config.splits
-        includes = [front_matter.shard_pattern(manifest, split) for split in splits]
+        splits = dict.fromkeys(shard.split for shard in manifest.shards)
+        includes = [front_matter.shard_pattern(manifest, split, name) for split in splits]
         files_of = f"files-of-{name}"
         values = {"description": description, **within, **form, "includes": includes}
         parts.append(_part("cr:FileSet", files_of, **values))
@@ -105,38 +127,52 @@ def _part(kind: str, name: str, **values: Any) -> dict[str, Any]:
     return {"@type": kind, "@id": name, "name": name, **values}
 
 
-def _record_set(dataset: DatasetConfig) -> dict[str, Any]:
-    config = dataset.name
-    splits = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in dataset.splits)
+def _record_set(
+    config: str, columns: Sequence[Column], splits: Sequence[str], row: str
+) -> dict[str, Any]:
+    """Return the record set of a config with splits.
+
+    Args:
+        config: The name of the config.
+        columns: Its columns.
+        splits: Its splits.
+        row: What a row is of.
+    """
+    told = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in splits)
     of_split = {
         "extract": {"fileProperty": "fullpath"},
         "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
     }
-    meaning = f"the split that the row is in: {splits}"
+    meaning = f"the split that the row is in: {told}"
     files = {"fileSet": {"@id": f"files-of-{config}"}}
-    fields = [_field(config, "split", meaning, ["sc:Text", "cr:Split"], files | of_split)]
-    for column in COLUMNS:
-        source: dict[str, Any] = files | {"extract": {"column": column.name}}
-        if column.name == "obs":
-            source["transform"] = {"jsonPath": "bytes"}
-        fields.append(_field(config, column.name, column.meaning, _DATA_TYPES[column.name], source))
-    return _records(
-        config, f"The rows of the config {config}, one for each state of an episode.", fields
-    )
+    split = _field(config, "split", meaning, ["sc:Text", "cr:Split"], files | of_split)
+    description = f"The rows of the config {config}, one for each {row}."
+    return _records(config, description, [split, *_fields(config, columns, files)])
 
 
 def _table_records(config: str) -> dict[str, Any]:
     name, file = table_config(config), {"fileObject": {"@id": f"{config}/{TABLE}"}}
-    fields = []
-    for column in TABLE_COLUMNS:
-        kind = "sc:Text" if column.feature["dtype"] == "string" else "sc:Integer"
-        source = file | {"extract": {"column": column.name}}
-        fields.append(_field(name, column.name, column.meaning, kind, source))
-    return _records(name, f"The labyrinths of all splits of {config}, one in each row.", fields)
+    description = f"The labyrinths of all splits of {config}, one in each row."
+    return _records(name, description, _fields(name, TABLE_COLUMNS, file))
 
 
 def _records(name: str, description: str, fields: Iterable[dict[str, Any]]) -> dict[str, Any]:
     return _part("cr:RecordSet", name, description=description, field=list(fields))
+
+
+def _fields(
+    config: str, columns: Sequence[Column], files: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Yield the field of each column of Parquet files."""
+    for column in columns:
+        feature, lists = column.feature, {}
+        if feature["_type"] == "List":
+            feature, lists = feature["feature"], {"isArray": True, "arrayShape": "-1"}
+        source: dict[str, Any] = files | {"extract": {"column": column.name}}
+        if feature["_type"] == "Image":
+            source["transform"] = {"jsonPath": "bytes"}
+        kind = _DATA_TYPES[feature.get("dtype", feature["_type"])]
+        yield _field(config, column.name, column.meaning, kind, source) | lists
 
 
 def _field(

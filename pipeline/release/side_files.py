@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import yaml
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
+from labyrinth_core.evaluation.questions import question_splits, questions_config
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.inspection.front_matter import LICENCE
 from pipeline.release.provenance import Release
@@ -44,20 +46,37 @@ def eval_file(manifests: Sequence[Manifest], name: str) -> str:
     """Return the eval.yaml of a folder of datasets: a task for each split that is evaluated.
 
     The form is that of https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark". Its
-    field `evaluation_framework` is left out: it takes a name from a list of the Hub's, which has
-    none for this software, and the Hub refuses any other.
+    field `evaluation_framework` takes a name from a list of the Hub's, which has none for this
+    software, but inspect-ai. If there are questions, the tasks are theirs alone: inspect-ai runs
+    them as they are, and refuses a file with a task that is not its own.
 
     Args:
         manifests: The manifests of all configs.
         name: The name of the benchmark.
     """
-    tasks = [
-        {"id": evaluation_task(config.name, split), "config": config.name, "split": split}
-        for config in (manifest.config for manifest in manifests)
-        for split in config.splits
-        if split not in NOT_EVALUATED
-    ]
-    return _yaml({"name": name} | yaml.safe_load(read("eval.yaml")) | {"tasks": tasks})
+    asked = [manifest.config for manifest in manifests if manifest.questions is not None]
+    values = yaml.safe_load(read("eval_questions.yaml" if asked else "eval.yaml"))
+    if asked:
+        each, forms = values.pop("each"), values["tasks"]
+        values["tasks"] = [
+            # A copy, or the file would refer to the first task in all others.
+            _task(questions_config(config.name), split, form) | deepcopy(own | each)
+            for config in asked
+            for form, own in forms.items()
+            for split in question_splits(config)
+        ]
+    else:
+        values["tasks"] = [
+            _task(manifest.config.name, split)
+            for manifest in manifests
+            for split in manifest.config.splits
+            if split not in NOT_EVALUATED
+        ]
+    return _yaml({"name": name} | values)
+
+
+def _task(config: str, split: str, form: str = "") -> dict[str, Any]:
+    return {"id": evaluation_task(config + form, split), "config": config, "split": split}
 
 
 def changelog(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -108,6 +110,15 @@ def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, b
     readme = copied.data_dir / "README.md"
     assert all(f"| `{column.name}` |" in readme.read_text() for column in QUESTION_COLUMNS)
     assert f"{NAME}-questions/{TEST}" in (copied.data_dir / "SHA256SUMS").read_text()
+    described = json.loads((copied.data_dir / "croissant.json").read_text())
+    *_, records = described["recordSet"]
+    assert [field["name"] for field in records["field"]][1:] == [c.name for c in QUESTION_COLUMNS]
+    assert {part["@id"] for part in described["distribution"]} >= {f"{NAME}-questions/{TEST}"}
+    benchmark = yaml.safe_load((copied.data_dir / "eval.yaml").read_text())
+    assert benchmark["evaluation_framework"] == "inspect-ai"
+    assert {task["id"] for task in benchmark["tasks"]} == {
+        f"{NAME}-questions{form}-{split}" for form in ("", "-pictures") for split in SPLITS
+    }
     options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
     build(copied.data_dir, labyrinths=5, **options)
     assert f"{NAME}-questions" not in readme.read_text().split("---\n")[1]
