@@ -7,8 +7,8 @@ validation and test with another start and goal; on fresh labyrinths of another 
 leakage; and, with `--sizes`, on larger ones. With `--looks`, test is shown in those of `looks.py`,
 too, as it is and with new starts and goals; with `--moved`, down and to the right by some pixels,
 the border repeated. Pictures are as large as the method wants them.
-`--json FILE` keeps which labyrinths were solved after each set, and the sets that it has are not
-tried again; `--pictures FOLDER` draws the failures.
+`--json FILE` keeps after each set which labyrinths were solved, and with the same other options
+continues where it was stopped; `--pictures FOLDER` draws the failures.
 """
 
 from __future__ import annotations
@@ -71,12 +71,15 @@ def main() -> None:
     make_player, image_size = policy_of(
         given.run, record["run"], once=given.once, forget=given.forget
     )
-    kept: dict[str, list[bool]] = {}
-    if given.json is not None and given.json.exists():
-        kept |= {name: which.tolist() for name, which in read_run(given.json)["solved"].items()}
     about = {"run": record["run"], "drawn_with_seed": given.seed, "in_one_view": given.once}
     about |= {"seconds_of_training": record["seconds"]}
     about |= {"without_memory": True} if given.forget else {}
+    kept: dict[str, list[bool]] = {}
+    if given.json is not None and given.json.exists():
+        before = read_run(given.json)
+        if before | about != before:
+            raise SystemExit(f"{given.json} is of another run or test: give another file")
+        kept = {name: which.tolist() for name, which in before["solved"].items()}
     sets = labyrinth_sets(
         given.data_dir,
         record["run"]["config"],
@@ -92,7 +95,14 @@ def main() -> None:
         shape = (structure.height, structure.width)
         began = time.process_time()
         arrays = as_arrays(labyrinths, Drawing(labyrinths, styles, moved, image_size(*shape)))
-        episodes = attempts(make_player(*shape), arrays, range(len(labyrinths)))
+        player = make_player(*shape)
+        # Those with a memory are shown all labyrinths of a group until the last one has ended.
+        group = 1 if player.reset else len(labyrinths)
+        episodes = [
+            episode
+            for first in range(0, len(labyrinths), group)
+            for episode in attempts(player, arrays, range(first, first + group))
+        ]
         kept[name] = [episode.states[-1].agent == episode.labyrinth.goal for episode in episodes]
         solved = np.array([kept[name]], float)
         low, high = interval(solved)

@@ -1,7 +1,7 @@
-"""What the planner's ingredients and labyrinths are worth, and its controls: generalisation.md.
+"""What the planner's ingredients and labyrinths are worth: tables and figures of generalisation.md.
 
-Tables and figures of the results of ablate.py, controls.py and generalise.py. Intervals: 95%
-bootstrap over seeds and labyrinths. `report_pages.py` writes and draws them.
+They are of the results of ablate.py. Intervals: 95% bootstrap over seeds and labyrinths.
+`report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kept_results import Run, by_seed, rate, read_runs, solved_in, whole
+from figures import COLOURS
+from kept_results import Run, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from pipeline.machinery.markdown import table
 from pipeline.studies.results.paper import name_of
 
@@ -24,8 +23,6 @@ SETS = ("train", "test", "s0", "s0_and_g", "test, new ends", "fresh")
 """The sets of labyrinths in the tables."""
 SHOWN = {"test": "test", "test, new ends": "test, another start and goal"}
 """The sets of labyrinths in the figures, and their names there."""
-COLOURS = [np.array(colour) / 255 for colour in (DEFAULT_STYLE.goal, DEFAULT_STYLE.start)]
-
 Groups = dict[tuple[Any, ...], list[Run]]
 """Runs that differ in the seed alone, by the values that they have in common."""
 
@@ -114,7 +111,7 @@ def by_number(results: Path) -> str:
             *sets_of(group, SETS[1:2] + SETS[4:]),
             str(len(group)),
         ]
-        for (variant, labyrinths), group in sorted(samples(results).items(), reverse=False)
+        for (variant, labyrinths), group in samples(results).items()
     ]
     rows.sort(key=lambda row: row[0] == "BC")
     return table(["% solved", "of labyrinths", *map(shown, SETS[1:2] + SETS[4:]), "seeds"], rows)
@@ -128,90 +125,6 @@ def tasks(results: Path) -> str:
         for config in sorted(groups, key=lambda config: -worth(groups[config]))
     ]
     return table(["% solved", *map(shown, SETS)], rows)
-
-
-def planner_by_seed(results: Path) -> str:
-    """Return a table of three seeds: the splits in eight views, and other labyrinths in one."""
-    runs = read_runs(results / "runs/5x5", "planner-*.json")
-    larger = read_runs(results / "larger", "planner-*.json")
-    splits = {name: shown(name) for name in ("train", "validation", "test", "s0", "s0_and_g")}
-    other = {
-        "validation, new ends": "structures of validation, new start and goal",
-        "test, new ends": "structures of test, new start and goal",
-        "fresh": "fresh labyrinths of another seed",
-        **{f"fresh {size}": size for size in ("7x7", "10x10", "15x15", "25x25")},
-    }
-    heading = ["% solved, of 100", *(f"seed {run['run']['seed']}" for run in runs)]
-    return table(heading, by_seed(runs, splits) + by_seed(larger, other))
-
-
-def exchanged(results: Path) -> str:
-    """Return a table of the runs with two actions exchanged."""
-    groups = grouped(read_runs(results / "controls/exchanged/5x5"), "variant")
-    rows = [
-        [
-            variant,
-            *(whole(solved_in(group, name).mean()) for name in ("train", "test")),
-            str(len(group)),
-        ]
-        for (variant,), group in groups.items()
-    ]
-    return table(["% solved", "train", "test", "seeds"], rows)
-
-
-def powers(results: Path) -> str:
-    """Return a table of the powers to which the planner raises costs, and of those by the rule."""
-    (run,) = read_runs(results / "controls/powers")
-    of_sets: dict[str, dict[str, str]] = {}
-    for name, solved in run["solved"].items():
-        of_set, _, power = name.rpartition(" at ")
-        of_sets.setdefault(of_set, {})[power] = whole(solved.mean())
-    rows = []
-    for name, cells in of_sets.items():
-        *fixed, (needed, by_rule) = cells.items()
-        plain = name.removeprefix("fresh ")
-        rows.append([plain, *(cell for _, cell in fixed), f"{by_rule} ({float(needed):.1f})"])
-    tried = [power for power, _ in fixed]
-    return table(["power", f"{tried[0]}, as learnt", *tried[1:], "by the rule"], rows)
-
-
-def looks(results: Path) -> str:
-    """Return a table of other looks, the seeds of a method in one cell."""
-    runs = read_runs(results / "controls/looks")
-    methods = {
-        name: [each for each in runs if each["method"] == name] for name in ("planner", "bc")
-    }
-    rows = [
-        [
-            look,
-            *(
-                ", ".join(whole(each["solved"][look].mean()) for each in group)
-                for group in methods.values()
-            ),
-        ]
-        for look in runs[0]["solved"]
-    ]
-    return table(["look", *map(name_of, methods)], rows)
-
-
-PEERS: dict[str, tuple[str, str]] = {
-    "planner": ("runs/5x5", "planner-*.json"),
-    "`method=walls`": ("peers/runs/5x5", "walls-*.json"),
-    "`method=vin`, 30 epochs": ("peers/runs/5x5", "vin-*.json"),
-    "the same with `augment` and `relabel`": ("peers/relabelled/5x5", "vin-*.json"),
-    "`method=vin`, 150 epochs": ("peers/longer/5x5", "vin-*.json"),
-}
-"""Name in print -> the folder and the pattern of the runs."""
-
-
-def peers(results: Path) -> str:
-    """Return a table of the planner and its peers on the splits."""
-    splits, rows = ("train", "validation", "test", "s0", "s0_and_g"), []
-    for name, (folder, pattern) in PEERS.items():
-        runs = read_runs(results / folder, pattern)
-        cells = (whole(solved_in(runs, split).mean()) for split in splits)
-        rows.append([name, str(len(runs)), *cells])
-    return table(["5x5, % solved", "seeds", *map(shown, splits)], rows)
 
 
 def draw_ingredients(results: Path) -> Figure:
@@ -255,19 +168,4 @@ def draw_samples(results: Path) -> Figure:
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("% solved")
     panels[0].legend(frameon=False)
-    return figure
-
-
-def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str]) -> Figure:
-    """Return a heat map of shares in percent, shape (rows, columns), with the figures in it."""
-    figure = Figure(figsize=(6.4, 0.6 + 0.27 * len(rows)), layout="constrained")
-    panel = figure.subplots()
-    image = panel.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
-    panel.set_xticks(range(len(columns)), columns)
-    panel.set_yticks(range(len(rows)), rows)
-    panel.tick_params(length=0, labeltop=True, labelbottom=False)
-    for (row, column), share in np.ndenumerate(shares):
-        colour = "white" if share < 50 else "black"
-        panel.text(column, row, f"{share:.0f}", ha="center", va="center", color=colour)
-    figure.colorbar(image, ax=panel, label="% solved", shrink=0.6)
     return figure

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import COLOURS
 from kept_results import Groups, by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from report_ablation import COLOURS
 
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES

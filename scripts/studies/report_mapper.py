@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from figures import heat_map
 from kept_results import Run, read_runs, solved_in, whole
 from matplotlib.figure import Figure
-from report_ablation import heat_map
 
 from pipeline.machinery.markdown import table
 
@@ -44,6 +44,19 @@ def rates(results: Path) -> str:
     rows = [[name, *(cell(runs, name) for runs in kinds.values())] for name in sets_of(kinds)]
     seeds = [", ".join(str(run["run"]["seed"]) for run in runs) for runs in kinds.values()]
     return table(["% solved", *KINDS.values()], [["seeds", *seeds], *rows])
+
+
+def anew(results: Path) -> str:
+    """Return a table of seeds of which nothing was seen before; those not tried have no figure."""
+    runs = read_runs(results / "mapper/anew")
+    found: dict[str, dict[int, str]] = {}
+    for run in runs:
+        for name, solved in run["solved"].items():
+            cells = found.setdefault(f"{name} ({len(solved)})", {})
+            cells[run["run"]["seed"]] = whole(solved.mean())
+    seeds = sorted({run["run"]["seed"] for run in runs})
+    rows = [[name, *(cells.get(seed, "") for seed in seeds)] for name, cells in found.items()]
+    return table(["% solved (labyrinths)", *(f"seed {seed}" for seed in seeds)], rows)
 
 
 def cell(runs: Sequence[Run], name: str) -> str:

@@ -13,15 +13,16 @@ import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import report_ablation
 import report_authors
 import report_claims
+import report_controls
 import report_mapper
 import report_paper
 import report_shifts
+from figures import STYLE, save
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[2]
@@ -42,16 +43,17 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "5x5": partial(report_paper.of_size, config="5x5"),
     "authors": report_authors.beside,
     "costs": report_claims.costs,
-    "planner by seed": report_ablation.planner_by_seed,
-    "exchanged": report_ablation.exchanged,
-    "powers": report_ablation.powers,
-    "looks": report_ablation.looks,
-    "peers": report_ablation.peers,
+    "planner by seed": report_controls.planner_by_seed,
+    "exchanged": report_controls.exchanged,
+    "powers": report_controls.powers,
+    "looks": report_controls.looks,
+    "peers": report_controls.peers,
     "ingredients": report_ablation.ingredients,
     "without grid": report_ablation.without_grid,
     "numbers of labyrinths": report_ablation.by_number,
     "tasks": report_ablation.tasks,
     "mapper": report_mapper.rates,
+    "mapper anew": report_mapper.anew,
 }
 """Name of a table -> what makes it from the folder docs/results."""
 
@@ -65,20 +67,6 @@ FIGURES: Mapping[str, Callable[[Path], Figure]] = {
 """Name of the file of a figure -> what draws it."""
 
 PLACE = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
-
-INK = "#767676"
-STYLE: dict[Any, Any] = {
-    # Legible on the white and on the dark page.
-    **dict.fromkeys(
-        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK
-    ),
-    "legend.frameon": False,
-    "savefig.transparent": True,
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
 
 
 def main() -> None:
@@ -109,11 +97,6 @@ def with_tables(page: str, results: Path) -> str:
         return f"{begin}\n{TABLES[name](results)}\n\n{end}"
 
     return PLACE.sub(made, page)
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure, without the program's name, so that the bytes are reproducible."""
-    figure.savefig(path, dpi=130, metadata={"Software": None})
 
 
 if __name__ == "__main__":

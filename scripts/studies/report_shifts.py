@@ -12,10 +12,10 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from figures import heat_map
 from kept_results import by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from report_ablation import heat_map
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import REFERENCES

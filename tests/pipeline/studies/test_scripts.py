@@ -30,8 +30,8 @@ pytestmark = pytest.mark.slow
 Problems = Callable[..., Problem]
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "scripts" / "studies"))
-ablate, controls, labyrinth_sets, looks = map(
-    import_module, ("ablate", "controls", "labyrinth_sets", "looks")
+ablate, controls, generalise, kept_results, labyrinth_sets, looks = map(
+    import_module, ("ablate", "controls", "generalise", "kept_results", "labyrinth_sets", "looks")
 )
 sys.path.pop(0)
 
@@ -78,7 +78,7 @@ def test_fresh_labyrinths_are_of_the_task_and_follow_the_generator(
 def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "run.json"
     labyrinth_sets.write_results(path, {"seed": 3}, {"test": [True, False, True], "s0": [False]})
-    kept = labyrinth_sets.read_results(path)
+    kept = kept_results.read_run(path)
     assert kept["seed"] == 3
     assert {name: each.tolist() for name, each in kept["solved"].items()} == {
         "test": [1, 0, 1],
@@ -120,6 +120,17 @@ def test_walls_have_their_part_of_a_cell_and_all_else_its_colour(
 ) -> None:
     for style in looks.LOOKS[look](labyrinths, np.random.default_rng(0)):
         assert asdict(style) == asdict(DEFAULT_STYLE) | {"wall_pixels": pixels}
+
+
+def test_a_moved_picture_repeats_its_border(labyrinths: list[Labyrinth]) -> None:
+    shown = [(labyrinths[0], initial(labyrinths[0]))]
+    usual, moved = (
+        generalise.Drawing(labyrinths, [None] * 20, pixels, 120).look(shown)[0]
+        for pixels in (0, 20)
+    )
+    assert np.array_equal(moved[20:, 20:], usual[:-20, :-20])
+    assert (moved[:20, 20:] == usual[0, :-20]).all()
+    assert (moved[20:, :20] == usual[:-20, :1]).all()
 
 
 # Controls.

@@ -1,0 +1,48 @@
+"""The style of the figures of docs/studies, and what several of them are drawn with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+
+INK = "#767676"
+STYLE: dict[Any, Any] = {
+    # Legible on the white and on the dark page.
+    **dict.fromkeys(
+        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK
+    ),
+    "legend.frameon": False,
+    "savefig.transparent": True,
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+COLOURS = [np.array(colour) / 255 for colour in (DEFAULT_STYLE.goal, DEFAULT_STYLE.start)]
+
+
+def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str]) -> Figure:
+    """Return a heat map of shares in percent, shape (rows, columns), with the figures in it."""
+    figure = Figure(figsize=(6.4, 0.6 + 0.27 * len(rows)), layout="constrained")
+    panel = figure.subplots()
+    image = panel.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
+    panel.set_xticks(range(len(columns)), columns)
+    panel.set_yticks(range(len(rows)), rows)
+    panel.tick_params(length=0, labeltop=True, labelbottom=False)
+    for (row, column), share in np.ndenumerate(shares):
+        colour = "white" if share < 50 else "black"
+        panel.text(column, row, f"{share:.0f}", ha="center", va="center", color=colour)
+    figure.colorbar(image, ax=panel, label="% solved", shrink=0.6)
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure, without the program's name, so that the bytes are reproducible."""
+    figure.savefig(path, dpi=130, metadata={"Software": None})

@@ -1,0 +1,98 @@
+"""The planner's seeds, controls and peers: tables of generalisation.md.
+
+They are of the results of the stage `evaluate`, controls.py, generalise.py and, with two actions
+exchanged, ablate.py. `report_pages.py` writes them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kept_results import by_seed, read_runs, solved_in, whole
+from report_ablation import grouped, shown
+
+from pipeline.machinery.markdown import table
+from pipeline.studies.results.paper import name_of
+
+
+def planner_by_seed(results: Path) -> str:
+    """Return a table of three seeds: the splits in eight views, and other labyrinths in one."""
+    runs = read_runs(results / "runs/5x5", "planner-*.json")
+    larger = read_runs(results / "larger", "planner-*.json")
+    splits = {name: shown(name) for name in ("train", "validation", "test", "s0", "s0_and_g")}
+    other = {
+        "validation, new ends": "structures of validation, new start and goal",
+        "test, new ends": "structures of test, new start and goal",
+        "fresh": "fresh labyrinths of another seed",
+        **{f"fresh {size}": size for size in ("7x7", "10x10", "15x15", "25x25")},
+    }
+    heading = ["% solved, of 100", *(f"seed {run['run']['seed']}" for run in runs)]
+    return table(heading, by_seed(runs, splits) + by_seed(larger, other))
+
+
+def exchanged(results: Path) -> str:
+    """Return a table of the runs with two actions exchanged."""
+    groups = grouped(read_runs(results / "controls/exchanged/5x5"), "variant")
+    rows = [
+        [
+            variant,
+            *(whole(solved_in(group, name).mean()) for name in ("train", "test")),
+            str(len(group)),
+        ]
+        for (variant,), group in groups.items()
+    ]
+    return table(["% solved", "train", "test", "seeds"], rows)
+
+
+def powers(results: Path) -> str:
+    """Return a table of the powers to which the planner raises costs, and of those by the rule."""
+    (run,) = read_runs(results / "controls/powers")
+    of_sets: dict[str, dict[str, str]] = {}
+    for name, solved in run["solved"].items():
+        of_set, _, power = name.rpartition(" at ")
+        of_sets.setdefault(of_set, {})[power] = whole(solved.mean())
+    rows, tried = [], []
+    for name, cells in of_sets.items():
+        *tried, needed = cells
+        by_rule = f"{cells[needed]} ({float(needed):.1f})"
+        rows.append([name.removeprefix("fresh "), *(cells[power] for power in tried), by_rule])
+    return table(["power", f"{tried[0]}, as learnt", *tried[1:], "by the rule"], rows)
+
+
+def looks(results: Path) -> str:
+    """Return a table of other looks, the seeds of a method in one cell."""
+    runs = read_runs(results / "controls/looks")
+    methods = {
+        name: [each for each in runs if each["method"] == name] for name in ("planner", "bc")
+    }
+    rows = [
+        [
+            look,
+            *(
+                ", ".join(whole(each["solved"][look].mean()) for each in group)
+                for group in methods.values()
+            ),
+        ]
+        for look in runs[0]["solved"]
+    ]
+    return table(["look", *map(name_of, methods)], rows)
+
+
+PEERS: dict[str, tuple[str, str]] = {
+    "planner": ("runs/5x5", "planner-*.json"),
+    "`method=walls`": ("peers/runs/5x5", "walls-*.json"),
+    "`method=vin`, 30 epochs": ("peers/runs/5x5", "vin-*.json"),
+    "the same with `augment` and `relabel`": ("peers/relabelled/5x5", "vin-*.json"),
+    "`method=vin`, 150 epochs": ("peers/longer/5x5", "vin-*.json"),
+}
+"""Name in print -> the folder and the pattern of the runs."""
+
+
+def peers(results: Path) -> str:
+    """Return a table of the planner and its peers on the splits."""
+    splits, rows = ("train", "validation", "test", "s0", "s0_and_g"), []
+    for name, (folder, pattern) in PEERS.items():
+        runs = read_runs(results / folder, pattern)
+        cells = (whole(solved_in(runs, split).mean()) for split in splits)
+        rows.append([name, str(len(runs)), *cells])
+    return table(["5x5, % solved", "seeds", *map(shown, splits)], rows)
