@@ -80,6 +80,7 @@ CLIENTS = (
     ),
     Client("polars", "read_tables.py", ("polars", "pillow", "numpy")),
     Client("DuckDB", "read_tables.py", ("duckdb", "pillow", "numpy")),
+    Client("inspect-ai", "read_inspect.py", ("inspect-ai==0.3.285", "datasets>=4", "numpy")),
     Client("WebDataset", "read_webdataset.py", ("webdataset", "pyarrow", "pillow")),
 )
 
@@ -90,7 +91,7 @@ def make(folder: Path, hub: LocalHub) -> None:
     if done.exists():
         return
     common = [sys.executable, str(ROOT / "run.py"), "size=5", f"data_dir={data}"]
-    commands = [["stages=[build,card]"]] + [
+    commands = [["stages=[build,questions,card]"]] + [
         ["stages=[export]", f"export.format={format_}", f"export.folder={folder / 'exports'}"]
         for format_ in FORMATS
     ]
