@@ -58,6 +58,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
     - `optimal_actions`: which actions begin a shortest route to the goal, bool, shape (4,); none
       at the goal, on ice, or where no route leads to the goal.
     - `distance`: the least number of moves to the goal, -1 where no route leads there.
+    - `is_success`: whether the agent is on the goal, bool.
     """
 
     metadata: dict[str, Any] = {"render_modes": SHOWN_HERE, "render_fps": 10}  # noqa: RUF012
@@ -196,11 +197,13 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         return observation, self._rewards[state], terminated, truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
+        distance = self._distances[self._state]
         return {
             "labyrinth_id": self._id,
             "labyrinth": self._text,
             "optimal_actions": self._optimal_actions[self._state].copy(),
-            "distance": self._distances[self._state],
+            "distance": distance,
+            "is_success": distance == 0,
         }
 
     def render(self) -> NDArray[np.uint8] | str | None:

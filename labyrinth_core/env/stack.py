@@ -137,11 +137,13 @@ class Stack:
         if self._shared_names is None:
             self._shared_names = self._names.copy()
             self._shared_names.setflags(write=False)
+        distance = self._distances.ravel().take(self._now)
         return {
             "labyrinth_id": self._shared_names[0],
             "labyrinth": self._shared_names[1],
             "optimal_actions": self._optimal.reshape(-1, 4).take(self._now, axis=0),
-            "distance": self._distances.ravel().take(self._now),
+            "distance": distance,
+            "is_success": distance == 0,
         }
 
     def vectors(self) -> VectorArray:

@@ -136,6 +136,7 @@ def test_a_walk_is_what_dynamics_solver_renderer_and_vector_form_say(labyrinth):
         assert info["labyrinth"] == dump(labyrinth)
         assert info["labyrinth_id"] == labyrinth_id(labyrinth)
         assert info["distance"] == distances(labyrinth)[number]
+        assert info["is_success"] is (state.agent == labyrinth.goal)
         assert (info["optimal_actions"] == optimal_actions(labyrinth)[number]).all()
         assert envs[0].state == state
         if is_terminal(labyrinth, state):
