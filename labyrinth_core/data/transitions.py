@@ -30,6 +30,11 @@ class LoadedEpisode:
     terminated: bool
     """Whether the episode ends on the goal or on ice, instead of being cut."""
 
+    @property
+    def truncated(self) -> bool:
+        """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
+        return not self.terminated
+
     def __len__(self) -> int:
         """Return the number of transitions."""
         return len(self.actions)
@@ -67,7 +72,7 @@ class Transitions:
     """Actions taken, shape (N,)."""
     rewards: NDArray[np.float32]
     """Rewards received, shape (N,)."""
-    dones: NDArray[np.bool_]
+    terminated: NDArray[np.bool_]
     """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
     labyrinth_ids: NDArray[np.int64]
     """The id of each transition's labyrinth, shape (N,); elsewhere it is `f"{id:016x}"`."""
@@ -83,6 +88,25 @@ class Transitions:
         labyrinths = len(np.unique(self.labyrinth_ids))
         shape, kind = self.frames.shape[1:], self.frames.dtype
         return f"Transitions({len(self)} of {labyrinths} labyrinths; observations {shape} {kind})"
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Whether the transition ends an episode that was cut, shape (N,)."""
+        return self.dones & ~self.terminated
+
+    @property
+    def dones(self) -> NDArray[np.bool_]:
+        """Whether the transition ends its episode, terminated or truncated, shape (N,)."""
+        # The last state of an episode, in which no action is taken, lies before the next one.
+        dones: NDArray[np.bool_] = np.diff(self.rows, append=len(self.frames)) != 1
+        return dones
+
+    @property
+    def episode_indices(self) -> NDArray[np.int64]:
+        """The number of each transition's episode in the split, from 0, shape (N,)."""
+        # Each episode before it has one state more than transitions.
+        numbers: NDArray[np.int64] = self.rows - np.arange(len(self.rows))
+        return numbers
 
     @property
     def observations(self) -> NDArray[Any]:
@@ -171,7 +195,7 @@ COLUMNS: dict[str, np.dtype[Any]] = {
     "rows": np.dtype("<i8"),
     "actions": np.dtype("<i8"),
     "rewards": np.dtype("<f4"),
-    "dones": np.dtype("?"),
+    "terminated": np.dtype("?"),
     "labyrinth_ids": np.dtype("<i8"),
 }
 """Name of a column -> its type."""
@@ -184,7 +208,7 @@ def columns_of(episodes: Episodes, first: int) -> Columns:
         "rows": first + steps,
         "actions": rows.actions[steps],
         "rewards": rows.rewards[steps],
-        "dones": episodes.over[steps + 1],
+        "terminated": episodes.over[steps + 1],
         "labyrinth_ids": episodes.ids[episodes.which[steps]],
     }
 

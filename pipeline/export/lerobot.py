@@ -88,7 +88,7 @@ def _frames_and_rows(
             raise DatasetError(
                 f"split={split.name}: the table of labyrinths is not of its episodes"
             )
-        frames = _frames(episode, number, first, truncated=split.is_truncated(episode))
+        frames = _frames(episode, number, first)
         statistics.add({**frames, IMAGE: episode.observations})
         frames[IMAGE] = [png_value(picture) for picture in episode.observations]
         row = {
@@ -114,14 +114,13 @@ def _labyrinths(split: Split) -> Iterator[dict[str, Any]]:
                 yield row
 
 
-def _frames(episode: LoadedEpisode, number: int, first: int, *, truncated: bool) -> dict[str, Any]:
+def _frames(episode: LoadedEpisode, number: int, first: int) -> dict[str, Any]:
     """Return the columns of the frames of an episode, but for the pictures.
 
     Args:
         episode: The episode.
         number: The number of the episode.
         first: The number of its first frame.
-        truncated: Whether an environment truncates it.
     """
     steps = np.arange(len(episode) + 1)
     done = steps >= len(episode) - 1
@@ -129,7 +128,7 @@ def _frames(episode: LoadedEpisode, number: int, first: int, *, truncated: bool)
         "action": np.append(episode.actions, NO_ACTION),
         "next.reward": np.append(episode.rewards, np.float32(0)),
         "next.done": done,
-        "next.truncated": done & truncated,
+        "next.truncated": done & episode.truncated,
         "timestamp": (steps / FPS).astype(np.float32),
         "frame_index": steps,
         "episode_index": np.full(len(steps), number),

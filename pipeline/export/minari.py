@@ -65,7 +65,7 @@ def _episodes(split: Split) -> Iterator[tuple[int, EpisodeBuffer]]:
 
     for episode in split.episodes():
         terminations, truncations = [[False] * len(episode) for _ in range(2)]
-        terminations[-1], truncations[-1] = episode.terminated, split.is_truncated(episode)
+        terminations[-1], truncations[-1] = episode.terminated, episode.truncated
         buffer = EpisodeBuffer(
             options=_options(episode),
             observations=episode.observations,
@@ -91,7 +91,7 @@ def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
 def _options(episode: LoadedEpisode) -> dict[str, Any]:
     """Return the options with which `LabyrinthEnv.reset` begins the episode, and ends it, too."""
     options: dict[str, Any] = {"labyrinth": episode.info}
-    if not episode.terminated:
+    if episode.truncated:
         options["max_episode_steps"] = len(episode)
     return options
 

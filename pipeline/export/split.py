@@ -128,10 +128,6 @@ class Split:
                 f"split={self.name}: {number} episodes, but the manifest says {self.count}"
             )
 
-    def is_truncated(self, episode: LoadedEpisode) -> bool:
-        """Return whether an environment truncates the episode with its last step."""
-        return not episode.terminated or len(episode) >= self.step_limit
-
 
 def in_parts(items: Iterable[tuple[int, Item]], part_bytes: int) -> Iterator[list[Item]]:
     """Yield consecutive items, given with their sizes, in lists of at least so many bytes."""

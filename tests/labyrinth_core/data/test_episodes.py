@@ -62,8 +62,8 @@ def rows_by_episode(run, split):
 
 
 TRANSITIONS = (
-    *("observations", "next_observations", "actions", "rewards", "dones"),
-    *("labyrinth_ids", "rows"),
+    *("observations", "next_observations", "actions", "rewards"),
+    *("terminated", "truncated", "dones", "labyrinth_ids", "episode_indices", "rows"),
 )
 OBSERVED = {
     "decoded": ({"image_size": 9}, lambda *of: Painter(of[0]).array(of[1], 9)),
@@ -91,7 +91,7 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
         transitions = load_transitions(*place, split=split, **options, cache_dir=False)
         steps, first_row = [], 0
         both = (load(*place, split=split, **options) for load in (load_episodes, stream_episodes))
-        for rows, *ways in zip(episodes, *both, strict=True):
+        for index, (rows, *ways) in enumerate(zip(episodes, *both, strict=True)):
             labyrinth = parse(rows[0]["info"])
             again = replay(labyrinth, [row["actions"] for row in rows[:-1]])
             shown = np.array([observe(labyrinth, state) for state in again.states])
@@ -103,9 +103,11 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
                 assert (episode.observations.dtype, episode.rewards.dtype) == (shown.dtype, "f4")
                 assert (len(episode), episode.info) == (len(rows) - 1, rows[0]["info"])
                 assert (episode.terminated, episode.labyrinth_id) == (again.terminated, number)
+                assert episode.truncated != episode.terminated
             for step, row in enumerate(rows[:-1]):
-                done = again.terminated and step == len(rows) - 2
-                own = row["actions"], row["rewards"], done, number, first_row + step
+                last = step == len(rows) - 2
+                ends = last and again.terminated, last and not again.terminated, last
+                own = row["actions"], row["rewards"], *ends, number, index, first_row + step
                 steps.append((shown[step], shown[step + 1], *own))
             first_row += len(rows)
         for name, values in zip(TRANSITIONS, zip(*steps, strict=True), strict=True):
@@ -175,7 +177,7 @@ def test_texts_that_are_not_canonical_are_read_too(run, tmp_path):
     options = {"draw": True, "image_size": 9, "cache_dir": False}
     theirs = load_transitions(tmp_path, folder.name, **options)
     ours = load_transitions(run.data_dir, folder.name, **options)
-    for name in ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids"):
+    for name in ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids"):
         np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
     info = next(load_episodes(tmp_path, folder.name, observation="vector")).info
     assert info.startswith('"""a comment"""')

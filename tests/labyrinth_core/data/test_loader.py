@@ -82,8 +82,9 @@ def test_shapes_and_types_are_as_documented(data_dir):
     vectors = load_transitions(data_dir, "4x4-key_and_door", observation="vector")
     assert vectors.observations.shape == (len(vectors), 5 + 7 * 7)
     assert vectors.observations.dtype == np.int32
-    types = {"actions": np.int64, "rewards": np.float32, "dones": np.bool_}
-    for field, kind in (types | {"labyrinth_ids": np.int64}).items():
+    types = {"actions": np.int64, "rewards": np.float32, "labyrinth_ids": np.int64}
+    types |= dict.fromkeys(("terminated", "truncated", "dones"), np.bool_)
+    for field, kind in (types | {"episode_indices": np.int64}).items():
         assert getattr(images, field).shape == (count,)
         assert getattr(images, field).dtype == kind
 

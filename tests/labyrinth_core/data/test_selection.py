@@ -20,7 +20,7 @@ from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
-FIELDS = ("frames", "rows", "actions", "rewards", "dones", "labyrinth_ids")
+FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
 
 
 @pytest.fixture(scope="module")

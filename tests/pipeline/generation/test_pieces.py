@@ -89,7 +89,7 @@ def test_the_transitions_are_those_of_whole_routes(both: tuple[Run, Run]) -> Non
         )
         for name in (
             *("observations", "actions", "rewards", "next_observations"),
-            *("dones", "labyrinth_ids", "optimal"),
+            *("terminated", "labyrinth_ids", "optimal"),
         ):
             assert np.array_equal(getattr(mine, name), getattr(its, name)), (split, name)
 
