@@ -5,7 +5,6 @@
 Needs: pip install labyrinth-datasets stable-baselines3
 """
 
-import numpy as np
 from stable_baselines3 import PPO
 
 from labyrinth_core import LabyrinthEnv, evaluate
@@ -23,12 +22,7 @@ def main(
     model.learn(steps)
     model.save(archive)
     model = PPO.load(archive, device="cpu")  # An archive from elsewhere is evaluated likewise.
-
-    def policy(observations: np.ndarray) -> np.ndarray:
-        actions, _ = model.predict(observations, deterministic=True)
-        return actions
-
-    return evaluate(policy, folder, size, observation="vector")
+    return evaluate(model, folder, size, observation="vector")
 
 
 if __name__ == "__main__":

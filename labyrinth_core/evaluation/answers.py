@@ -133,10 +133,10 @@ def as_function(policy: Any) -> Policy:
     A module of PyTorch is given tensors on its own device, in evaluation mode and without
     gradients, and is left as it was.
     """
-    torch = sys.modules.get("torch")
-    if torch is None or not isinstance(policy, torch.nn.Module):
+    if not _is_module(policy):
         function: Policy = policy
         return function
+    torch = sys.modules["torch"]
 
     def forward(observations: Any) -> Any:
         modes = [(module, module.training) for module in policy.modules()]
@@ -153,6 +153,47 @@ def as_function(policy: Any) -> Policy:
                 module.training = training
 
     return forward
+
+
+def _is_module(policy: Any) -> bool:
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(policy, torch.nn.Module)
+
+
+class Predicting:
+    """A policy that remembers, in the form of Stable-Baselines3, as one with `reset` and `act`."""
+
+    def __init__(self, policy: Any) -> None:
+        self._predict = policy.predict
+
+    def reset(self, count: int) -> None:
+        """Begin `count` episodes."""
+        self._state, self._starts = None, np.ones(count, np.bool_)
+
+    def act(self, observations: Any) -> Any:
+        """Return the actions, shape (B,)."""
+        actions, self._state = self._predict(
+            observations, state=self._state, episode_start=self._starts, deterministic=True
+        )
+        self._starts = np.zeros(len(self._starts), np.bool_)
+        return actions
+
+
+def _from_predict(policy: Any) -> Any:
+    """Return a policy in the form of Stable-Baselines3 in one of ours, any other as it is.
+
+    Its `predict(observation, state, episode_start, deterministic)` returns actions and a state. The
+    state is None if it remembers nothing, as one observation shows; without an observation space
+    to draw that from, it is stepped, which is right for both. Its policies are modules of PyTorch,
+    too, but what they return when called are no actions.
+    """
+    predicts = hasattr(policy, "predict") and _takes(policy.predict, "deterministic")
+    if not predicts or (callable(policy) and not _is_module(policy)):
+        return policy
+    space = getattr(policy, "observation_space", None)
+    if space is None or policy.predict(space.sample(), deterministic=True)[1] is not None:
+        return Predicting(policy)
+    return lambda observations: policy.predict(observations, deterministic=True)[0]
 
 
 @dataclass(frozen=True)
@@ -174,23 +215,31 @@ class Player:
 
     @classmethod
     def of(cls, policy: Any, seed: int) -> Player:
-        """Return a policy as it is asked: a function, a module, or an object with reset and act.
+        """Return a policy as it is asked: one of those that `evaluate` takes.
 
         One that takes an argument `rng` gets a generator that the seed settles.
 
         Raises:
             PolicyError: It is none of these.
         """
+        if not isinstance(policy, type):
+            if asked(lambda: hasattr(policy, "select_action")):
+                raise PolicyError(
+                    "policy: give one of LeRobot with its processors: "
+                    "labyrinth_core.policies.lerobot.LeRobotPolicy(policy, *processors)"
+                )
+            policy = asked(lambda: _from_predict(policy))
         remembers = asked(lambda: hasattr(policy, "reset") and hasattr(policy, "act"))
         if isinstance(policy, type) or not (remembers or callable(policy)):
             name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
             what = "the class" if isinstance(policy, type) else "an object of"
             raise PolicyError(
                 f"policy: give a function from observations to actions, or an object with "
-                f"reset(count) and act(observations), not {what} {name}"
+                f"reset(count) and act(observations), or with predict as in Stable-Baselines3, "
+                f"not {what} {name}"
             )
         begin = policy.reset if remembers else policy
-        draws = _takes_rng(begin)
+        draws = _takes(begin, "rng")
         if draws:
             begin = partial(begin, rng=np.random.default_rng(seed))
         if remembers:
@@ -199,8 +248,8 @@ class Player:
         return cls(begin if draws else as_function(policy), None, draws)
 
 
-def _takes_rng(function: Callable[..., Any]) -> bool:
+def _takes(function: Callable[..., Any], argument: str) -> bool:
     try:
-        return "rng" in inspect.signature(function).parameters
+        return argument in inspect.signature(function).parameters
     except Exception:  # A function that is not written in Python, or one that hides what it takes.
         return False

@@ -64,6 +64,8 @@ def evaluate(
       and what it answers there is not looked at.
     - Either of them, if the function or `reset` has an argument `rng`: a `numpy.random.Generator`,
       for a policy that draws its actions at random. It is stepped, too.
+    - A model or policy of Stable-Baselines3, or anything else with its `predict`, which is asked
+      for deterministic actions. One that returns a state is stepped, as it remembers.
 
     Args:
         policy: What is judged.

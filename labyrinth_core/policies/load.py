@@ -37,7 +37,8 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
     It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
     remembers its plan, so it is an object with `reset(count)` and `act(observations)`, which
     returns B actions. Of both, `network` is the module of PyTorch, on the processor, and `spec`
-    says what they look at; a mapper looks at pictures of 600 pixels (`image_size=600`).
+    says what they look at; a mapper looks at pictures of 600 pixels (`image_size=600`). Both have
+    `predict` as in Stable-Baselines3, too.
 
     Args:
         source: The folder of a run, such as `runs/5x5/bc-cnn-seed0`; a folder with `config.json`

@@ -86,6 +86,31 @@ class LoadedPolicy(NetworkPolicy):
         _require_kind(self.spec, observations)
         return super().__call__(observations)
 
+    def predict(
+        self,
+        observation: NDArray[Any],
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,  # noqa: ARG002
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[Any, Any]:
+        """Return actions and the state, as `predict` of Stable-Baselines3 does.
+
+        Args:
+            observation: B observations, or one without the first axis.
+            state: Returned as it is: the policy remembers nothing.
+            episode_start: Ignored, for the same reason.
+            deterministic: Ignored: the action is always the one with the highest score.
+
+        Returns:
+            The actions, shape (B,), or one action; and the state.
+
+        Raises:
+            PolicyError: The observations are of another kind than the policy was trained on.
+        """
+        observations, one = _batch_of(self.spec, observation)
+        actions = self(observations).argmax(axis=1)
+        return actions[0] if one else actions, state
+
 
 class LoadedMapper(MapperPolicy):
     """The policy of a mapper that was loaded, for labyrinths as large as those trained on.
@@ -106,6 +131,46 @@ class LoadedMapper(MapperPolicy):
         """
         _require_kind(self.spec, observations)
         return super().act(observations)
+
+    def predict(
+        self,
+        observation: NDArray[np.uint8],
+        state: tuple[MapperPolicy, ...] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[Any, tuple[MapperPolicy, ...]]:
+        """Return actions and the state, as `predict` of Stable-Baselines3 does.
+
+        Args:
+            observation: B pictures, shape (B, 600, 600, 3), or one without the first axis.
+            state: What was returned for the pictures before these; None where episodes begin.
+            episode_start: Which episodes begin with these pictures, shape (B,); None for none.
+            deterministic: Ignored: the action always follows from the plan.
+
+        Returns:
+            The actions, shape (B,), or one action; and what is remembered of each episode.
+
+        Raises:
+            PolicyError: The observations are not pictures.
+            ValueError: The pictures have more colours than flat ones have.
+        """
+        pictures, one = _batch_of(self.spec, observation)
+        _require_kind(self.spec, pictures)
+        begins = np.zeros(len(pictures)) if episode_start is None else episode_start
+        state = tuple(
+            MapperPolicy(self.network, *self.size) if each is None or begin else each
+            for each, begin in zip(state or [None] * len(pictures), begins, strict=True)
+        )
+        actions = [
+            each.act(picture[None])[0] for each, picture in zip(state, pictures, strict=True)
+        ]
+        return actions[0] if one else np.array(actions), state
+
+
+def _batch_of(spec: PolicySpec, observation: NDArray[Any]) -> tuple[NDArray[Any], bool]:
+    """Return B observations, and whether only one was given, without the first axis."""
+    one = observation.ndim == (3 if spec.observation == "image" else 1)
+    return observation[None] if one else observation, one
 
 
 def _require_kind(spec: PolicySpec, observations: Any) -> None:

@@ -18,7 +18,15 @@ import torch
 from policies import RELEASED, RELEASED_SPEC, lay_out_released
 from safetensors.torch import load_file, save_file
 
-from labyrinth_core import DatasetError, PolicyError, evaluate, load_policy
+from labyrinth_core import (
+    DatasetError,
+    PolicyError,
+    evaluate,
+    load_policy,
+    render,
+    sample_labyrinth,
+    shortest_route,
+)
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import MapperPolicy
@@ -30,6 +38,8 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rollout import replay
 
 torch.set_num_threads(1)
 
@@ -82,7 +92,11 @@ def test_a_policy_comes_back_as_it_was_written(spec: PolicySpec, tmp_path: Path)
     seen: Any = rng.integers(256, size=(2, 64, 64, 3)).astype(np.uint8)
     if spec.observation == "vector":
         seen = rng.integers(2, size=(2, 5 + 5 * 7)).astype(np.int32)
-    assert np.array_equal(loaded(seen), NetworkPolicy(network)(seen))
+    scores = NetworkPolicy(network)(seen)
+    assert np.array_equal(loaded(seen), scores)
+    actions, state = loaded.predict(seen, state=None, episode_start=None, deterministic=True)
+    assert (actions.tolist(), state) == (scores.argmax(axis=1).tolist(), None)
+    assert loaded.predict(seen[1])[0] == actions[1]
     assert not loaded.network.training
 
 
@@ -136,6 +150,34 @@ def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
     ):
         with pytest.raises(PolicyError, match=message):
             evaluate(loaded, small_dataset.data_dir, "3x3", splits=["test"], **options)
+
+
+def test_a_mapper_predicts_in_episodes_that_begin_at_different_steps_as_it_acts_in_each(
+    tmp_path: Path,
+) -> None:
+    network, seeded = written(MAPPER, tmp_path), torch.Generator().manual_seed(0)
+    for weights in network.parameters():
+        torch.nn.init.normal_(weights, generator=seeded)
+    save_file(network.state_dict(), tmp_path / WEIGHTS)
+    policy, rng = load_policy(tmp_path), np.random.default_rng(0)
+    episodes = []  # Of each the first flag, the picture and the action in each state.
+    for _ in range(3):
+        labyrinth = sample_labyrinth(3, 3, Task.NAVIGATION, rng)
+        states = replay(labyrinth, shortest_route(labyrinth, rng)).states
+        pictures = [render(labyrinth, each) for each in states]
+        policy.reset(1)
+        actions = [policy.act(each[None])[0] for each in pictures]
+        episodes.append(list(zip([True] + [False] * len(states), pictures, actions, strict=False)))
+    first, second, third = episodes
+    state = stale = None
+    differ = 0
+    for both in zip(first + second, second + third, strict=False):
+        starts, seen, expected = map(np.array, zip(*both, strict=True))
+        actions, state = policy.predict(seen, state=state, episode_start=starts, deterministic=True)
+        assert actions.tolist() == expected.tolist()
+        actions, stale = policy.predict(seen, stale)
+        differ += (actions != expected).sum()
+    assert differ, "the plan of one labyrinth must not do for the next"
 
 
 def test_a_mapper_with_a_wrong_value_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ for config in get_dataset_config_names(repo, revision=revision):
             results[f"{config} {split}"].append(list(loaded) == rows and len(rows) > 0)
     there = load_transitions(repo, config, revision=revision, image_size=8)
     here = load_transitions(folder, config, image_size=8)
-    names = ("observations", "next_observations", "actions", "rewards", "terminated", "labyrinth_ids")
+    names = ("observations", "next_observations", "actions", "rewards", "dones", "labyrinth_ids")
     same = [(getattr(there, name) == getattr(here, name)).all() for name in names]
     results[config] = [len(here), *map(bool, same)]
 print(json.dumps(results), flush=True)
