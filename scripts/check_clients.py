@@ -78,6 +78,11 @@ CLIENTS = (
         ),
         bare="IL-Datasets==1.0.0",
     ),
+    Client(
+        "Stable-Baselines3",
+        "read_stable_baselines3.py",
+        ("stable-baselines3==2.9.2", "sb3-contrib==2.9.2", "pyarrow", "pillow", "safetensors"),
+    ),
     Client("polars", "read_tables.py", ("polars", "pillow", "numpy")),
     Client("DuckDB", "read_tables.py", ("duckdb", "pillow", "numpy")),
     Client("inspect-ai", "read_inspect.py", ("inspect-ai==0.3.285", "datasets>=4", "numpy")),
