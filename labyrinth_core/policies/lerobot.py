@@ -11,12 +11,14 @@ Batches and actions are those of `lerobot.scripts.lerobot_eval.rollout` and
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
 from numpy.typing import NDArray
 
 from labyrinth_core.world.grid import Action
+
+if TYPE_CHECKING:
+    import torch
 
 IMAGE = "observation.image"
 """The name of the pictures in a batch, and in our exports for LeRobot."""
@@ -53,6 +55,8 @@ class LeRobotPolicy:
         Raises:
             ValueError: The observations are not pictures.
         """
+        import torch
+
         if getattr(observations, "ndim", 0) != 4:
             raise ValueError("a policy of LeRobot looks at pictures: give observation=image")
         weight = next(self.policy.parameters(), None)
