@@ -19,9 +19,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -51,24 +52,35 @@ class Client:
     requirements: tuple[str, ...]
     bare: str = ""
     """What is installed without what it asks for, torchvision among it, which is stood in for."""
+    python: str = sys.executable
+    """The interpreter that it needs, such as `python3.12`."""
+    environment: str = ""
+    """The client in whose environment it runs; by default in its own."""
 
 
 MINARI = ("minari[hdf5]==0.5.4", "pillow")
+LEROBOT = Client(
+    "LeRobot",
+    "read_lerobot.py",
+    (
+        *("datasets>=4.8,<5", "huggingface-hub>=1.6,<2", "jsonlines", "packaging<26", "torch"),
+        *("numpy<2.3", "pandas<3", "pyarrow<30", "einops", "av>=15", "draccus>=0.11.6,<0.12"),
+        *("termcolor", "deepdiff", "accelerate", "gymnasium<2", "safetensors", "pillow<13"),
+        *("tqdm", "requests"),
+    ),
+    bare="lerobot==0.6.1",
+    python="python3.12",
+)
+MINARI_CLIENT = Client("Minari", "read_minari.py", ("minari[hdf5,hf]==0.5.4", "pillow"))
 CLIENTS = (
-    Client("Minari", "read_minari.py", MINARI),
+    MINARI_CLIENT,
+    replace(MINARI_CLIENT, name="Minari-release", environment="Minari"),
     Client("imitation", "read_imitation.py", ("imitation==1.0.1", "numpy<2", "pyarrow<22")),
     Client("d3rlpy", "read_d3rlpy.py", ("d3rlpy==2.8.1", *MINARI)),
     Client("TorchRL", "read_torchrl.py", ("torchrl==0.14.1", *MINARI)),
-    Client(
-        "LeRobot",
-        "read_lerobot.py",
-        (
-            *("datasets>=4,<5", "huggingface-hub>=0.34.2,<0.36", "jsonlines", "packaging", "torch"),
-            *("einops", "av>=15,<16", "draccus==0.10.0", "termcolor", "deepdiff", "accelerate"),
-            *("gymnasium", "safetensors", "pillow"),
-        ),
-        bare="lerobot==0.4.4",
-    ),
+    LEROBOT,
+    replace(LEROBOT, name="LeRobot-release", environment="LeRobot"),
+    replace(LEROBOT, name="EnvHub", script="use_envhub.py", environment="LeRobot"),
     Client(
         "IL-Datasets",
         "read_il_datasets.py",
@@ -103,7 +115,13 @@ def make(folder: Path, hub: LocalHub) -> None:
     for command in commands:
         subprocess.run([*common, *command], check=True)
     release = ["stages=[publish]", "publish.repo_id=user/labyrinth", "publish.version=1.0.0"]
-    subprocess.run([*common, *release], check=True, env=os.environ | hub.env("write"))
+    for more in (
+        ["publish.env=user/labyrinth"],
+        ["export.format=minari", "publish.export=user/labyrinth-minari"],
+        ["export.format=lerobot", "publish.export=user/labyrinth-lerobot", "export.splits=[train]"],
+    ):
+        command = [*common, *release, *more, f"export.folder={folder / 'exports'}"]
+        subprocess.run(command, check=True, env=os.environ | hub.env("write"))
     done.parent.mkdir(exist_ok=True)
     for split in SPLITS:
         np.savez(done.parent / f"{split}.npz", **reference(data, split))
@@ -139,7 +157,7 @@ def large_pairs(data: Path, split: str) -> dict[str, Any]:
 
 def check(client: Client, folder: Path, hub: LocalHub) -> dict[str, Any]:
     """Return what came of a client: its versions and what was compared, or why it failed."""
-    place = folder / "environments" / client.name
+    place = folder / "environments" / (client.environment or client.name)
     python = place / "bin" / "python"
     log = (folder / f"{client.name}.log").open("w+", encoding="utf-8")
     variables = os.environ | hub.env("write") | {"MINARI_DATASETS_PATH": f"{folder}/exports/minari"}
@@ -150,8 +168,11 @@ def check(client: Client, folder: Path, hub: LocalHub) -> dict[str, Any]:
     script = [str(SCRIPTS / client.script), str(folder), client.name.lower()]
     if client.bare:
         script.insert(0, str(SCRIPTS / "torchvision_stand_in.py"))
+    interpreter = shutil.which(client.python)
+    if interpreter is None:
+        return {"failed": f"{client.python} is not installed"}
     steps = [
-        ([sys.executable, "-m", "venv", str(place)], outside),
+        ([interpreter, "-m", "venv", str(place)], outside),
         *[([*install, "--no-deps", client.bare], outside)] * bool(client.bare),
         ([*install, "-c", str(constraints), *client.requirements], outside),
         ([str(python), *script], variables | {"PYTHONPATH": str(ROOT)}),

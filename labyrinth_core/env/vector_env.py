@@ -83,7 +83,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             image_size: Pixels on each side of the image.
             labyrinth: A labyrinth that all keep for every episode.
             labyrinths: Labyrinths to keep, one for each sub-environment, all of one size and
-                task. If they are fewer, they are dealt out in turn.
+                task. If they are fewer, they are dealt out in turn. If they are more,
+                sub-environment i begins in number i, or in s + i after a reset with the seed s,
+                and each later episode is num_envs further on, modulo their number.
             reward: `default` or `normalised`.
             max_episode_steps: A limit below `40 * width * height` steps.
             autoreset_mode: When a sub-environment begins its next episode: at the step after the
@@ -111,6 +113,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             "autoreset_mode": self.autoreset_mode,
         }
         self._sources = _sources(num_envs, size, task, labyrinth, labyrinths)
+        self._turns: NDArray[np.int64] | None = None
+        """The number of the labyrinth in which each begins its next episode, of more than those."""
+        if len(self._sources) > num_envs:
+            self._turns = np.arange(num_envs)
         self._shape = self._sources[0].shape
         self._observer = Observer(observation, image_size)
         if picture_memory < 0:
@@ -164,6 +170,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
                 if self._next is not None:
                     self._next.forget(place, None)
                 self._generators[place], _ = seeding.np_random(number)
+                if self._turns is not None:
+                    self._turns[place] = int(number) % len(self._sources)
         self._restart(mask, options)
         return self._observe(), self._infos(mask)
 
@@ -187,6 +195,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         places = begun.tolist()
         # All are drawn before any is loaded, so that an impossible option changes nothing.
         drawn = [self._draw(place, options) for place in places]
+        if self._turns is not None:
+            self._turns[mask] += self.num_envs
         tables: dict[Labyrinth, LabyrinthTables] = {}
         same: list[int] = []
         for place, labyrinth in zip(places, drawn, strict=True):
@@ -203,7 +213,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self._begun |= mask
 
     def _draw(self, place: int, options: dict[str, Any] | None) -> Labyrinth:
-        source = self._sources[place]
+        number = place if self._turns is None else self._turns[place] % len(self._sources)
+        source = self._sources[number]
         if source.kept is not None and not options:
             return source.kept
         generator = self._generator(place)
@@ -334,20 +345,18 @@ def _sources(
     labyrinth: LabyrinthLike | None,
     labyrinths: Sequence[LabyrinthLike] | None,
 ) -> list[LabyrinthSource]:
-    """Return the source of each sub-environment's labyrinths."""
+    """Return the source of each sub-environment's labyrinths, or those of more labyrinths."""
     if labyrinths is None:
         return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
     if labyrinth is not None:
         raise ValueError("give labyrinth or labyrinths, not both")
-    if not 1 <= len(labyrinths) <= num_envs:
-        raise ValueError(
-            f"labyrinths: {len(labyrinths)} for num_envs={num_envs}; give 1 to {num_envs}"
-        )
+    if not labyrinths:
+        raise ValueError("labyrinths: give at least one")
     sources = [LabyrinthSource.of(size, task, kept) for kept in labyrinths]
     for source in sources:
         assert source.kept is not None
         _check_shape(source.kept, sources[0].shape)
-    return [sources[place % len(sources)] for place in range(num_envs)]
+    return [sources[place % len(sources)] for place in range(max(num_envs, len(sources)))]
 
 
 def _check_shape(labyrinth: Labyrinth, shape: Shape) -> None:

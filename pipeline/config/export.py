@@ -1,4 +1,4 @@
-"""The options of the stage `export`."""
+"""The options of the stage `export`, and what its folders have in common."""
 
 from __future__ import annotations
 
@@ -14,6 +14,18 @@ EXPORTS = {
     "lerobot": "pipeline.export.lerobot",
 }
 """Format -> the module whose `write` writes a split in it."""
+
+RELEASED = ("lerobot", "minari")
+"""The formats whose libraries read the Hub, so that `publish.export` releases them."""
+
+NAMESPACE, VERSION = "labyrinth", 0
+"""The first and the last part of the names of exports, which stay as they are."""
+
+RECORD = "labyrinth.json"
+"""The file in the folder of each export that says where it comes from."""
+
+CODEBASE_VERSION = "v3.0"
+"""The version of LeRobot's format, which is also the tag on the Hub that LeRobot reads."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
-from pipeline.config.export import ExportOptions
+from pipeline.config.export import NAMESPACE, RELEASED, ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.training import (
     EvaluationOptions,
@@ -96,7 +96,7 @@ _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 @dataclass(frozen=True)
 class PublishOptions:
-    """Where and how a dataset, a policy and a report are published."""
+    """Where and how a dataset, its export and environment, a policy and a report are published."""
 
     repo_id: str = option(
         "",
@@ -113,6 +113,17 @@ class PublishOptions:
         "",
         "Space on the Hub for the report, such as user/labyrinth-report",
         like=(f"({_ID})?", "the id of a Space on the Hub, such as user/labyrinth-report"),
+    )
+    export: str = option(
+        "",
+        "dataset on the Hub for the export in export.format, such as user/labyrinth-lerobot",
+        like=(f"({_ID})?", "the id of a dataset on the Hub, such as user/labyrinth-lerobot"),
+    )
+    env: str = option(
+        "",
+        "model on the Hub for the environment of the dataset's labyrinths, as LeRobot's EnvHub "
+        "reads it, such as user/labyrinth",
+        like=(f"({_ID})?", "the id of a model on the Hub, such as user/labyrinth"),
     )
     version: str = option(
         "",
@@ -212,6 +223,12 @@ class Run:
     def training_folder(self) -> Path:
         """Where the policy lies that is trained."""
         return Path(self.options.run_dir).expanduser() / self.dataset.name / self.run_name.name
+
+    @property
+    def export_folder(self) -> Path:
+        """Where the exports of the dataset lie, in a folder for each split."""
+        asked = self.options.export
+        return Path(asked.folder).expanduser() / asked.format / NAMESPACE / self.dataset.name
 
     @property
     def local_dir(self) -> Path:
@@ -315,14 +332,19 @@ def options_of(config: DictConfig) -> RunConfig:
 def check_publish(options: RunConfig) -> None:
     """Raise a ConfigError if an option of what is published is impossible, or missing."""
     publish = options.publish
+    of_dataset = bool(publish.model or publish.space or publish.env)
     check(
-        bool(publish.repo_id or publish.model or publish.space),
+        of_dataset or bool(publish.repo_id or publish.export),
         "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
-        "publish.model, or publish.space",
+        "publish.model, publish.space, publish.export or publish.env",
     )
     check_options(publish, PublishOptions, "publish.")
+    if publish.export:
+        _check_released(options)
     check(
-        bool(publish.repo_id) or re.fullmatch(_ID, options.dataset or "", re.ASCII) is not None,
+        bool(publish.repo_id)
+        or not of_dataset
+        or re.fullmatch(_ID, options.dataset or "", re.ASCII) is not None,
         f"dataset={options.dataset or ''}: give the id on the Hub of the dataset that what is "
         "published is of, such as user/labyrinth",
     )
@@ -340,6 +362,22 @@ def check_publish(options: RunConfig) -> None:
         not (publish.model and options.memory),
         "memory=true: a policy that is published has no memory beside its network, so that this "
         "one is not published",
+    )
+
+
+def _check_released(options: RunConfig) -> None:
+    """Raise a ConfigError if an export cannot be published."""
+    export = options.export
+    check_options(export, ExportOptions, "export.")
+    check(
+        export.format in RELEASED,
+        f"export.format={export.format}: publish.export releases {' and '.join(RELEASED)}, whose "
+        "libraries read the Hub",
+    )
+    check(
+        export.format != "lerobot" or len(export.splits) == 1,
+        f"export.splits={listed(export.splits)}: a repository holds one LeRobot dataset, so "
+        "publish.export releases one split; give it, such as 'export.splits=[train]'",
     )
 
 

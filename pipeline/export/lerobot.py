@@ -24,6 +24,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import table_rows, table_schema
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.data.transitions import LoadedEpisode
+from pipeline.config.export import CODEBASE_VERSION
 from pipeline.export.frame_statistics import FrameStatistics
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
@@ -161,7 +162,7 @@ def _info(split: Split) -> dict[str, Any]:
         name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _SCALARS.items()
     }
     return {
-        "codebase_version": "v3.0",
+        "codebase_version": CODEBASE_VERSION,
         "robot_type": None,
         "total_episodes": split.count,
         "total_frames": split.rows,

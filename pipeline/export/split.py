@@ -18,11 +18,8 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.version import DEVELOPERS, __version__
 from labyrinth_core.world.dynamics import STEP_LIMIT
+from pipeline.config.export import NAMESPACE, VERSION
 from pipeline.machinery.console import tracked
-
-NAMESPACE = "labyrinth"
-VERSION = 0
-"""The first and the last part of the names of exports, which stay as they are."""
 
 PART_BYTES = 16 << 20
 """The least number of bytes of pictures in a part; only the last part may have fewer."""

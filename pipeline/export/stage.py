@@ -19,7 +19,7 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import temporary_beside, write_text
 from pipeline.config.errors import check, listed
-from pipeline.config.export import EXPORTS
+from pipeline.config.export import EXPORTS, RECORD
 from pipeline.config.run import Run
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
@@ -34,9 +34,6 @@ from pipeline.machinery.folders import (
     wait_for_disk,
 )
 from pipeline.machinery.own_files import HASHES, OwnFiles, list_all
-
-RECORD = "labyrinth.json"
-"""The file in the folder of each export that says where it comes from."""
 
 README = "README.md"
 """The card of all datasets of a folder, which may name their licence."""

@@ -81,6 +81,7 @@ def write_card(
     version: str | None = None,
     *,
     space: str | None = None,
+    exports: Sequence[str] = (),
     changes: Changes | None = None,
     workers: int = 1,
 ) -> list[DatasetStatistics]:
@@ -94,6 +95,7 @@ def write_card(
         repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
         version: The version of the release, if it is one.
         space: The id of the Space with the report, if there is one.
+        exports: The ids on the Hub of its exports.
         changes: The labyrinths that came and went since the version before, if there was one.
         workers: The number of processes that read shards.
 
@@ -103,7 +105,8 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, Release(repo_id, version, space=space), changes, workers)
+        release = Release(repo_id, version, space=space, exports=exports)
+        return _write_card(data_dir, release, changes, workers)
 
 
 def _write_card(

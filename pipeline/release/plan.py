@@ -1,6 +1,7 @@
 """The plan of a release: which files on the Hub it would change, by their hashes.
 
-Repositories are of three kinds: datasets, models (policies) and Spaces (reports).
+Repositories are of six kinds: datasets, exports in two formats, models (policies), environments,
+and Spaces (reports).
 """
 
 from __future__ import annotations
@@ -14,18 +15,22 @@ from typing import Literal
 from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data.storage import file_sha256
+from pipeline.config.export import CODEBASE_VERSION
 
 
 @dataclass(frozen=True)
 class Kind:
     """A kind of repository, and the files that a release has in it."""
 
-    name: Literal["dataset", "model", "space"]
+    name: str
+    repo_type: Literal["dataset", "model", "space"]
     """As the Hub calls it."""
     data: str
     """The paths of what is published, not of what describes it, as a regular expression."""
     listed: str
     """The paths that every SHA256SUMS of a release names, likewise."""
+    newest_tag: str | None = None
+    """The tag, beside that of each version, that follows the newest release on `main`."""
 
     def is_data(self, path: str) -> bool:
         """Return whether a file is part of a release, and not of its card."""
@@ -34,12 +39,22 @@ class Kind:
 
 DATASET = Kind(
     "dataset",
+    "dataset",
     data=r"\d+x\d+(-\w+){0,2}/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
     listed=r"[^/]+/manifest\.json|pictures/[^/]+\.png",
 )
-MODEL = Kind("model", data=r"config\.json|model\.safetensors", listed=r"model\.safetensors")
-SPACE = Kind("space", data=r"index\.html", listed=r"index\.html")
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (DATASET, MODEL, SPACE)}
+LEROBOT = Kind(
+    "lerobot", "dataset", r"(data|meta)/.+", r"meta/info\.json", newest_tag=CODEBASE_VERSION
+)
+MINARI = Kind("minari", "dataset", r"[^/]+/[^/]+/data/.+", r"namespace_metadata\.json")
+MODEL = Kind(
+    "model", "model", data=r"config\.json|model\.safetensors", listed=r"model\.safetensors"
+)
+ENVIRONMENT = Kind("environment", "model", data=r"env\.py", listed=r"env\.py")
+SPACE = Kind("space", "space", data=r"index\.html", listed=r"index\.html")
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (DATASET, LEROBOT, MINARI, MODEL, ENVIRONMENT, SPACE)
+}
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,8 @@ class Release:
     version: str | None = None
     space: str | None = None
     """The id of the Space with the report."""
+    exports: Sequence[str] = ()
+    """The ids of the datasets on the Hub that hold it in the formats of other libraries."""
     licence: str = LICENCE
     """The licence that the card names, as the Hub spells it."""
 

@@ -1,4 +1,6 @@
-"""The stage `publish`: a dataset, a policy and a report, each in a repository of its own.
+"""The stage `publish`: a dataset, its export, its environment, a policy and a report.
+
+Each is in a repository of its own.
 
 Each release is one atomic commit, verified, then tagged: plan, upload of the contents, one commit
 on a checked parent, verification by commit from an empty cache, the tag last. `main` holds the old
@@ -26,10 +28,13 @@ from pipeline.config.run import PublishOptions, Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.release.card import write_card
-from pipeline.release.changes import changes_since
+from pipeline.release.changes import changes_since, parts
+from pipeline.release.environment import staged_environment
+from pipeline.release.export import KINDS as EXPORTS
+from pipeline.release.export import loading, staged_export
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, staged_policy
-from pipeline.release.plan import DATASET, MODEL, SPACE, Plan, make_plan
+from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, SPACE, Kind, Plan, make_plan
 from pipeline.release.remote import (
     FAULTS,
     VERSION,
@@ -44,11 +49,12 @@ from pipeline.release.verify import verified
 
 
 def run(run: Run) -> None:
-    """Publish what the options of a run name: its data_dir, its policy, its report.
+    """Publish what the options of a run name.
 
     Raises:
         PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
-        DatasetError: The folder has no finished dataset, run or report, or a damaged one.
+        DatasetError: The folder has no finished dataset, export, run or report, or a damaged one.
+        ConfigError: The dataset has no split that is to be exported.
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
@@ -66,17 +72,23 @@ def run(run: Run) -> None:
             if _release(remote, options, run.local_dir, _carded(run, remote)):
                 config = front_matter.default_config(manifests)
                 say(f'load_dataset("{options.repo_id}", "{config}", {version})')
-    if options.model:
-        dataset = published_dataset(run, api)
-        with explained(options.model), staged_policy(run, *dataset) as folder:
-            remote = Remote(api, options.model, MODEL)
-            if _release(remote, options, folder, nullcontext(folder)):
-                say(f'load_policy("{options.model}", {version})')
-    if options.space:
-        with explained(options.space), staged_report(run) as folder:
-            remote = Remote(api, options.space, SPACE)
-            if _release(remote, options, folder, nullcontext(folder)):
-                say(f"{constants.ENDPOINT}/spaces/{options.space}")
+
+    def release(repo_id: str, kind: Kind, staged: AbstractContextManager[Path], load: str) -> None:
+        """Release the files of a folder, and say how to load them."""
+        with explained(repo_id), staged as folder:
+            if _release(Remote(api, repo_id, kind), options, folder, nullcontext(folder)):
+                say(load)
+
+    if id_ := options.export:
+        release(id_, EXPORTS[run.options.export.format], staged_export(run, api), loading(run))
+    if id_ := options.env:
+        staged = staged_environment(run, *published_dataset(run, api))
+        release(id_, ENVIRONMENT, staged, f'make_env("{id_}", trust_remote_code=True)')
+    if id_ := options.model:
+        staged = staged_policy(run, *published_dataset(run, api))
+        release(id_, MODEL, staged, f'load_policy("{id_}", {version})')
+    if id_ := options.space:
+        release(id_, SPACE, staged_report(run), f"{constants.ENDPOINT}/spaces/{id_}")
 
 
 @contextmanager
@@ -91,6 +103,7 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
             options.repo_id,
             options.version,
             space=options.space or None,
+            exports=sorted({*remote.exports(), *filter(None, [options.export])}),
             changes=changes,
             workers=run.options.workers,
         )
@@ -137,9 +150,21 @@ def _release(
             done = _commit_and_tag(ready, remote, options, exists)
     if not done or options.dry_run:
         return False
+    _follow(remote, options)
     if options.collection:
         remote.join(options.collection, private=options.private)
     return True
+
+
+def _follow(remote: Remote, options: PublishOptions) -> None:
+    """Let the tag by which a library reads the newest release point to it, if there is one."""
+    tag = remote.kind.newest_tag
+    if tag is None or options.branch != "main":
+        return
+    versions = remote.versions()
+    if options.version == max(versions, key=parts):
+        remote.move_tag(tag, versions[options.version])
+        say(f"tagged {tag}, as the newest release, at {versions[options.version][:12]}.")
 
 
 def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool:
@@ -152,7 +177,7 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
     tagged = tags.get(options.version)
     if tagged is None:
         versions = (tag for tag in tags if VERSION.fullmatch(tag))
-        newest = max([options.version, *versions], key=lambda tag: [*map(int, tag.split("."))])
+        newest = max([options.version, *versions], key=parts)
         if options.branch == "main" and newest != options.version:
             raise PublishError(
                 f"publish.version={options.version}: {remote.repo_id} has {newest}, and main does "
@@ -186,7 +211,8 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
             f"{remote.repo_id} holds {', '.join(plan.others[:3])}, made or changed by somebody "
             "else, so not written over: rename or delete it there, or choose another id"
         )
-    if others := list(left_out(folder, list(files))):
+    # The folders of the other kinds are made of what is published.
+    if remote.kind is DATASET and (others := list(left_out(folder, list(files)))):
         say(f"not part of the release, and not published: {', '.join(others)}.")
     _print_plan(plan, remote, options, exists)
     if options.dry_run:
@@ -239,7 +265,7 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
             remote.api.preupload_lfs_files(
                 remote.repo_id,
                 [addition],
-                repo_type=remote.kind.name,
+                repo_type=remote.kind.repo_type,
                 revision=options.branch,
                 create_pr=options.create_pr,
             )
@@ -262,7 +288,7 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
                 remote.repo_id,
                 [*additions, *deletions],
                 commit_message=title,
-                repo_type=remote.kind.name,
+                repo_type=remote.kind.repo_type,
                 revision=options.branch,
                 parent_commit=parent,
                 create_pr=options.create_pr,

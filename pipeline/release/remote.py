@@ -17,7 +17,7 @@ from json import JSONDecodeError
 from pathlib import Path
 from typing import Any, TypeVar
 
-from huggingface_hub import HfApi, RepoFile, constants, errors, get_token
+from huggingface_hub import DatasetCardData, HfApi, RepoFile, constants, errors, get_token
 from huggingface_hub.errors import (  # type: ignore[attr-defined]
     EntryNotFoundError,
     HfHubHTTPError,
@@ -46,6 +46,9 @@ NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
 """What a tag of a release looks like."""
+
+SOURCES = "source_datasets"
+"""The key of a card's front matter under which an export names its dataset."""
 
 Result = TypeVar("Result")
 
@@ -110,7 +113,7 @@ class Remote:
     def _call(self, method: str, **options: Any) -> Any:
         """Return what a method of the client, which may be called twice, says of the repository."""
         call = getattr(self.api, method)
-        return repeated(lambda: call(self.repo_id, repo_type=self.kind.name, **options))
+        return repeated(lambda: call(self.repo_id, repo_type=self.kind.repo_type, **options))
 
     def check_access(self, *, create_pr: bool) -> bool:
         """Return whether the repository is there.
@@ -143,7 +146,7 @@ class Remote:
         if self.repo_id.partition("/")[0] not in own:
             raise PublishError(
                 f"{self.repo_id} does not exist, or this token may not see it; it may make "
-                f"{self.kind.name}s of {', '.join(own)}"
+                f"{self.kind.repo_type}s of {', '.join(own)}"
             )
         if user.get("auth", {}).get("accessToken", {}).get("role") == "read":
             raise PublishError(reasons(self.repo_id)[403])
@@ -181,7 +184,7 @@ class Remote:
     def tree(self, commit: str) -> dict[str, str]:
         """Return path -> SHA-256 of each large file of a commit, git's hash of each other."""
         entries = self.api.list_repo_tree(
-            self.repo_id, repo_type=self.kind.name, revision=commit, recursive=True
+            self.repo_id, repo_type=self.kind.repo_type, revision=commit, recursive=True
         )
         return {
             entry.path: entry.lfs.sha256 if entry.lfs else entry.blob_id
@@ -220,7 +223,7 @@ class Remote:
 
     def proposals(self, title: str) -> dict[str, str]:
         """Return ref -> address of each open pull request with a title."""
-        call, kind = self.api.get_repo_discussions, self.kind.name
+        call, kind = self.api.get_repo_discussions, self.kind.repo_type
         found = repeated(lambda: [*call(self.repo_id, discussion_status="open", repo_type=kind)])
         mine = (each for each in found if each.is_pull_request and each.title == title)
         return {str(each.git_reference): each.url for each in mine}
@@ -258,6 +261,29 @@ class Remote:
                 f"at {commit[:12]}: choose another publish.version"
             )
 
+    def move_tag(self, tag: str, commit: str) -> None:
+        """Let a tag that follows the newest release point to a commit.
+
+        The Hub moves no tag: for a moment there is none, as after LeRobot's own `push_to_hub`.
+        """
+        if self.tags().get(tag, commit) != commit:
+            self._call("delete_tag", tag=tag)
+        self.tag(tag, commit)
+
+    def exports(self) -> list[str]:
+        """Return the owner's public datasets whose cards name this one as their source."""
+        owner, call = self.repo_id.partition("/")[0], self.api.list_datasets
+        found = allowed(lambda: [*call(author=owner, expand=["cardData", "private"])])
+        if found is None:
+            say("left out: links to exports, which this token may not look for.")
+            return []
+        cards = {each.id: each.card_data for each in found if not each.private}
+        return sorted(id_ for id_, card in cards.items() if card and self._is_source(card))
+
+    def _is_source(self, card: DatasetCardData) -> bool:
+        """Return whether a card names this dataset as a source of its own."""
+        return self.repo_id in [*(card.get(SOURCES) or ())]
+
     def join(self, collection: str, *, private: bool) -> None:
         """Put the repository into the collection with a title, which is made if need be.
 
@@ -266,7 +292,9 @@ class Remote:
         owner = self.repo_id.partition("/")[0]
         make, add = self.api.create_collection, self.api.add_collection_item
         made = allowed(lambda: make(collection, namespace=owner, private=private, exists_ok=True))
-        if made and allowed(lambda: add(made.slug, self.repo_id, self.kind.name, exists_ok=True)):
+        if made and allowed(
+            lambda: add(made.slug, self.repo_id, self.kind.repo_type, exists_ok=True)
+        ):
             say(f"{self.repo_id} is in the collection {collection}.")
         else:
             say(

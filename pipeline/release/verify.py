@@ -147,7 +147,9 @@ def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
         raise DatasetError(f"{differing} on the Hub is not what was published")
     for name, path in files.items():
         _tell(name)
-        download = partial(hf_hub_download, repo_id, name, repo_type=kind.name, revision=commit)
+        download = partial(
+            hf_hub_download, repo_id, name, repo_type=kind.repo_type, revision=commit
+        )
         try:
             there = Path(repeated(download))
         except (OSError, HTTPError) as error:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 FOLDER = Path(sys.argv[1])
+CLIENT = sys.argv[2]
 DATA = FOLDER / "data"
 EXPORTS = FOLDER / "exports"
 CONFIG = "5x5"

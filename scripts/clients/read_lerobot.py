@@ -1,15 +1,22 @@
-"""LeRobot: its data set and its table of episodes, and a few steps on batches of a DataLoader."""
+"""LeRobot: its data set and its table of episodes, and a few steps on batches of a DataLoader.
+
+As `lerobot-release` it reads the split train from the Hub, by the id alone.
+"""
 
 from __future__ import annotations
 
 import pyarrow.parquet as pq
 import torch
-from comparing import CONFIG, DATA, EXPORTS, IDS, Episode, compare, fitted, report
+from comparing import CLIENT, CONFIG, DATA, EXPORTS, IDS, Episode, compare, fitted, report
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 steps = {}
-for split, name in IDS.items():
-    dataset = LeRobotDataset(name, root=EXPORTS / "lerobot" / name)
+datasets = {
+    split: LeRobotDataset(name, root=EXPORTS / "lerobot" / name) for split, name in IDS.items()
+}
+if CLIENT == "lerobot-release":
+    datasets = {"train": LeRobotDataset("user/labyrinth-lerobot")}
+for split, dataset in datasets.items():
 
     def episode(row, dataset=dataset) -> Episode:
         """Return the episode of a row of the table of episodes."""
@@ -30,7 +37,7 @@ for split, name in IDS.items():
     for theirs, row in zip(dataset.meta.episodes, ours, strict=True):
         assert {name: theirs[name] for name in row} == row
 
-dataset = LeRobotDataset(IDS["train"], root=EXPORTS / "lerobot" / IDS["train"])
+dataset = datasets["train"]
 acting = [n for n, action in enumerate(dataset.hf_dataset["action"]) if action >= 0]
 loader = torch.utils.data.DataLoader(
     torch.utils.data.Subset(dataset, acting),

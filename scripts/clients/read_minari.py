@@ -1,13 +1,30 @@
-"""Minari: load, sample, filter and split, and replay every episode in the recovered environment."""
+"""Minari: load, sample, filter and split, and replay every episode in the recovered environment.
+
+As `minari-release` it downloads the group from the Hub first, by its own command line.
+"""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import minari
 import numpy as np
-from comparing import IDS, Episode, compare, report
+from comparing import CLIENT, FOLDER, IDS, Episode, compare, report
+
+released = CLIENT == "minari-release"
+if released:
+    os.environ["MINARI_REMOTE"] = "hf://user"
+    os.environ["MINARI_DATASETS_PATH"] = str(FOLDER / "downloaded")
 
 steps = {}
 for split, name in IDS.items():
+    if released:
+        name = name.replace("labyrinth/", "labyrinth-minari/")
+        download = [str(Path(sys.executable).with_name("minari")), "download", "--force", name]
+        subprocess.run(download, check=True, input="y\n", text=True)
     dataset = minari.load_dataset(name)
     episodes = (Episode(e.observations, e.actions, e.rewards, e.terminations[-1]) for e in dataset)
     steps[split] = compare(episodes, split)

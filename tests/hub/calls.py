@@ -234,27 +234,46 @@ def create_repo(hub: HubState, request: Request) -> Answer:
     return as_json({"url": url, "name": name})
 
 
+@route("GET", "/api/datasets")
+def list_datasets(hub: HubState, request: Request) -> Answer:
+    """List the datasets of an author whose names contain a text, with what is asked for."""
+    author, texts = request.query["author"][0], request.query.get("search", [])
+    found = []
+    for (kind, name), repository in hub.repositories.items():
+        owner, _, label = name.partition("/")
+        owns = request.account is not None and request.account.owns(name)
+        if kind != "dataset" or owner != author or (repository.private and not owns):
+            continue
+        if all(text in label for text in texts):
+            found.append(_info(hub, repository, "main"))
+    return as_json(found)
+
+
 @route("GET", f"{REPO}(?:/revision/{REVISION})?")
 def repo_info(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
-    repository = _visible(hub, request, kind, name)
-    commit = _commit(repository, revision or "main")
+    info = _info(hub, _visible(hub, request, kind, name), revision or "main")
+    if asked := request.query.get("expand", request.query.get("expand[]")):
+        info = {key: value for key, value in info.items() if key in ("id", *asked)}
+    return as_json(info)
+
+
+def _info(hub: HubState, repository: Repository, revision: str) -> dict[str, Any]:
+    """Return what the Hub says of a repository at a revision."""
+    commit = _commit(repository, revision)
     readme = commit.tree.get("README.md")
     card = None
     if readme is not None:
         card = read_front_matter((hub.blobs / readme.sha256).read_text(encoding="utf-8"))
-    info = {
-        "id": name,
-        "author": name.split("/")[0],
+    return {
+        "id": repository.name,
+        "author": repository.name.split("/")[0],
         "sha": commit.oid,
         "private": repository.private,
         "tags": [],
         "cardData": card,
-        "sdk": (card or {}).get("sdk") if kind == "space" else None,
+        "sdk": (card or {}).get("sdk") if repository.kind == "space" else None,
         "siblings": [{"rfilename": path} for path in sorted(commit.tree)],
     }
-    if asked := request.query.get("expand", request.query.get("expand[]")):
-        info = {key: value for key, value in info.items() if key in ("id", *asked)}
-    return as_json(info)
 
 
 @route("GET", f"{REPO}/tree/{REVISION}(?:/(?P<path>.*))?")
@@ -412,6 +431,15 @@ def create_tag(hub: HubState, request: Request, kind: str, name: str, revision: 
         *_, first = repository.history(repository.find("main"))
         repository.refs[ref] = first.oid
     return _pointed(hub, repository, ref, revision)
+
+
+@route("DELETE", rf"{REPO}/tag/(?P<tag>[^/]+)")
+def delete_tag(hub: HubState, request: Request, kind: str, name: str, tag: str) -> Answer:
+    repository = _writable(hub, request, kind, name)
+    if repository.refs.pop(f"refs/tags/{tag}", None) is None:
+        raise RefusalError(404, f"Tag {tag} does not exist", "RevisionNotFound")
+    hub.save()
+    return as_json({})
 
 
 @route("POST", f"{REPO}/branch/(?P<branch>[^/]+)")

@@ -12,7 +12,7 @@ from known_labyrinths import OPEN
 
 from labyrinth_core.env import LabyrinthEnv, next_labyrinths
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import state_at
@@ -179,6 +179,26 @@ def test_given_labyrinths_are_dealt_out_in_turn_and_kept():
     assert texts == [parse(OPEN), parse(CLOSER)] * 2 + [parse(OPEN)]
 
 
+def test_more_labyrinths_than_sub_environments_come_in_turn_from_the_seed_on():
+    rng = np.random.default_rng(0)
+    texts = [dump(sample_labyrinth(3, 3, Task.NAVIGATION, rng)) for _ in range(5)]
+    env = LabyrinthVectorEnv(2, labyrinths=texts, observation="state", max_episode_steps=1)
+
+    def shown(infos):
+        return [texts.index(text) for text in infos["labyrinth"] if text is not None]
+
+    assert shown(env.reset()[1]) == [0, 1]
+    env.step(np.array([0, 0]))
+    assert shown(env.step(np.array([0, 0]))[-1]) == [2, 3]
+    mask = np.array([False, True])
+    assert shown(env.reset(options={"reset_mask": mask})[1]) == [0]
+    with pytest.raises(ValueError, match="option 'colour'"):
+        env.reset(options={"colour": 1})
+    assert shown(env.reset()[1]) == [4, 2]
+    assert shown(env.reset(seed=9)[1]) == [4, 0]
+    assert shown(env.reset()[1]) == [1, 2]
+
+
 def test_make_vec_finds_it():
     env = gymnasium.make_vec(
         NAME,
@@ -326,8 +346,7 @@ def test_only_the_four_actions_are_actions(actions, message):
         ({"num_envs": 0}, "num_envs=0: give a whole number from 1 on"),
         ({"render_mode": "human"}, "render_mode=human: choose one of rgb_array, ansi"),
         ({"autoreset_mode": "never"}, "autoreset_mode=never: choose one of NextStep, SameStep"),
-        ({"labyrinths": []}, "labyrinths: 0 for num_envs=2; give 1 to 2"),
-        ({"labyrinths": [OPEN] * 3}, "labyrinths: 3 for num_envs=2; give 1 to 2"),
+        ({"labyrinths": []}, "labyrinths: give at least one"),
         ({"labyrinths": [OPEN], "labyrinth": OPEN}, "give labyrinth or labyrinths, not both"),
         ({"labyrinths": [OPEN, KEY_AND_DOOR]}, "2x2 and navigation, not 2x2 and key_and_door"),
         ({"reward": "much"}, "reward=much: choose one of"),
