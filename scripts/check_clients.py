@@ -64,7 +64,7 @@ LEROBOT = Client(
     "read_lerobot.py",
     (
         *("datasets>=4.8,<5", "huggingface-hub>=1.6,<2", "jsonlines", "packaging<26", "torch"),
-        *("numpy<2.3", "pandas<3", "pyarrow<30", "einops", "av>=15", "draccus>=0.11.6,<0.12"),
+        *("numpy<2.3", "pandas<3", "pyarrow<30", "einops", "av>=15,<16", "draccus>=0.11.6,<0.12"),
         *("termcolor", "deepdiff", "accelerate", "gymnasium<2", "safetensors", "pillow<13"),
         *("tqdm", "requests"),
     ),

@@ -72,7 +72,7 @@ def staged_export(run: Run, api: HfApi) -> Iterator[Path]:
         commit, manifest = published_dataset(run, api)
     else:
         manifest = manifest_of(run)
-    splits = options.export.splits or manifest.config.splits
+    splits = tuple(dict.fromkeys(options.export.splits)) or manifest.config.splits
     unknown = [name for name in splits if name not in manifest.config.splits]
     allowed = listed(manifest.config.splits)
     check(not unknown, f"export.splits={listed(options.export.splits)}: choose from {allowed}")
@@ -138,13 +138,14 @@ def _card(
     """Return the README.md, a pure function of the exports and of the release."""
     options, first = run.options, next(iter(records.values()))
     name, format_ = options.publish.export, options.export.format
+    library = KINDS[format_].name
     owner, _, group = name.partition("/")
     split = next(iter(records))
     values = {
         "license": first["licence"],
-        "pretty_name": f"Labyrinth, for {_TAGS[format_]}",
+        "pretty_name": f"Labyrinth, for {library}",
         "task_categories": ["reinforcement-learning"],
-        "tags": [_TAGS[format_], "imitation-learning", "labyrinth", "maze", "arxiv:2509.24784"],
+        "tags": [library, "imitation-learning", "labyrinth", "maze", "arxiv:2509.24784"],
     }
     if format_ == "lerobot":  # As LeRobot's own cards have it: the frames, and not the metadata.
         files = [{"split": "train", "path": "data/*/*.parquet"}]
@@ -159,7 +160,7 @@ def _card(
     ]
     text = fill(
         "export.md",
-        format=_TAGS[format_],
+        library=library,
         config=run.dataset.name,
         size=first["image_size"],
         splits=table(("split", "holds", "episodes", "states"), rows, "llrr"),
@@ -176,7 +177,3 @@ def _card(
         citation=citation(),
     )
     return front_matter.with_values(values, text)
-
-
-_TAGS = {"lerobot": "LeRobot", "minari": "Minari"}
-"""Format -> the tag of its datasets on the Hub, which is the name of its library, too."""

@@ -23,6 +23,7 @@ class Kind:
     """A kind of repository, and the files that a release has in it."""
 
     name: str
+    """Its name, which is that of the library for an export."""
     repo_type: Literal["dataset", "model", "space"]
     """As the Hub calls it."""
     data: str
@@ -44,9 +45,9 @@ DATASET = Kind(
     listed=r"[^/]+/manifest\.json|pictures/[^/]+\.png",
 )
 LEROBOT = Kind(
-    "lerobot", "dataset", r"(data|meta)/.+", r"meta/info\.json", newest_tag=CODEBASE_VERSION
+    "LeRobot", "dataset", r"(data|meta)/.+", r"meta/info\.json", newest_tag=CODEBASE_VERSION
 )
-MINARI = Kind("minari", "dataset", r"[^/]+/[^/]+/data/.+", r"namespace_metadata\.json")
+MINARI = Kind("Minari", "dataset", r"[^/]+/[^/]+/data/.+", r"namespace_metadata\.json")
 MODEL = Kind(
     "model", "model", data=r"config\.json|model\.safetensors", listed=r"model\.safetensors"
 )

@@ -10,7 +10,7 @@ import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from json import JSONDecodeError
@@ -267,7 +267,8 @@ class Remote:
         The Hub moves no tag: for a moment there is none, as after LeRobot's own `push_to_hub`.
         """
         if self.tags().get(tag, commit) != commit:
-            self._call("delete_tag", tag=tag)
+            with suppress(RevisionNotFoundError):  # Gone, by a call whose answer was lost.
+                self._call("delete_tag", tag=tag)
         self.tag(tag, commit)
 
     def exports(self) -> list[str]:

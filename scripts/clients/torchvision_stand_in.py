@@ -41,6 +41,7 @@ def install() -> None:
         "torchvision.io",
         "torchvision.models",
         "torchvision.transforms",
+        "torchvision.transforms.functional",
         "torchvision.transforms.v2",
         "torchvision.transforms.v2.functional",
     ):
