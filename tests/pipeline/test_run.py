@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import resource
 import shlex
 import shutil
 import signal
@@ -27,6 +26,7 @@ from pipeline.config.run import OPTIONS, PublishOptions, Run, RunConfig, resolve
 from pipeline.config.run import STAGES as KNOWN_STAGES
 from pipeline.machinery.hints import hints
 
+resource = pytest.importorskip("resource")  # Not on Windows.
 pytestmark = pytest.mark.slow
 
 RUN = Path(__file__).parents[2] / "run.py"

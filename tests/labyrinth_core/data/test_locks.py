@@ -1,7 +1,6 @@
 """Locks: one holder at a time, none that is dead, and nothing left behind."""
 
 import errno
-import fcntl
 import os
 import signal
 import subprocess
@@ -10,6 +9,8 @@ import sys
 import pytest
 
 from labyrinth_core.data.locks import locked
+
+fcntl = pytest.importorskip("fcntl", reason="Windows locks files in another way")
 
 COUNT = """
 import sys

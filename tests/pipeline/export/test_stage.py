@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import shutil
 import signal
 import sys
@@ -147,6 +146,7 @@ def test_an_export_may_lie_in_a_folder_whose_name_has_a_colon(
 @contextmanager
 def files_of_at_most(size: int):
     """Let every file of this process end at so many bytes, as on a full disk."""
+    resource = pytest.importorskip("resource")  # Not on Windows.
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
@@ -165,7 +165,7 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(
     if format_ == "minari":  # Nothing is left to HDF5 that it has no room for.
         usage = shutil.disk_usage(tmp_path)._replace(free=100 * size)
         monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-        size = resource.RLIM_INFINITY
+        size = pytest.importorskip("resource").RLIM_INFINITY
     reason = "train-v0 cannot be written: .*(File too large|No space left on device)"
     with files_of_at_most(size), pytest.raises(DatasetError, match=reason) as caught:
         export(small_dataset, Path("exports"), format_, "train")
