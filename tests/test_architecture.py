@@ -65,6 +65,7 @@ ROOMS = {
     "pipeline.evaluation": (*WING, "pipeline.training"),  # It judges the policies of runs, too.
     "pipeline.studies": (*WING, "pipeline.training"),
     "pipeline.export": WING,
+    "pipeline.season": (*WING, "pipeline.generation"),  # It makes tests of its own, and keeps none.
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
     "run": ("pipeline.__main__",),
 }
@@ -91,6 +92,7 @@ HOMES = {
         "labyrinth_core.policies",
         "pipeline.release",
         "pipeline.studies.environments.stable_baselines",  # By id.
+        "pipeline.season.submission",
     ),
     "PIL": (
         "labyrinth_core.env",
@@ -111,7 +113,9 @@ HOMES = {
         "pipeline.training",
         "pipeline.studies.methods",
         "pipeline.studies.environments.stable_baselines",  # Weights, read without pickle.
+        "pipeline.season.submission",
     ),
+    "onnxruntime": ("pipeline.season.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": (
         "labyrinth_core.env",

@@ -146,3 +146,20 @@ class TrainedRun(RunName):
     the policy is judged on."""
     as_tried: Mapping[str, Mapping[str, float]] | None = None
     """Split -> the figures by the rules of a protocol that has some of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """What the judge of a season signs: which policy was judged, from which files, with what."""
+
+    season: str
+    secret_sha256: str
+    """The season's commitment to its secret."""
+    submission: str
+    """The policy as it was named: an id on the Hub with a revision, or a folder."""
+    commit: str | None
+    """The commit on the Hub; None for a folder."""
+    files: Mapping[str, str]
+    """Name -> SHA-256 of each file that the policy was read from, its weights among them."""
+    versions: Mapping[str, str]
+    """Library -> version, of the judge."""

@@ -13,7 +13,7 @@ import numpy as np
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.schema import check_shape, read_json
 from labyrinth_core.data.storage import write_text
-from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.outcomes import refuse, scores_of
 from labyrinth_core.evaluation.replanner import REPLANNERS
@@ -23,6 +23,7 @@ from labyrinth_core.evaluation.results_form import (
     FORMAT,
     KIND,
     baseline_of,
+    judgement_of,
     rules_of,
     run_of,
 )
@@ -73,6 +74,8 @@ class Results:
     """The run of `stages=train` that made the policy; None for any other policy."""
     method: Description | None = None
     """What a file that was read says of the policy."""
+    judged: Judgement | None = None
+    """What the judge of a season signs; None for results that were evaluated by anyone else."""
 
     def __str__(self) -> str:
         """Return the figures as a table, a line for each split."""
@@ -194,6 +197,7 @@ class Results:
             },
             run=run,
             method=Description(**method),
+            judged=judgement_of(content["judged"]) if "judged" in content else None,
         )
         if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)
@@ -223,6 +227,7 @@ class Results:
     def to_json(self, method: Description) -> dict[str, Any]:
         """Return what `save` writes, in plain types."""
         run = {} if self.run is None else {"run": asdict(self.run)}
+        judged = {} if self.judged is None else {"judged": asdict(self.judged)}
         return {
             "kind": KIND,
             "format": FORMAT,
@@ -242,6 +247,7 @@ class Results:
                 "version": self.version,
             },
             **run,
+            **judged,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }

@@ -19,7 +19,13 @@ from labyrinth_core.data.schema import (
 )
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Description, TrainedRun
+from labyrinth_core.evaluation.description import (
+    MOST_EPISODES,
+    MOST_SEED,
+    Description,
+    Judgement,
+    TrainedRun,
+)
 from labyrinth_core.evaluation.outcomes import Rules
 from labyrinth_core.evaluation.replanner import REPLANNERS
 
@@ -118,6 +124,16 @@ _RUN = {
 }
 """The shape of a `TrainedRun`."""
 
+JUDGEMENT = {
+    "season": _WORD,
+    "secret_sha256": _HASH,
+    "submission": Text(r"(?s).{1,300}"),
+    "commit": Maybe(Text(r"[0-9a-f]{40}")),
+    "files": Named(_WORD, _HASH),
+    "versions": Named(_WORD, Text(r".{1,100}")),
+}
+"""The shape of a `Judgement`."""
+
 
 def baseline_of(content: Mapping[str, Any]) -> dict[str, float]:
     """Return the figures of a baseline on a split, of content whose form is checked."""
@@ -127,6 +143,11 @@ def baseline_of(content: Mapping[str, Any]) -> dict[str, float]:
 def run_of(content: Mapping[str, Any]) -> TrainedRun:
     """Return the run that made a policy, of content whose form is checked."""
     return TrainedRun(**{name: content[name] for name in _RUN})
+
+
+def judgement_of(content: Mapping[str, Any]) -> Judgement:
+    """Return what the judge of a season signed, of content whose form is checked."""
+    return Judgement(**{name: content[name] for name in JUDGEMENT})
 
 
 def rules_of(content: Any) -> Rules:
@@ -149,4 +170,6 @@ def rules_of(content: Any) -> Rules:
         for (name, value), right in zip(told.items(), (run.name, run.seed), strict=True):
             if value != right:
                 raise ValueError(f"it.{name} is {value!r:.60}, but {right!r:.60} by it.run")
+    if "judged" in content:
+        check_shape(content["judged"], JUDGEMENT, "it.judged")
     return Rules.of(content["dataset"]["config"], evaluated["way"], evaluated["episodes"])

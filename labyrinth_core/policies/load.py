@@ -8,7 +8,7 @@ and nothing is run.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.data.source import HUB_ID
 from labyrinth_core.data.storage import local_copy
-from labyrinth_core.policies.spec import CONFIG, POLICY, RECORD, WEIGHTS, PolicySpec
+from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:
     import torch
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy
 
 PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
-MOST_BYTES: Mapping[str, int] = {**PUBLISHED, RECORD: 1 << 26, POLICY: 1 << 28}
+MOST_BYTES: Mapping[str, int] = {**PUBLISHED, RECORD: 1 << 26, POLICY: 1 << 28, GRAPH: 1 << 28}
 """The largest size of each file; the weights of the largest network here take 46 MB."""
 
 _UNREADABLE = (OSError, *MALFORMED)
@@ -56,14 +56,25 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
         raise DatasetError(
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
-    folder = _located(source, revision)
+    folder = located(source, revision)
     if (folder / RECORD).exists() and not (folder / CONFIG).exists():
         return _with_weights(_read_spec_of_run(folder), folder / POLICY)
     return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
 
 
-def _located(source: str | Path, revision: str | None) -> Path:
-    """Return the folder with the two files, downloaded if an id is given."""
+def located(
+    source: str | Path, revision: str | None, names: Iterable[str] = tuple(PUBLISHED)
+) -> Path:
+    """Return the folder with the files of a policy, downloaded if an id is given.
+
+    Args:
+        source: As for `load_policy`.
+        revision: As for `load_policy`.
+        names: The names of the files to download, of `MOST_BYTES`.
+
+    Raises:
+        ValueError, DatasetError: As for `load_policy`.
+    """
     folder = Path(source).expanduser()
     if folder.is_dir():
         if revision is not None:
@@ -81,9 +92,9 @@ def _located(source: str | Path, revision: str | None) -> Path:
         return hf_hub_download(str(source), name, revision=revision, **options)
 
     try:
-        for name in PUBLISHED:  # Before anything is downloaded.
-            _check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
-        folders = {Path(download(name)).parent for name in PUBLISHED}
+        for name in names:  # Before anything is downloaded.
+            check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
+        folders = {Path(download(name)).parent for name in names}
     except DatasetError:
         raise
     except UNAVAILABLE as error:
@@ -94,14 +105,15 @@ def _located(source: str | Path, revision: str | None) -> Path:
     return folders.pop()
 
 
-def _check_size(place: object, name: str, size: int) -> None:
+def check_size(place: object, name: str, size: int) -> None:
+    """Raise DatasetError if a file of a policy, such as `config.json`, is too large."""
     if size > MOST_BYTES[name]:
         raise DatasetError(f"{place} has {size:,} bytes, more than {MOST_BYTES[name]:,}")
 
 
 def _read_spec(path: Path) -> PolicySpec:
     try:
-        _check_size(path, CONFIG, path.stat().st_size)
+        check_size(path, CONFIG, path.stat().st_size)
         return PolicySpec.from_json(read_json(path))
     except FileNotFoundError as error:
         reason = f"the folder holds no policy, published or of a run ({RECORD})"
@@ -115,7 +127,7 @@ def _read_spec_of_run(folder: Path) -> PolicySpec:
     record = folder / RECORD
     _, metadata = _read_weights(folder / POLICY)
     try:
-        _check_size(record, RECORD, record.stat().st_size)
+        check_size(record, RECORD, record.stat().st_size)
         network, settings = json.loads(metadata["network"]), read_json(record)["run"]["settings"]
         return PolicySpec.from_json(PolicySpec.of_run(network, settings).to_json())
     except _UNREADABLE as error:
@@ -127,7 +139,7 @@ def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
     from safetensors import SafetensorError, safe_open
 
     try:
-        _check_size(path, path.name, path.stat().st_size)
+        check_size(path, path.name, path.stat().st_size)
         with local_copy(path) as local, safe_open(local, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             return tensors, file.metadata() or {}

@@ -22,6 +22,9 @@ WEIGHTS = "model.safetensors"
 RECORD, POLICY = "run.json", "policy.safetensors"
 """The names of the two files of a run that its policy is read from: `PolicySpec.of_run`."""
 
+GRAPH = "model.onnx"
+"""The only file of a policy that is an ONNX graph; a season's judge reads it, not `load_policy`."""
+
 KIND = "labyrinth-policy"
 FORMAT = 1
 

@@ -28,6 +28,7 @@ from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
 from pipeline.config.export import NAMESPACE, RELEASED, ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
+from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
 from pipeline.config.training import (
     EvaluationOptions,
     TrainingOptions,
@@ -48,6 +49,10 @@ STAGES = {
     "evaluate": "pipeline.evaluation.evaluate",
     "results": "pipeline.studies.results.results",
     "environments": "pipeline.studies.environments.compare",
+    "season": "pipeline.season.season",
+    "judge": "pipeline.season.judge",
+    "reveal": "pipeline.season.reveal",
+    "verify": "pipeline.season.verify",
 }
 """Stage -> the module whose `run` performs it."""
 
@@ -150,6 +155,7 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     publish: PublishOptions = field(default_factory=PublishOptions)
     export: ExportOptions = field(default_factory=ExportOptions)
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
+    season: SeasonOptions = field(default_factory=SeasonOptions)
 
 
 SECTIONS = {
@@ -163,6 +169,7 @@ SECTIONS = {
     },
     "Publishing, by stages=publish": meanings(PublishOptions, "publish."),
     "Export, by stages=export": meanings(ExportOptions, "export."),
+    "Seasons, by stages=season, judge, reveal and verify": meanings(SeasonOptions, "season."),
 }
 """What each option means, in the order of `--help`, under its headings."""
 
@@ -431,4 +438,6 @@ def resolve(options: RunConfig) -> Run:
         check_publish(options)
     if "export" in stages:
         check_options(options.export, ExportOptions, "export.")
+    if stages & {*SEASON_STAGES}:
+        check_season(options.season, stages, options.seed, options.executor)
     return run

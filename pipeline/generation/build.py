@@ -92,11 +92,27 @@ def run(
             made again as it was.
         OSError: The folder cannot be written.
     """
+    if run.part is not None:
+        workplace = Workplace.of(run.folder)
+        _run_part(run, workplace, partial(_plan, run, workplace, cells_per_shard, cells_per_chunk))
+        return
+    manifest = build(run, cells_per_shard=cells_per_shard, cells_per_chunk=cells_per_chunk)
+    with held(run.data_dir, "README.md"):
+        front_matter.update(run.data_dir)
+    console.print(summary(manifest))
+    _report_cut(manifest)
+    say(_loading_line(run))
+
+
+def build(
+    run: Run,
+    *,
+    cells_per_shard: int = CELLS_PER_SHARD,
+    cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
+) -> Manifest:
+    """Make the whole dataset of a run as `run` does, print none of its options, and return it."""
     workplace = Workplace.of(run.folder)
     plan_of = partial(_plan, run, workplace, cells_per_shard, cells_per_chunk)
-    if run.part is not None:
-        _run_part(run, workplace, plan_of)
-        return
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
         manifest = None if run.options.overwrite else _there(run)
@@ -110,11 +126,7 @@ def run(
         else:
             _check(run, workplace)
             manifest = _build(run, workplace, partial(plan_of, shorter=manifest))
-    with held(run.data_dir, "README.md"):
-        front_matter.update(run.data_dir)
-    console.print(summary(manifest))
-    _report_cut(manifest)
-    say(_loading_line(run))
+    return manifest
 
 
 def _check(run: Run, workplace: Workplace) -> None:

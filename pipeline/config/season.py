@@ -1,0 +1,54 @@
+"""The options of the stages `season`, `judge`, `reveal` and `verify`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pipeline.config.errors import check
+from pipeline.config.option import LOCAL_FOLDER, check_options, option
+
+SEASON_STAGES = ("season", "judge", "reveal", "verify")
+
+
+@dataclass(frozen=True)
+class SeasonOptions:
+    """Which season is made, judged on, revealed or verified."""
+
+    name: str = option(
+        "",
+        "name of a season, such as 2026-a",
+        like=(r"[a-z0-9][a-z0-9-]{0,50}", "small letters, digits and hyphens, such as 2026-a"),
+    )
+    folder: str = option("seasons", "folder of the seasons", like=LOCAL_FOLDER)
+    date: str = option(
+        "",
+        "when a season begins, such as 2026-11-30; no clock is asked",
+        like=(r"(\d{4}-\d\d-\d\d)?", "a day such as 2026-11-30"),
+    )
+    submission: str = option(
+        "",
+        "policy to judge: user/model@revision on the Hub, the folder of a run or of a policy, or "
+        "an ONNX graph; after a folder or a file, @ and the SHA-256 of its weights pin them",
+        like=(
+            r"((?!.*\.zip$)[\w./~-]+(@[\w./-]+)?)?",
+            "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx",
+        ),
+    )
+
+
+def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: str) -> None:
+    """Raise a ConfigError if an option is impossible, or missing for one of the stages."""
+    check_options(options, SeasonOptions, "season.")
+    check(
+        "season" not in stages or bool(options.date),
+        "season.date=: give the day on which the season begins, such as 2026-11-30",
+    )
+    check(
+        "judge" not in stages or bool(options.submission),
+        "season.submission=: give the policy to judge, such as user/model@1.0.0",
+    )
+    check(seed == 0, f"seed={seed}: that of a season follows from its secret, so give none")
+    check(
+        executor == "local",
+        f"executor={executor}: a season stays on one machine, so give executor=local",
+    )

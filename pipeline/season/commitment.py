@@ -1,0 +1,208 @@
+"""A season: what is published of a test before anyone sees it, and the test that the secret gives.
+
+The secret has 256 random bits. The seed of the dataset is the first eight bytes, most significant
+first, of SHA-256 over `PREFIX`, the secret, and the config as JSON without its seed, with sorted
+names and no blanks. The dataset itself is never kept: the secret gives it again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.manifest import Manifest, current_versions
+from labyrinth_core.data.schema import COUNT, Named, Text, check_shape, read_json
+from labyrinth_core.data.storage import write_text
+from pipeline.config.run import Run
+from pipeline.generation.build import build
+
+PREFIX = b"labyrinth season, seed, version 1\n"
+KIND, FORMAT = "labyrinth-season", 1
+SECRET_BYTES = 32
+
+LEAST = 16
+"""The least number of labyrinths of a season: fewer could be guessed, and compared with the hashes
+that are published. Sixteen of the 192 or more structures of a size have more orders than there are
+seeds."""
+
+_HASH = Text(r"[0-9a-f]{64}")
+_SHAPE = {
+    "kind": KIND,
+    "format": FORMAT,
+    "name": Text(r"[a-z0-9][a-z0-9-]{0,50}"),
+    "date": Text(r"\d{4}-\d\d-\d\d"),
+    "config": Named(Text(r"\w+"), None),
+    "labyrinths": Named(Text(r"\w+"), COUNT),
+    "secret_sha256": _HASH,
+    "fingerprint": _HASH,
+    "shards": Named(Text(r"[\w.-]+"), _HASH),
+    "versions": Named(Text(r"[\w.-]+"), Text(r".{1,100}")),
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the files of a season lie."""
+
+    public: Path
+    """The folder that is published."""
+
+    @classmethod
+    def of(cls, run: Run) -> Place:
+        """Return the place of the season that a run names."""
+        options = run.options.season
+        return cls(Path(options.folder).expanduser() / options.name)
+
+    @property
+    def season(self) -> Path:
+        """What the season commits to."""
+        return self.public / "season.json"
+
+    @property
+    def judged(self) -> Path:
+        """The list of what was judged, in public."""
+        return self.public / "judged.json"
+
+    @property
+    def revealed(self) -> Path:
+        """The secret, once it is revealed."""
+        return self.public / "secret.txt"
+
+    @property
+    def secret(self) -> Path:
+        """The secret; for its owner alone."""
+        return self.public.with_name(f"{self.public.name}.secret")
+
+    @property
+    def private(self) -> Path:
+        """The folder of results and submissions until they are revealed; for its owner alone."""
+        return self.public.with_name(f"{self.public.name}.private")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Season:
+    """What a season commits to, as `season.json` holds it."""
+
+    name: str
+    date: str
+    config: Mapping[str, Any]
+    """The options of the dataset, without its seed."""
+    labyrinths: Mapping[str, int]
+    """Split -> number of labyrinths."""
+    secret_sha256: str
+    fingerprint: str
+    """The fingerprint of the dataset: of its values and pixels, whatever compressed them."""
+    shards: Mapping[str, str]
+    """Path -> SHA-256 of each file, which `versions` wrote; others may compress differently."""
+    versions: Mapping[str, str]
+
+    @classmethod
+    def of(cls, name: str, date: str, secret: bytes, manifest: Manifest) -> Season:
+        """Return what is published of a dataset that a secret gives."""
+        counts = Counter[str]()
+        for shard in manifest.shards:
+            counts[shard.split] += shard.labyrinths
+        return cls(
+            name=name,
+            date=date,
+            config=without_seed(manifest.config),
+            labyrinths=dict(counts),
+            secret_sha256=hashlib.sha256(secret).hexdigest(),
+            fingerprint=manifest.fingerprint,
+            shards={shard.path: shard.sha256 for shard in manifest.shards},
+            versions=current_versions(),
+        )
+
+    @classmethod
+    def read(cls, place: Place) -> Season:
+        """Return the season in a folder; raise DatasetError if there is none."""
+        try:
+            content = read_json(place.season)
+            check_shape(content, _SHAPE)
+            season = cls(**{each.name: content[each.name] for each in fields(cls)})
+            season.dataset_of(0)
+        except FileNotFoundError as error:
+            raise DatasetError(f"{place.public} is no season: no {place.season.name}") from error
+        except (OSError, *MALFORMED) as error:
+            raise DatasetError(f"{place.season} is no season: {one_line(error):.300}") from error
+        return season
+
+    def write(self, place: Place) -> None:
+        """Write the season, whole or not at all."""
+        place.public.mkdir(parents=True, exist_ok=True)
+        write_text(
+            place.season,
+            json.dumps({"kind": KIND, "format": FORMAT, **asdict(self)}, indent=2) + "\n",
+        )
+
+    def require_secret(self, path: Path) -> bytes:
+        """Return the secret in a file; raise DatasetError if it is not the one committed to."""
+        try:
+            secret = bytes.fromhex(path.read_text(encoding="ascii"))
+        except FileNotFoundError as error:
+            raise DatasetError(f"{path} is not there: it holds the season's secret") from error
+        except (OSError, ValueError):
+            raise DatasetError(f"{path} holds no secret") from None  # Nothing of what it holds.
+        if hashlib.sha256(secret).hexdigest() != self.secret_sha256:
+            raise DatasetError(f"{path} holds another secret than the season commits to")
+        return secret
+
+    def dataset_of(self, seed: int) -> DatasetConfig:
+        """Return the config of the dataset with a seed."""
+        return DatasetConfig.from_json({**self.config, "seed": seed})
+
+    def seed(self, secret: bytes) -> int:
+        """Return the seed of the dataset."""
+        return seed_of(secret, self.config)
+
+    def other_shards(self, manifest: Manifest) -> list[str]:
+        """Return the paths of files with other bytes than the season commits to.
+
+        Raises:
+            DatasetError: The content differs, too.
+        """
+        if manifest.fingerprint != self.fingerprint:
+            raise DatasetError(
+                f"the secret of {self.name} gives another test than the season commits to: their "
+                f"fingerprints are {manifest.fingerprint:.16} and {self.fingerprint:.16}"
+            )
+        found = {shard.path: shard.sha256 for shard in manifest.shards}
+        paths = sorted(found.keys() | self.shards.keys())
+        return [path for path in paths if found.get(path) != self.shards.get(path)]
+
+
+def without_seed(config: DatasetConfig) -> dict[str, Any]:
+    """Return the options of a dataset in plain types, without its seed."""
+    return {name: value for name, value in config.to_json().items() if name != "seed"}
+
+
+def seed_of(secret: bytes, config: Mapping[str, Any]) -> int:
+    """Return the seed, below 2**64, that follows from a secret and a config without a seed."""
+    canonical = json.dumps(config, sort_keys=True, separators=(",", ":"))
+    digest = hashlib.sha256(PREFIX + secret + canonical.encode()).digest()
+    return int.from_bytes(digest[:8], "big")
+
+
+@contextmanager
+def dataset(run: Run, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
+    """Lend a folder with a dataset, for this user alone, and remove it at the end.
+
+    Nothing printed names its seed.
+
+    Args:
+        run: The run, which says how many processes build.
+        config: The config of the dataset.
+    """
+    with TemporaryDirectory(prefix="labyrinth-season-") as folder:  # Its mode is 0700.
+        options = replace(run.options, overwrite=False)
+        data_dir = Path(folder)
+        yield data_dir, build(replace(run, options=options, dataset=config, data_dir=data_dir))

@@ -1,0 +1,159 @@
+"""A policy that is an ONNX graph, computed in a process with bounds on memory, time and files.
+
+A graph has one input and one output. The input is observations: pictures of shape (batch, pixels,
+pixels, 3), uint8 or, from 0 to 255, float32; or vectors of shape (batch, length), int32, int64 or
+float32. The output is scores of the four actions, float32 of shape (batch, 4).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from threading import Timer
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from pipeline.season.graph_process import (
+    DESCRIPTION,
+    ERROR,
+    FRAME,
+    GRAPH,
+    OBSERVATIONS,
+    SCORES,
+    TYPES,
+)
+
+MEMORY = 4 << 30
+"""The most bytes of memory of the process, that of the libraries included."""
+
+SECONDS = 60.0
+"""The most seconds to load a graph, and to answer to a batch of observations."""
+
+_LONGEST = 1 << 20
+"""The most bytes of a description or an error."""
+
+
+@contextmanager
+def computed(
+    content: bytes, named: str, *, seconds: float = SECONDS, memory: int = MEMORY
+) -> Iterator[GraphPolicy]:
+    """Lend the policy that an ONNX graph is; its process ends at the end.
+
+    Args:
+        content: The graph.
+        named: What it is called in messages.
+        seconds: The most seconds to load it, and to answer to a batch of observations.
+        memory: The most bytes of memory of its process.
+
+    Raises:
+        DatasetError: Onnxruntime is not installed, or this is not Linux.
+        PolicyError: The graph cannot be loaded, or has another form than a policy.
+    """
+    if sys.platform != "linux":
+        raise DatasetError(f"{named}: ONNX graphs are judged on Linux, where memory can be bounded")
+    if find_spec("onnxruntime") is None:
+        needed = "pip install 'labyrinth-datasets[onnx]'"
+        raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
+    with subprocess.Popen(
+        [sys.executable, "-m", "pipeline.season.graph_process", str(memory)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        cwd="/",
+        env={"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},  # No token, no key.
+    ) as process:
+        try:
+            yield GraphPolicy(process, content, named, seconds)
+        finally:
+            process.kill()
+
+
+class GraphPolicy:
+    """The policy of a graph: a function from observations to scores."""
+
+    def __init__(
+        self, process: subprocess.Popen[bytes], content: bytes, named: str, seconds: float
+    ) -> None:
+        """Load the graph into the process that computes it; see `computed`."""
+        self._process, self._named, self._seconds = process, named, seconds
+        inputs, outputs = json.loads(self._ask(GRAPH, content, DESCRIPTION, None))
+        if len(inputs) != 1 or len(outputs) != 1:
+            self._refuse(f"it has {len(inputs)} inputs and {len(outputs)} outputs, not one of each")
+        (_, seen, shape), (_, answered, scores) = inputs[0], outputs[0]
+        pictures = len(shape) == 4 and shape[1:] == [shape[1], shape[1], 3]
+        fits = pictures and seen in ("tensor(uint8)", "tensor(float)")
+        fits &= pictures and type(shape[1]) is int and 1 <= shape[1] <= PICTURE_SIZE
+        fits |= len(shape) == 2 and seen in TYPES and seen != "tensor(uint8)"
+        if not fits or type(shape[0]) is int:
+            self._refuse(
+                f"its input is {seen} of shape {shape}: give uint8 or float of shape [batch, "
+                "pixels, pixels, 3], or vectors of shape [batch, length]"
+            )
+        if answered != "tensor(float)" or len(scores) != 2 or scores[1] not in (ACTIONS, None):
+            self._refuse(f"its output is {answered} of shape {scores}: give float of [batch, 4]")
+        self.observation = "image" if pictures else "vector"
+        self.image_size: int | None = shape[1] if pictures else None
+        self._dtype = np.dtype(TYPES[seen])
+
+    def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the scores of the four actions, shape (B, 4).
+
+        Raises:
+            PolicyError: The graph answers otherwise, or takes too much time or memory.
+        """
+        count = len(observations)
+        content = np.ascontiguousarray(observations, self._dtype).tobytes()
+        answer = self._ask(OBSERVATIONS, content, SCORES, 4 * ACTIONS * count)
+        return np.frombuffer(answer, np.float32).reshape(count, ACTIONS)
+
+    def _ask(self, kind: bytes, content: bytes, expected: bytes, size: int | None) -> bytes:
+        """Send a frame, and return the content of the one that answers it.
+
+        Args:
+            kind: The kind of the frame.
+            content: Its content.
+            expected: The kind of the answer.
+            size: The number of bytes of the answer; None for any up to `_LONGEST`.
+        """
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        timer = Timer(self._seconds, self._process.kill)
+        timer.start()
+        try:
+            with suppress(BrokenPipeError):
+                self._process.stdin.write(FRAME.pack(kind, len(content)) + content)
+                self._process.stdin.flush()
+            header = self._process.stdout.read(FRAME.size)
+            if len(header) < FRAME.size:
+                self._refuse_ended(timer)
+            found, length = FRAME.unpack(header)
+            if length > _LONGEST if size is None or found == ERROR else length != size:
+                self._refuse(f"it answers {length} bytes")
+            answer = self._process.stdout.read(length)
+            if len(answer) < length:
+                self._refuse_ended(timer)
+        finally:
+            timer.cancel()
+        if found == ERROR:
+            self._refuse(one_line(ValueError(answer.decode(errors="replace"))))
+        if found != expected:
+            self._refuse("it answers something else than scores")
+        return answer
+
+    def _refuse_ended(self, timer: Timer) -> NoReturn:
+        if timer.finished.is_set():
+            self._refuse(f"it takes more than {self._seconds:g} seconds")
+        self._refuse("its process ended, perhaps for want of memory")
+
+    def _refuse(self, reason: str) -> NoReturn:
+        raise PolicyError(f"{self._named} is refused: {reason:.300}")

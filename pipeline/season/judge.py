@@ -1,0 +1,183 @@
+"""The stage `judge`: a submission plays the season's labyrinths, and the judge signs the results.
+
+The results in full stay private until the season is revealed, as they name labyrinths and say
+which ones were solved. In public is a line with the figures to two decimals and the SHA-256 of the
+results, which commits the judge to them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from math import log, sqrt
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from labyrinth_core import evaluate
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
+from labyrinth_core.data.schema import SHARE, Each, Named, Text, check_shape, read_json
+from labyrinth_core.data.storage import write_bytes, write_text
+from labyrinth_core.evaluation.description import Judgement
+from labyrinth_core.evaluation.results import RESULTS, Results
+from labyrinth_core.evaluation.results_form import JUDGEMENT
+from pipeline.config.run import Run
+from pipeline.machinery.console import say
+from pipeline.machinery.folders import held
+from pipeline.season.commitment import Place, Season, dataset
+from pipeline.season.submission import Submission, fetched, versions
+
+_ROW = {
+    **{name: JUDGEMENT[name] for name in ("submission", "commit", "files", "versions")},
+    "figures": Named(Text(r"\w+"), {"spl": SHARE, "sr": SHARE}),
+    "results_sha256": Text(r"[0-9a-f]{64}"),
+}
+_DECIMALS = 2
+"""Of figures in public: a hundredth tells one who tries many submissions little of a labyrinth."""
+
+Row = dict[str, Any]
+"""What is published of a submission that was judged, of the shape `_ROW`."""
+
+
+class Judged(NamedTuple):
+    """A submission that was judged."""
+
+    row: Row
+    results: Results
+    content: bytes
+    """The file of the results."""
+
+
+def run(run: Run) -> None:
+    """Judge a submission, or judge it again and compare.
+
+    Raises:
+        DatasetError: There is no such season or submission, the season is revealed, or the
+            submission was judged otherwise before.
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    place, named = Place.of(run), run.options.season.submission
+    season = Season.read(place)
+    if place.revealed.exists():
+        raise DatasetError(f"{place.public} is revealed, so that nothing is judged on it any more")
+    secret = season.require_secret(place.secret)
+    with held(place.public.parent, place.public.name), fetched(named) as submission:
+        rows = read_rows(place)
+        before = next((each for each in rows if _is_of(each, submission)), None)
+        config = season.dataset_of(season.seed(secret))
+        with dataset(run, config) as (data_dir, manifest):
+            season.other_shards(manifest)  # Raises if the content is another.
+            signed = None if before is None else before["versions"]
+            row, _, content = judged(season, submission, data_dir, config, signed)
+        if before is None:
+            _keep(place, len(rows) + 1, submission, content)
+            _write_rows(place, season, rows := [*rows, row])
+        elif before != row:
+            raise DatasetError(f"{named} was judged before, with other results: see {place.judged}")
+    again = "" if before is None else " again, with the same bytes"
+    test = row["figures"]["test"]
+    say(f"{named} is judged{again}: SPL {test['spl']:.2f}, SR {test['sr']:.2f}, in {place.judged}")
+    if len(rows) > 1:
+        chance = by_chance(len(rows), season.labyrinths["test"])
+        say(f"The best of {len(rows)} may owe {chance:.3f} of its figures to being chosen.")
+
+
+def _is_of(row: Row, submission: Submission) -> bool:
+    about = submission.named, submission.commit, submission.files
+    return about == (row["submission"], row["commit"], row["files"])
+
+
+def by_chance(submissions: int, labyrinths: int) -> float:
+    """Return how much too high the best of several equal submissions is at most, in expectation.
+
+    A share of n labyrinths is sub-Gaussian with variance 1 / 4n, and the expected maximum of k such
+    is at most sqrt(ln k / 2n) (Boucheron, Lugosi and Massart 2013, theorem 2.5).
+    """
+    return sqrt(log(submissions) / (2 * labyrinths))
+
+
+def judged(
+    season: Season,
+    submission: Submission,
+    data_dir: Path,
+    config: DatasetConfig,
+    signed: Mapping[str, str] | None = None,
+) -> Judged:
+    """Return what a submission achieves on the test of a season.
+
+    Args:
+        season: The season.
+        submission: The policy.
+        data_dir: The folder of the season's dataset.
+        config: The config of that.
+        signed: The versions that the judge signed; None for those of this process.
+
+    Raises:
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    judgement = Judgement(
+        season=season.name,
+        secret_sha256=season.secret_sha256,
+        submission=submission.named,
+        commit=submission.commit,
+        files=submission.files,
+        versions=versions(submission.library) if signed is None else signed,
+    )
+    results = evaluate(
+        submission.policy,
+        data_dir,
+        config.name,
+        observation=submission.observation,
+        splits=["test", *config.shifts],
+        image_size=submission.image_size or DEFAULT_IMAGE_SIZE,
+    )
+    results = replace(
+        results,
+        dataset=f"season:{season.name}",
+        version=judgement.versions["labyrinth-datasets"],
+        judged=judgement,
+    )
+    with TemporaryDirectory(prefix="labyrinth-season-") as folder:
+        path = Path(folder) / RESULTS
+        results.save(path, name=submission.named)
+        content = path.read_bytes()
+    row = {name: value for name, value in asdict(judgement).items() if name in _ROW}
+    row["figures"] = {
+        split: {"spl": round(scores.spl, _DECIMALS), "sr": round(scores.sr, _DECIMALS)}
+        for split, scores in results.splits.items()
+    }
+    row["results_sha256"] = hashlib.sha256(content).hexdigest()
+    return Judged(row, results, content)
+
+
+def _keep(place: Place, number: int, submission: Submission, content: bytes) -> None:
+    """Keep results, and the files of a submission that only the judge has, out of sight."""
+    place.private.mkdir(mode=0o700, exist_ok=True)
+    write_bytes(place.private / f"{number}.json", content)
+    if submission.commit is None:
+        shutil.copytree(submission.folder, place.private / str(number), dirs_exist_ok=True)
+
+
+def read_rows(place: Place) -> list[Row]:
+    """Return what was judged, in its order; raise DatasetError if the list cannot be read."""
+    try:
+        content = read_json(place.judged)
+        check_shape(content, {"season": None, "judged": Each(_ROW)})
+    except FileNotFoundError:
+        return []
+    except (OSError, *MALFORMED) as error:
+        raise DatasetError(
+            f"{place.judged} is no list of results: {one_line(error):.300}"
+        ) from error
+    rows: list[Row] = content["judged"]
+    return rows
+
+
+def _write_rows(place: Place, season: Season, rows: list[Row]) -> None:
+    content = {"season": season.name, "judged": rows}
+    write_text(place.judged, json.dumps(content, indent=2, ensure_ascii=False) + "\n")

@@ -1,0 +1,39 @@
+"""The stage `reveal`: the secret, the results in full, and the submissions that are on no Hub."""
+
+from __future__ import annotations
+
+import shutil
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
+from pipeline.config.run import Run
+from pipeline.machinery.console import say
+from pipeline.machinery.folders import held
+from pipeline.season.commitment import Place, Season
+from pipeline.season.judge import read_rows
+
+
+def run(run: Run) -> None:
+    """Publish the secret of a season and all that was kept with it; the secret comes last.
+
+    Raises:
+        DatasetError: There is no such season, or results are missing or changed.
+    """
+    place = Place.of(run)
+    season = Season.read(place)
+    secret = season.require_secret(place.secret)
+    with held(place.public.parent, place.public.name):
+        for number, row in enumerate(read_rows(place), 1):
+            kept = place.private / f"{number}.json"
+            if not kept.is_file() or file_sha256(kept) != row["results_sha256"]:
+                raise DatasetError(f"{kept} does not hold the results that {place.judged} names")
+            (place.public / "results").mkdir(exist_ok=True)
+            write_bytes(place.public / "results" / kept.name, kept.read_bytes())
+            if row["commit"] is None:
+                files = place.private / str(number)
+                shutil.copytree(
+                    files, place.public / "submissions" / str(number), dirs_exist_ok=True
+                )
+        write_text(place.revealed, secret.hex() + "\n")
+    say(f"{place.public} is revealed: publish it, and stages=verify checks it anywhere.")
+    say(f"The dataset is that of seed={season.seed(secret)}, with the options in {place.season}.")

@@ -1,0 +1,65 @@
+"""The stage `season`: a secret, and what is published of the test that follows from it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from labyrinth_core.data.errors import DatasetError
+from pipeline.config.errors import check
+from pipeline.config.run import Run
+from pipeline.machinery.console import say
+from pipeline.machinery.folders import held
+from pipeline.season.commitment import (
+    LEAST,
+    SECRET_BYTES,
+    Place,
+    Season,
+    dataset,
+    seed_of,
+    without_seed,
+)
+
+
+def run(run: Run) -> None:
+    """Make a season: keep its secret, and publish what the secret commits to.
+
+    Raises:
+        ConfigError: There are too few labyrinths.
+        DatasetError: There is a season, or a secret, of this name.
+    """
+    place, options = Place.of(run), run.options.season
+    count = run.dataset.labyrinths
+    check(count >= LEAST, f"labyrinths={count}: give {LEAST} or more, since fewer can be guessed")
+    with held(place.public.parent, place.public.name):
+        if place.public.exists():
+            raise DatasetError(f"{place.public} exists: choose another season.name")
+        secret = os.urandom(SECRET_BYTES)
+        _keep(place.secret, secret)
+        try:
+            config = run.dataset.to_json() | {"seed": seed_of(secret, without_seed(run.dataset))}
+            with dataset(run, type(run.dataset).from_json(config)) as (_, manifest):
+                season = Season.of(options.name, options.date, secret, manifest)
+            season.write(place)
+        except BaseException:
+            if not place.season.exists():
+                place.secret.unlink()
+            raise
+    say(
+        f"{place.season}: publish this folder now. {place.secret} holds the secret: keep it, and "
+        "show it to no one until stages=reveal publishes it."
+    )
+
+
+def _keep(path: Path, secret: bytes) -> None:
+    """Write a secret into a new file, which its owner alone can read."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError as error:
+        raise DatasetError(
+            f"{path} exists, without its season: move it away, or choose another season.name"
+        ) from error
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(secret.hex() + "\n")
+        file.flush()
+        os.fsync(file.fileno())

@@ -1,0 +1,151 @@
+"""A submission: the files of a policy, pinned by a commit or by their SHA-256, and the policy."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.source import HUB_ID
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.language.reading import regular_file
+from labyrinth_core.policies.load import check_size, load_policy, located
+from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS
+from pipeline.season.graph import computed
+
+_KINDS = ((WEIGHTS, CONFIG), (POLICY, RECORD), (GRAPH,))
+"""The files of each kind of policy, the weights first."""
+
+
+class Submission(NamedTuple):
+    """A policy that is judged, and what it was read from."""
+
+    named: str
+    commit: str | None
+    """The commit on the Hub; None for a folder or a file."""
+    files: dict[str, str]
+    """Name -> SHA-256."""
+    folder: Path
+    """A copy of the files, and of nothing else."""
+    policy: Any
+    """What `evaluate` takes."""
+    observation: str
+    """What it looks at: image or vector."""
+    image_size: int | None
+    library: str
+    """The library that computes it."""
+
+
+@contextmanager
+def fetched(
+    named: str, folder: Path | None = None, pinned: Mapping[str, Any] | None = None
+) -> Iterator[Submission]:
+    """Lend a submission.
+
+    Args:
+        named: An id on the Hub, or a folder or a file; perhaps with `@` and a revision, or the
+            SHA-256 of its weights.
+        folder: Where its files lie, if not there.
+        pinned: The `commit` and `files` that were judged; None if it is judged for the first time.
+
+    Raises:
+        DatasetError: There is no such policy, or it is of another revision than is named or pinned.
+        PolicyError: An ONNX graph takes or answers something else than a policy.
+    """
+    source, _, revision = named.partition("@")
+    with TemporaryDirectory(prefix="labyrinth-submission-") as temporary, ExitStack() as stack:
+        own, commit = Path(temporary), None
+        if folder is None and not Path(source).expanduser().exists():
+            commit, names = _on_hub(source, pinned["commit"] if pinned else revision or None)
+            _copy({name: located(source, commit, names) / name for name in names}, own)
+        else:
+            _copy(_in_folder(Path(source).expanduser() if folder is None else folder), own)
+        files = {path.name: file_sha256(path) for path in sorted(own.iterdir())}
+        for name, expected in pinned["files"].items() if pinned else ():
+            _require(named, name, files.get(name), expected)
+        if commit is None and revision:
+            weights = next(names[0] for names in _KINDS if names[0] in files)
+            _require(named, weights, files[weights], revision)
+        if GRAPH in files:
+            graph = stack.enter_context(computed((own / GRAPH).read_bytes(), named))
+            looks = graph, graph.observation, graph.image_size, "onnxruntime"
+        else:
+            looks = *_loaded(own), "torch"
+        yield Submission(named, commit, files, own, *looks)
+
+
+def _loaded(folder: Path) -> tuple[Any, str, int | None]:
+    """Return the policy of a folder of weights, what it looks at, and the size of pictures."""
+    policy = load_policy(folder)
+    import torch
+
+    torch.set_num_threads(1)  # Sums of several threads may be rounded otherwise.
+    return policy, policy.spec.observation, policy.spec.image_size
+
+
+def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
+    """Return the commit of a revision on the Hub, and the names of the files of its policy."""
+    if not HUB_ID.fullmatch(source):
+        raise DatasetError(f"{source} is neither a folder, a file, nor an id such as user/model")
+    from huggingface_hub import HfApi
+
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
+    try:
+        found = HfApi().model_info(source, revision=revision)
+    except UNAVAILABLE as error:
+        reason = f"{source} is not a folder, and cannot be loaded from the Hub"
+        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
+    commit, held = str(found.sha), {each.rfilename for each in found.siblings or ()}
+    if revision is not None and re.fullmatch("[0-9a-f]{40}", revision):
+        _require(source, "what the Hub has", commit, revision)
+    return commit, _kind(source, held)
+
+
+def _in_folder(place: Path) -> dict[str, Path]:
+    """Return the files of a policy in a folder, or the only one, by their names."""
+    if place.is_dir():
+        held = {path.name for path in place.iterdir()}
+        return {name: place / name for name in _kind(str(place), held)}
+    if place.suffix != ".onnx":
+        raise DatasetError(f"{place} is neither a folder nor an ONNX graph, such as {GRAPH}")
+    return {GRAPH: place}
+
+
+def _kind(place: str, held: set[str]) -> tuple[str, ...]:
+    for names in _KINDS:
+        if held >= set(names):
+            return names
+    kinds = "; ".join(" and ".join(names) for names in _KINDS)
+    raise DatasetError(f"{place} holds no policy: give {kinds}")
+
+
+def _copy(files: Mapping[str, Path], folder: Path) -> None:
+    """Copy files that are small enough, so that what is judged is what is hashed."""
+    for name, path in files.items():
+        try:
+            check_size(path, name, regular_file(path).stat().st_size)
+            shutil.copyfile(path, folder / name)
+            check_size(path, name, (folder / name).stat().st_size)
+        except OSError as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+
+
+def _require(named: str, what: str, found: str | None, expected: str) -> None:
+    if found != expected:
+        raise DatasetError(
+            f"{named}: {what} is of another revision than named: it is "
+            f"{found or 'missing':.16}, not {expected:.16}"
+        )
+
+
+def versions(library: str) -> dict[str, str]:
+    """Return the versions of what a policy is judged with."""
+    return {name: version(name) for name in ("labyrinth-datasets", "numpy", library)}

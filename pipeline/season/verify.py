@@ -1,0 +1,107 @@
+"""The stage `verify`: a revealed season made again, and each submission judged again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import current_versions
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation.results import Results
+from pipeline.config.run import Run
+from pipeline.machinery.console import say
+from pipeline.machinery.markdown import table
+from pipeline.season.commitment import Place, Season, dataset
+from pipeline.season.judge import Row, judged, read_rows
+from pipeline.season.submission import fetched, versions
+
+EQUAL = "yes"
+"""What is shown of a submission whose results come out again to the last bit."""
+
+
+def run(run: Run) -> None:
+    """Verify a season from what is published of it, and print what differs.
+
+    Raises:
+        DatasetError: There is no such season, it is not revealed, or something differs.
+    """
+    place = Place.of(run)
+    season = Season.read(place)
+    if not place.revealed.exists():
+        raise DatasetError(f"{place.public} is not revealed: {place.revealed.name} is missing")
+    secret = season.require_secret(place.revealed)
+    config = season.dataset_of(season.seed(secret))
+    with dataset(run, config) as (data_dir, manifest):
+        wrong = _other_files(season, season.other_shards(manifest))
+        lines = []
+        for number, row in enumerate(read_rows(place), 1):
+            figures, equal = _judged_again(place, season, number, row, data_dir, config)
+            lines.append([row["submission"], _shown(row["figures"]["test"]), figures, equal])
+            wrong += equal != EQUAL
+        say(table(["submission", "judged", "recomputed", "equal"], lines, "llll"))
+        known = KnownDataset.read(str(data_dir), config.name)
+        for path in sorted((place.public / "self-reported").glob("*.json")):
+            wrong += _self_reported(path, known)
+    if wrong:
+        raise DatasetError(f"{place.public}: {wrong} of its claims cannot be confirmed")
+
+
+def _other_files(season: Season, paths: list[str]) -> int:
+    """Say whether the files of the test are those committed to; return 1 if nothing explains it."""
+    say(f"{season.name}: the secret and the content of the test are those committed to.")
+    if not paths:
+        say(f"All {len(season.shards)} files of the test are equal to the last bit.")
+        return 0
+    here, then = current_versions(), season.versions
+    unlike = [f"{name} {then.get(name)}, here {here[name]}" for name in here]
+    unlike = [line for line, name in zip(unlike, here, strict=True) if then.get(name) != here[name]]
+    why = f"written by {'; '.join(unlike)}" if unlike else "though by the same versions"
+    say(f"{len(paths)} of {len(season.shards)} files have that content in other bytes, {why}.")
+    return int(not unlike)
+
+
+def _judged_again(
+    place: Place, season: Season, number: int, row: Row, data_dir: Path, config: DatasetConfig
+) -> tuple[str, str]:
+    """Return the figures of a submission that is judged again, and `EQUAL` or what differs."""
+    revealed = place.public / "results" / f"{number}.json"
+    folder = None if row["commit"] else place.public / "submissions" / str(number)
+    try:
+        with fetched(row["submission"], folder, pinned=row) as submission:
+            again = judged(season, submission, data_dir, config, signed=row["versions"])
+            here = versions(submission.library)
+        figures = _shown(again.row["figures"]["test"])
+        if not revealed.is_file() or file_sha256(revealed) != row["results_sha256"]:
+            return figures, f"no: results/{revealed.name} is not what was committed to"
+        if again.row == row:
+            return figures, EQUAL
+        if again.row["results_sha256"] == row["results_sha256"]:
+            return figures, f"no: {place.judged.name} says something else than the results"
+        told = Results.load(revealed).splits
+    except (DatasetError, PolicyError) as error:
+        return "-", f"no: {error}"
+    pairs = ((told[name].episodes, found.episodes) for name, found in again.results.splits.items())
+    unlike = sum(int((one.moves != other.moves).sum()) for one, other in pairs)
+    unlike_versions = [f"{name} {row['versions'][name]}, here {here[name]}" for name in here]
+    return figures, f"no: {unlike} episodes differ ({'; '.join(unlike_versions)})"
+
+
+def _self_reported(path: Path, known: KnownDataset) -> bool:
+    """Say what results claim that were not judged from weights; return whether they are refused."""
+    try:
+        results = Results.load(path, lambda _: known)
+        results.require_dataset(known)
+    except ValueError as error:
+        say(f"self-reported, and refused: {error}")
+        return True
+    test, name = results.splits["test"], results.method.name if results.method else path.name
+    say(f"self-reported, so perhaps invented: {name}, {_shown({'spl': test.spl, 'sr': test.sr})}")
+    return False
+
+
+def _shown(figures: Mapping[str, float]) -> str:
+    return f"SPL {figures['spl']:.2f}, SR {figures['sr']:.2f}"

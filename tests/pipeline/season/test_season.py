@@ -1,0 +1,195 @@
+"""A season from its secret to its verification, and where the secret is until then: in its file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from policies import RELEASED
+from publishing import local_hub
+from seasons import Performer
+
+from labyrinth_core.evaluation.results import Results
+from pipeline.config.errors import ConfigError
+from pipeline.season.commitment import Season, seed_of, without_seed
+
+__all__ = ["local_hub"]
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory, make_run):
+    """A season that was made, and judged on twice, with what was printed; not to be changed."""
+    perform = Performer(tmp_path_factory.mktemp("hidden"), make_run)
+    perform("season")
+    perform("judge")
+    perform("judge")
+    return perform
+
+
+@pytest.fixture
+def revealed(hidden, tmp_path, make_run):
+    """A copy of the public part of the season after it was revealed."""
+    perform = Performer(tmp_path, make_run)
+    shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
+    perform("reveal")
+    assert "is revealed, so that nothing is judged on it any more" in perform("judge")
+    perform.place.secret.unlink()
+    shutil.rmtree(perform.place.private)
+    return perform
+
+
+def test_the_seed_follows_from_the_secret_as_the_documents_say(make_run, tmp_path):
+    config = without_seed(make_run(tmp_path).dataset)
+    text = json.dumps(config, sort_keys=True, separators=(",", ":"))
+    hashed = hashlib.sha256(b"labyrinth season, seed, version 1\n" + bytes(32) + text.encode())
+    assert seed_of(bytes(32), config) == int(hashed.hexdigest()[:16], 16)
+    assert seed_of(bytes(31) + b"\1", config) != seed_of(bytes(32), config)
+    assert seed_of(bytes(32), config | {"labyrinths": 9}) != seed_of(bytes(32), config)
+
+
+@pytest.mark.parametrize(
+    ("stage", "options", "message"),
+    [
+        ("season", {"labyrinths": 15}, "labyrinths=15: give 16 or more, since fewer can be guess"),
+        ("season", {"seed": 3}, "seed=3: that of a season follows from its secret"),
+        ("season", {"executor": "dask"}, "executor=dask: a season stays on one machine"),
+        ("judge", {"submission": ""}, "season.submission=: give the policy to judge"),
+        ("judge", {"submission": "a.zip"}, "season.submission=a.zip: give an id on the Hub"),
+    ],
+)
+def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, options, message):
+    perform = Performer(tmp_path, make_run)
+    with pytest.raises(ConfigError, match=message):
+        perform(stage, **options)
+    assert not perform.place.secret.exists()
+
+
+@pytest.mark.slow
+def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden):
+    place, said = hidden.place, hidden.printed
+    assert "planner-seed0 is judged: SPL 1.00, SR 1.00" in said
+    assert "planner-seed0 is judged again, with the same bytes: SPL 1.00" in said
+    made, text = Season.read(place), place.secret.read_text(encoding="ascii")
+    secret = bytes.fromhex(text)
+    seed = made.seed(secret)
+    for stage, given, message in (
+        ("season", {}, "2026-a exists: choose another season.name"),
+        ("verify", {}, "is not revealed: secret.txt is missing"),
+        ("judge", {"submission": "nowhere"}, "nowhere is neither a folder, a file, nor an id"),
+        (
+            "judge",
+            {"submission": f"{RELEASED}@{'0' * 64}"},
+            "policy.safetensors is of another revision than named: it is ",
+        ),
+        ("judge", {"folder": "broken"}, "2026-a.secret holds no secret"),
+        ("judge", {"folder": "others"}, "2026-a.secret holds another secret than the season com"),
+    ):
+        copy = hidden.folder / given.get("folder", "seasons")
+        if not copy.exists():
+            shutil.copytree(place.public.parent, copy)
+            other = text.replace(text[0], "x") if copy.name == "broken" else "00" * 32
+            (copy / place.secret.name).write_text(other, encoding="ascii")
+        assert message in hidden(stage, **given)
+        if copy.name != "seasons":
+            shutil.rmtree(copy)
+
+    assert len(secret) == 32
+    if os.name == "posix":
+        assert place.secret.stat().st_mode & 0o777 == 0o600
+        assert place.private.stat().st_mode & 0o777 == 0o700
+    contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
+    assert contents.pop(place.secret) == text.encode()
+    names = ["1.json", "judged.json", "policy.safetensors", "run.json", "season.json"]
+    assert sorted(path.name for path in contents) == names
+    contents["printed"] = hidden.printed.encode()
+    told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
+    told += [str(seed).encode(), f"{seed:x}".encode(), seed.to_bytes(8, "big")]
+    told += [seed.to_bytes(8, "little")]
+    assert [path for path, content in contents.items() for each in told if each in content] == []
+    ids = Results.load(place.private / "1.json").splits["test"].labyrinth_ids.tolist()
+    public = b"".join(path.read_bytes() for path in place.public.iterdir())
+    assert not any(f"{number:016x}".encode() in public for number in ids)
+
+
+@pytest.mark.slow
+def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed):
+    public = revealed.place.public
+    said = revealed("verify")
+    assert "the secret and the content of the test are those committed to." in said
+    assert "All 6 files of the test are equal to the last bit." in said
+    assert "planner-seed0 | SPL 1.00, SR 1.00 | SPL 1.00, SR 1.00 | yes |" in said
+    row = json.loads((public / "judged.json").read_text(encoding="utf-8"))["judged"][0]
+    results = Results.load(public / "results" / "1.json")
+    assert results.judged is not None
+    assert results.judged.files == row["files"]
+
+    reported = public / "self-reported"
+    reported.mkdir()
+    shutil.copyfile(public / "results" / "1.json", reported / "a.json")
+    told = json.loads((reported / "a.json").read_text(encoding="utf-8"))
+    told["dataset"]["fingerprint"] = "0" * 64
+    (reported / "b.json").write_text(json.dumps(told), encoding="utf-8")
+    rows = public / "judged.json"
+    rows.write_text(rows.read_text(encoding="utf-8").replace(": 1.0", ": 0.9"), encoding="utf-8")
+    assert "2 of its claims cannot be confirmed" in revealed("verify")
+    said = revealed.printed
+    assert "self-reported, so perhaps invented: " in said
+    assert "self-reported, and refused: it is of another dataset than" in said
+    assert "no: judged.json says something else than the results" in said
+
+    weights = public / "submissions" / "1" / "policy.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1] + b"!")
+    assert "2 of its claims cannot be confirmed" in revealed("verify")
+    season_file = public / "season.json"
+    content = json.loads(season_file.read_text(encoding="utf-8")) | {"fingerprint": "0" * 64}
+    season_file.write_text(json.dumps(content), encoding="utf-8")
+    assert "gives another test than the season commits to" in revealed("verify")
+
+
+ON_THE_HUB = """
+import sys
+from pathlib import Path
+
+tests = Path(sys.argv[2])
+sys.path[:0] = map(str, [tests.parent, tests, tests / "support"])
+from conftest import run_of
+from huggingface_hub import HfApi
+from policies import lay_out_released
+from seasons import Performer
+
+folder, api = Path(sys.argv[1]), HfApi()
+perform = Performer(folder, run_of)
+policy = lay_out_released(folder / "policy")
+api.create_repo("user/planner")
+
+def upload():
+    return api.upload_folder(repo_id="user/planner", folder_path=policy).oid
+
+first = upload()
+perform("season")
+print(perform("judge", submission="user/planner@main"))
+weights = policy / "model.safetensors"
+weights.write_bytes(weights.read_bytes()[:-1] + b"!")
+second = upload()
+assert first != second
+print(perform("judge", submission="user/planner@main"))
+perform("reveal")
+judged = perform.place.judged
+judged.write_text(judged.read_text().replace(first, second))
+perform("verify")
+print(" ".join(perform.printed.split()))
+"""
+
+
+@pytest.mark.slow
+def test_a_submission_on_the_hub_is_pinned_by_its_commit(local_hub, tmp_path):
+    said = local_hub.run(ON_THE_HUB, tmp_path, Path(__file__).parents[2]).splitlines()
+    assert "user/planner@main is judged: SPL 1.00, SR 1.00" in said[0]
+    assert "The best of 2 may owe 0.147 of its figures to being chosen." in said[1]
+    told = "| no: user/planner@main: model.safetensors is of another revision than named: it is"
+    assert (said[2].count("| yes |"), said[2].count(told)) == (1, 1)
+    assert said[2].endswith("1 of its claims cannot be confirmed")

@@ -1,0 +1,46 @@
+"""Stages of a season, performed in a folder that holds all that they leave."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from contextlib import redirect_stderr, redirect_stdout
+
+import pytest
+from policies import RELEASED
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.answers import PolicyError
+from pipeline.config.season import SeasonOptions
+from pipeline.season import judge, reveal, season, verify
+from pipeline.season.commitment import Place
+
+STAGES = {"season": season, "judge": judge, "reveal": reveal, "verify": verify}
+
+
+class Performer:
+    """What performs stages in a folder, in which all temporary files are, and keeps the output."""
+
+    def __init__(self, folder, make_run):
+        self.folder, self._make_run, self.printed = folder, make_run, ""
+
+    def __call__(self, stage, folder="seasons", submission=str(RELEASED), **options):
+        """Perform a stage; return what it prints, or the error that it raises."""
+        of_season = SeasonOptions("2026-a", str(self.folder / folder), "2026-11-30", submission)
+        options = {"size": "5", "labyrinths": 16, "random_steps": 5} | options
+        run = self._make_run(self.folder / "data", stages=[stage], season=of_season, **options)
+        (self.folder / "temporary").mkdir(exist_ok=True)
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as out:
+            patch.setattr(tempfile, "tempdir", str(self.folder / "temporary"))
+            with redirect_stderr(out):
+                error = ""
+                try:
+                    STAGES[stage].run(run)
+                except (DatasetError, PolicyError) as raised:
+                    error = str(raised)
+        self.printed += out.getvalue() + error
+        return error or " ".join(out.getvalue().split())
+
+    @property
+    def place(self):
+        return Place(self.folder / "seasons" / "2026-a")
