@@ -55,6 +55,14 @@ TAGS = [
 ]
 """The last one makes the Hub link the paper."""
 
+ORIGIN = {
+    "language": ["en"],
+    "annotations_creators": ["machine-generated"],
+    "source_datasets": ["original"],
+}
+"""Where the data are from, in the Hub's words (`huggingface_hub.DatasetCardData`); English is the
+language of the settings in `info`, and of questions. What a card says otherwise is kept."""
+
 _BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 """The bounds of the Hub's size categories: thousand, ten thousand and so on."""
 
@@ -183,6 +191,7 @@ def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: 
     own = {
         "license": values.get("license") or front_matter.LICENCE,
         "pretty_name": values.get("pretty_name", NAME),
+        **{key: values.get(key, value) for key, value in ORIGIN.items()},
         "task_categories": _joined(TASK_CATEGORIES, values.get("task_categories")),
         "tags": _joined(TAGS, values.get("tags")),
         "size_categories": [size_category(rows)],

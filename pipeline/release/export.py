@@ -30,7 +30,7 @@ from pipeline.machinery.markdown import table
 from pipeline.machinery.own_files import OwnFiles, list_all
 from pipeline.release.model import published_dataset
 from pipeline.release.plan import LEROBOT, MINARI
-from pipeline.release.provenance import code, command
+from pipeline.release.provenance import code, command_lines
 from pipeline.release.remote import SOURCES
 from pipeline.release.texts import citation, fill, paragraph
 
@@ -171,7 +171,7 @@ def _card(
             id=f"{group}/{run.dataset.name}/{split}-v{VERSION}",
         ).strip(),
         origin=origin,
-        command=command(manifest.config),
+        command=command_lines(manifest.config),
         fingerprint=manifest.fingerprint,
         code=code(),
         citation=citation(),

@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.version import __version__
@@ -62,6 +63,14 @@ def command(config: DatasetConfig) -> str:
         options[name] = f"[{','.join(value)}]" if isinstance(value, tuple) else value
     given = [f"{name}={value}" for name, value in options.items()]
     return shlex.join(["labyrinth-datasets", *given])
+
+
+def command_lines(config: DatasetConfig) -> str:
+    """Return the command line that makes a dataset, on lines that fit a page."""
+    lines = wrap(
+        command(config), 92, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+    return " \\\n".join(lines)
 
 
 def code() -> str:

@@ -17,7 +17,7 @@ from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.figures import FIGURES
 from pipeline.release.limits import limits, names_of_varied
-from pipeline.release.provenance import Release, code, command
+from pipeline.release.provenance import Release, code, command_lines
 from pipeline.release.texts import citation, fill, paragraph
 
 PICTURES = "pictures"
@@ -63,7 +63,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         counts=_rows(datasets, splits),
         labyrinth_table=_labyrinth_table(datasets, default, release),
         questions=_questions(datasets, release),
-        commands="\n".join(command(dataset.manifest.config) for dataset in datasets),
+        commands="\n".join(command_lines(dataset.manifest.config) for dataset in datasets),
         made=_making(datasets),
         code=code(),
         pairs=_pairs(datasets),

@@ -14,7 +14,10 @@ from typing import Any
 import yaml
 
 FRONT_MATTER = re.compile(r"\A\s*---[ \t]*\r?\n(.*?)^---[ \t]*\r?$", re.DOTALL | re.MULTILINE)
-LISTS_OF_WORDS = ("license", "language", "tags", "task_categories", "size_categories", "datasets")
+LISTS_OF_WORDS = (
+    *("license", "language", "tags", "task_categories", "size_categories", "datasets"),
+    *("annotations_creators", "source_datasets"),
+)
 SIZE_CATEGORY = re.compile(r"n<1K|\d+[KMBT]?<n<\d+[KMBT]|n>1T")
 SPLIT = re.compile(r"\w+(\.\w+)*")
 SDKS = ("gradio", "docker", "static")

@@ -154,6 +154,8 @@ def test_the_front_matter_is_what_the_hubs_client_reads_and_writes(carded):
     assert values["pretty_name"] == "Labyrinth"
     assert "arxiv:2509.24784" in values["tags"]
     assert values["task_categories"] == ["reinforcement-learning"]
+    assert values["annotations_creators"] == ["machine-generated"]
+    assert (values["source_datasets"], values["language"]) == (["original"], ["en"])
     features = datasets.Features._from_yaml_list(values["dataset_info"][0]["features"])
     assert features.to_dict() == {column.name: column.feature for column in COLUMNS}
     features = datasets.Features._from_yaml_list(values["dataset_info"][2]["features"])
@@ -230,7 +232,8 @@ def test_a_release_is_loaded_by_its_id_and_version(folder):
 
 
 def test_the_commands_in_it_make_the_same_datasets(carded):
-    commands = re.findall(r"^labyrinth-datasets (.*)$", text(carded), re.MULTILINE)
+    lines = text(carded).replace(" \\\n", " ")
+    commands = re.findall(r"^labyrinth-datasets (.*)$", lines, re.MULTILINE)
     register()
     made = []
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
