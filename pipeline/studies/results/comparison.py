@@ -186,7 +186,7 @@ def _conclusion(
             f"With so few seeds no two methods can be told apart, {held}: the least possible "
             f"p-value is {min(1.0, least):.2f}. There is no ranking."
         )
-    return f"No method is better than another, {held}. There is no ranking."
+    return f"No method is shown to be better than another, {held}. There is no ranking."
 
 
 def across_sizes(results: Sequence[Results]) -> Iterator[str]:
