@@ -179,16 +179,29 @@ class Predicting:
         return actions
 
 
-def _from_predict(policy: Any) -> Any:
+def _remembers(policy: Any) -> bool:
+    return hasattr(policy, "reset") and hasattr(policy, "act")
+
+
+def _in_our_form(policy: Any) -> Any:
     """Return a policy in the form of Stable-Baselines3 in one of ours, any other as it is.
 
     Its `predict(observation, state, episode_start, deterministic)` returns actions and a state. The
     state is None if it remembers nothing, as one observation shows; without an observation space
     to draw that from, it is stepped, which is right for both. Its policies are modules of PyTorch,
     too, but what they return when called are no actions.
+
+    Raises:
+        PolicyError: It is in the form of LeRobot, whose processors are missing.
     """
-    predicts = hasattr(policy, "predict") and _takes(policy.predict, "deterministic")
-    if not predicts or (callable(policy) and not _is_module(policy)):
+    if _remembers(policy) or (callable(policy) and not _is_module(policy)):
+        return policy
+    if hasattr(policy, "reset") and hasattr(policy, "select_action"):
+        raise PolicyError(
+            "policy: give one of LeRobot with its processors: "
+            "labyrinth_core.policies.lerobot.LeRobotPolicy(policy, *processors)"
+        )
+    if not (hasattr(policy, "predict") and _takes(policy.predict, "deterministic")):
         return policy
     space = getattr(policy, "observation_space", None)
     if space is None or policy.predict(space.sample(), deterministic=True)[1] is not None:
@@ -223,13 +236,8 @@ class Player:
             PolicyError: It is none of these.
         """
         if not isinstance(policy, type):
-            if asked(lambda: hasattr(policy, "select_action")):
-                raise PolicyError(
-                    "policy: give one of LeRobot with its processors: "
-                    "labyrinth_core.policies.lerobot.LeRobotPolicy(policy, *processors)"
-                )
-            policy = asked(lambda: _from_predict(policy))
-        remembers = asked(lambda: hasattr(policy, "reset") and hasattr(policy, "act"))
+            policy = asked(_in_our_form, policy)
+        remembers = asked(_remembers, policy)
         if isinstance(policy, type) or not (remembers or callable(policy)):
             name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
             what = "the class" if isinstance(policy, type) else "an object of"
