@@ -17,6 +17,9 @@ from labyrinth_core.world.tasks import check_open_walls
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
 
+QUESTIONS = "questions"
+"""The end of the name of the config with a dataset's questions, which has no episodes."""
+
 GOALS = ("fixed", "varied")
 """Where start and goal of train, validation and test may lie: in the corners, or drawn for each."""
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from labyrinth_core.data.dataset_config import QUESTIONS
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
@@ -57,7 +58,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     if folder.is_dir():
         if revision is not None:
             raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        if not (folder / config / MANIFEST).is_file():
+        if not _has_episodes(folder / config):
             if (folder / MANIFEST).is_file():
                 raise DatasetError(
                     f"{source} is the folder of the config {folder.name}: give the folder that "
@@ -78,15 +79,20 @@ def _download(source: str, config: str, files: Iterable[str], revision: str | No
         snapshot = snapshot_download(
             source, repo_type="dataset", revision=revision, allow_patterns=patterns
         )
-        if not Path(snapshot, config, MANIFEST).is_file():
+        if not _has_episodes(Path(snapshot, config)):
             there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
             manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
             raise _no_config(source, config, manifests)
     return Path(snapshot) / config
 
 
+def _has_episodes(folder: AnyPath) -> bool:
+    return (folder / MANIFEST).is_file() and not folder.name.endswith(f"-{QUESTIONS}")
+
+
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
-    held = sorted(path.split("/")[-2] for path in manifests)
+    names = (path.split("/")[-2] for path in manifests)
+    held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
 
 

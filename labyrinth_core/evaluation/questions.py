@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from labyrinth_core.data.columns import Column
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
@@ -21,7 +21,6 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.solver import moves_and_routes, shortest_routes
 
-QUESTIONS = "questions"
 NOT_ASKED = ("train", "validation", "random")
 """The splits to learn from, and to choose a model with."""
 SMALL_PICTURE = 300

@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import initial, step_limit, transition
+from labyrinth_core.world.dynamics import State, initial, step_limit, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_of
@@ -64,8 +64,8 @@ def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
     the length of the answer, about a second for a megabyte.
 
     Args:
-        labyrinth: The labyrinth, or its text, such as the column `info`. The moves begin where its
-            episodes do.
+        labyrinth: The labyrinth, or its text, such as the column `info`. The moves begin on the
+            start.
         answer: What was answered; see `read_moves`.
 
     Raises:
@@ -73,27 +73,33 @@ def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
     """
     if isinstance(labyrinth, str):
         labyrinth = parse(labyrinth)
+    labyrinth = labyrinth.from_start()
     moves, optimum = read_moves(answer), moves_of(labyrinth)
-    state, steps, limit = initial(labyrinth), None, step_limit(labyrinth)
+    state, limit = initial(labyrinth), step_limit(labyrinth)
+    steps = reason = None
     for place, move in enumerate(moves):
-        after = transition(labyrinth, state, move)
         if steps is not None:
             reason = "after the goal"
-        elif place == limit:
-            reason = "limit"
-        elif after.agent in labyrinth.ice:
-            reason = "ice"
-        elif after == state:
-            ahead = labyrinth.structure.moves[state.agent][move]
-            reason = "wall" if ahead == state.agent else "door"
         else:
-            state = after
-            if state.agent == labyrinth.goal:
-                steps = place + 1
-            continue
-        return RouteScore(moves, optimum, steps, place, reason)
-    reason_of_none = None if steps is not None else "short of the goal" if moves else "no moves"
-    return RouteScore(moves, optimum, steps, None, reason_of_none)
+            reason = "limit" if place == limit else _why_not(labyrinth, state, move)
+        if reason is not None:
+            return RouteScore(moves, optimum, steps, place, reason)
+        state = transition(labyrinth, state, move)
+        if state.agent == labyrinth.goal:
+            steps = place + 1
+    if steps is None:
+        reason = "short of the goal" if moves else "no moves"
+    return RouteScore(moves, optimum, steps, None, reason)
+
+
+def _why_not(labyrinth: Labyrinth, state: State, move: Action) -> str | None:
+    """Return why a move is not allowed in a state, None if it is."""
+    beside = labyrinth.structure.moves[state.agent][move]
+    if beside == state.agent:
+        return "wall"
+    if beside in labyrinth.ice:
+        return "ice"
+    return "door" if transition(labyrinth, state, move) == state else None
 
 
 def read_moves(answer: str) -> tuple[Action, ...]:

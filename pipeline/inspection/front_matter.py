@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from labyrinth_core.data.columns import COLUMNS, Column
+from labyrinth_core.data.dataset_config import QUESTIONS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import SPLIT, TABLE, TABLE_COLUMNS, table_config
 from labyrinth_core.data.manifest import MANIFEST, Manifest
@@ -18,7 +19,6 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,
-    QUESTIONS,
     question_splits,
     questions_config,
 )

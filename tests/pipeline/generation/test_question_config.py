@@ -15,6 +15,7 @@ import yaml
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.loader import load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
@@ -68,6 +69,8 @@ def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(as
             assert (row["moves"], len(row["routes"])) == moves_and_routes(parse(row["info"]))
     (manifest,) = front_matter.finished(asked.data_dir)
     check_config(str(asked.data_dir), None, manifest, asked.data_dir)
+    with pytest.raises(DatasetError, match=f"holds {NAME}$"):  # They have no episodes.
+        load_transitions(asked.data_dir, f"{NAME}-questions", split="test")
 
 
 def test_a_second_run_writes_nothing_and_one_after_damage_writes_the_same(copied, capsys):
