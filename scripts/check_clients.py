@@ -9,6 +9,7 @@ data there, compares every value, and takes a few steps of learning where the cl
 printed as a table, which docs/clients.md keeps. What a client's script found is kept in the folder,
 so that an interrupted check goes on; --again does it anew.
 
+LeRobot needs a python3.12 on the PATH.
 Packages come from where pip is told to look for them, by its variables and its configuration. They
 are installed with a constraint on torch, whose processor-only build is enough; torchvision, which
 brings another torch, is stood in for.

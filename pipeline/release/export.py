@@ -63,32 +63,35 @@ def staged_export(run: Run, api: HfApi) -> Iterator[Path]:
         DatasetError: A split is not exported, or damaged, or of another dataset or other options.
         PublishError: The dataset is not on the Hub under the id that was given.
     """
-    options = run.options
-    repo_id, commit = None, None
-    if options.publish.repo_id or (
-        options.dataset is not None and local_folder(run.source, run.dataset.name, None) is None
-    ):
-        repo_id, _ = run.dataset_on_hub
-        commit, manifest = published_dataset(run, api)
-    else:
-        manifest = manifest_of(run)
-    splits = tuple(dict.fromkeys(options.export.splits)) or manifest.config.splits
+    asked, (commit, manifest) = run.options.export, _origin(run, api)
+    splits = tuple(dict.fromkeys(asked.splits)) or manifest.config.splits
     unknown = [name for name in splits if name not in manifest.config.splits]
     allowed = listed(manifest.config.splits)
-    check(not unknown, f"export.splits={listed(options.export.splits)}: choose from {allowed}")
+    check(not unknown, f"export.splits={listed(asked.splits)}: choose from {allowed}")
     with tempfile.TemporaryDirectory(prefix="labyrinth-export-") as temporary:
         folder = Path(temporary)
-        records = {}
-        for split in splits:
-            place = folder
-            if options.export.format == "minari":
-                place = folder / run.dataset.name / f"{split}-v{VERSION}"
-            records[split] = _linked(run, manifest, split, place)
-        if options.export.format == "minari":
+        if asked.format == "lerobot":
+            records = {split: _linked(run, manifest, split, folder) for split in splits}
+        else:
+            group = folder / run.dataset.name
+            records = {
+                split: _linked(run, manifest, split, group / f"{split}-v{VERSION}")
+                for split in splits
+            }
             _group(folder, run, splits)
-        write_text(folder / "README.md", _card(run, manifest, records, repo_id, commit))
+        write_text(folder / "README.md", _card(run, manifest, records, commit))
         list_all(folder)
         yield folder
+
+
+def _origin(run: Run, api: HfApi) -> tuple[str | None, Manifest]:
+    """Return the commit of the dataset on the Hub, None if it has no id there; and its manifest."""
+    given = run.options.dataset is not None
+    if run.options.publish.repo_id or (
+        given and local_folder(run.source, run.dataset.name, None) is None
+    ):
+        return published_dataset(run, api)
+    return None, manifest_of(run)
 
 
 def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, Any]:
@@ -116,9 +119,9 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
 def _group(folder: Path, run: Run, splits: Sequence[str]) -> None:
     """Make Minari's group of the exports in a folder: its metadata, and the ids of its datasets."""
     group = run.options.publish.export.rpartition("/")[2]
-    names = {split: f"{run.dataset.name}/{split}-v{VERSION}" for split in splits}
-    ids = [f"{group}/{name}" for name in names.values()]
-    for id_, name in zip(ids, names.values(), strict=True):
+    names = [f"{run.dataset.name}/{split}-v{VERSION}" for split in splits]
+    ids = [f"{group}/{name}" for name in names]
+    for id_, name in zip(ids, names, strict=True):
         path = folder / name / "data" / "metadata.json"
         content = json.loads(path.read_bytes()) | {"dataset_id": id_}
         path.unlink()  # The link, and not what it leads to.
@@ -129,51 +132,55 @@ def _group(folder: Path, run: Run, splits: Sequence[str]) -> None:
 
 
 def _card(
-    run: Run,
-    manifest: Manifest,
-    records: Mapping[str, Mapping[str, Any]],
-    repo_id: str | None,
-    commit: str | None,
+    run: Run, manifest: Manifest, records: Mapping[str, Mapping[str, Any]], commit: str | None
 ) -> str:
     """Return the README.md, a pure function of the exports and of the release."""
-    options, first = run.options, next(iter(records.values()))
-    name, format_ = options.publish.export, options.export.format
-    library = KINDS[format_].name
+    name, format_ = run.options.publish.export, run.options.export.format
     owner, _, group = name.partition("/")
-    split = next(iter(records))
-    values = {
-        "license": first["licence"],
-        "pretty_name": f"Labyrinth, for {library}",
-        "task_categories": ["reinforcement-learning"],
-        "tags": [library, "imitation-learning", "labyrinth", "maze", "arxiv:2509.24784"],
-    }
-    if format_ == "lerobot":  # As LeRobot's own cards have it: the frames, and not the metadata.
-        files = [{"split": "train", "path": "data/*/*.parquet"}]
-        values["configs"] = [{"config_name": "default", "data_files": files}]
-    origin = ""
-    if repo_id is not None:
-        values[SOURCES] = [repo_id]
-        origin = paragraph("export_origin", dataset=repo_id, commit=commit) + "\n\n"
+    split, first = next(iter(records.items()))
+    repo_id = None if commit is None else run.dataset_on_hub[0]
     rows = [
         (f"`{split}`", SPLITS[split].meaning, f"{each['episodes']:,}", f"{each['rows']:,}")
         for split, each in records.items()
     ]
+    id_ = f"{group}/{run.dataset.name}/{split}-v{VERSION}"
     text = fill(
         "export.md",
-        library=library,
+        library=KINDS[format_].name,
         config=run.dataset.name,
         size=first["image_size"],
         splits=table(("split", "holds", "episodes", "states"), rows, "llrr"),
-        use=fill(
-            f"{format_}.md",
-            name=name,
-            owner=owner,
-            id=f"{group}/{run.dataset.name}/{split}-v{VERSION}",
-        ).strip(),
-        origin=origin,
+        use=fill(f"{format_}.md", name=name, owner=owner, id=id_).strip(),
+        origin=f"{paragraph('export_origin', dataset=repo_id, commit=commit)}\n\n"
+        if repo_id
+        else "",
         command=command_lines(manifest.config),
         fingerprint=manifest.fingerprint,
         code=code(),
         citation=citation(),
     )
-    return front_matter.with_values(values, text)
+    return front_matter.with_values(_front_matter(format_, split, first["licence"], repo_id), text)
+
+
+def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -> dict[str, Any]:
+    """Return the values at the head of the card.
+
+    Args:
+        format_: The format.
+        split: The first split, which is the only one of LeRobot.
+        licence: The licence of the dataset.
+        repo_id: The id of the dataset on the Hub, if it has one.
+    """
+    library = KINDS[format_].name
+    values: dict[str, Any] = {
+        "license": licence,
+        "pretty_name": f"Labyrinth, for {library}",
+        "task_categories": ["reinforcement-learning"],
+        "tags": [library, "imitation-learning", "labyrinth", "maze", "arxiv:2509.24784"],
+    }
+    if repo_id is not None:
+        values[SOURCES] = [repo_id]
+    if format_ == "lerobot":  # As LeRobot's own cards have it: the frames, and not the metadata.
+        files = [{"split": split, "path": "data/*/*.parquet"}]
+        values["configs"] = [{"config_name": "default", "data_files": files}]
+    return values
