@@ -1,7 +1,7 @@
 """Let other libraries read our data with their own code, and compare it with what our loader gives.
 
     python scripts/check_clients.py --folder clients
-    python scripts/check_clients.py --folder clients --only minari --again
+    python scripts/check_clients.py --folder clients --only Minari --again
 
 A small dataset is made, exported in all formats, and released on a Hub of this machine. Then each
 client is installed in a virtual environment of its own, and a script of scripts/clients/ reads the
@@ -9,10 +9,9 @@ data there, compares every value, and takes a few steps of learning where the cl
 printed as a table, which docs/clients.md keeps. What a client's script found is kept in the folder,
 so that an interrupted check goes on; --again does it anew.
 
-LeRobot needs a python3.12 on the PATH.
-Packages come from where pip is told to look for them, by its variables and its configuration. They
-are installed with a constraint on torch, whose processor-only build is enough; torchvision, which
-brings another torch, is stood in for.
+LeRobot needs a python3.12 on the PATH. Packages come from where pip is told to look for them, by
+its variables and its configuration. They are installed with a constraint on torch, whose
+processor-only build is enough; torchvision, which brings another torch, is stood in for.
 """
 
 from __future__ import annotations
