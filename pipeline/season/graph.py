@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
-from threading import Timer
+from threading import Event, Timer
 from typing import Any, NoReturn
 
 import numpy as np
@@ -64,8 +64,9 @@ def computed(
     if find_spec("onnxruntime") is None:
         needed = "pip install 'labyrinth-datasets[onnx]'"
         raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
+    command = [sys.executable, "-m", "pipeline.season.graph_process", str(memory)]
     with subprocess.Popen(
-        [sys.executable, "-m", "pipeline.season.graph_process", str(memory)],
+        command,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -76,6 +77,9 @@ def computed(
             yield GraphPolicy(process, content, named, seconds)
         finally:
             process.kill()
+            if process.stdin is not None:
+                with suppress(BrokenPipeError):  # What it has not read is lost with it.
+                    process.stdin.close()
 
 
 class GraphPolicy:
@@ -99,7 +103,8 @@ class GraphPolicy:
                 f"its input is {seen} of shape {shape}: give uint8 or float of shape [batch, "
                 "pixels, pixels, 3], or vectors of shape [batch, length]"
             )
-        if answered != "tensor(float)" or len(scores) != 2 or scores[1] not in (ACTIONS, None):
+        other = len(scores) != 2 or (type(scores[1]) is int and scores[1] != ACTIONS)
+        if answered != "tensor(float)" or other:
             self._refuse(f"its output is {answered} of shape {scores}: give float of [batch, 4]")
         self.observation = "image" if pictures else "vector"
         self.image_size: int | None = shape[1] if pictures else None
@@ -127,7 +132,13 @@ class GraphPolicy:
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        timer = Timer(self._seconds, self._process.kill)
+        late = Event()
+
+        def end() -> None:
+            late.set()
+            self._process.kill()
+
+        timer = Timer(self._seconds, end)
         timer.start()
         try:
             with suppress(BrokenPipeError):
@@ -135,13 +146,13 @@ class GraphPolicy:
                 self._process.stdin.flush()
             header = self._process.stdout.read(FRAME.size)
             if len(header) < FRAME.size:
-                self._refuse_ended(timer)
+                self._refuse_ended(late)
             found, length = FRAME.unpack(header)
             if length > _LONGEST if size is None or found == ERROR else length != size:
                 self._refuse(f"it answers {length} bytes")
             answer = self._process.stdout.read(length)
             if len(answer) < length:
-                self._refuse_ended(timer)
+                self._refuse_ended(late)
         finally:
             timer.cancel()
         if found == ERROR:
@@ -150,8 +161,8 @@ class GraphPolicy:
             self._refuse("it answers something else than scores")
         return answer
 
-    def _refuse_ended(self, timer: Timer) -> NoReturn:
-        if timer.finished.is_set():
+    def _refuse_ended(self, late: Event) -> NoReturn:
+        if late.is_set():
             self._refuse(f"it takes more than {self._seconds:g} seconds")
         self._refuse("its process ended, perhaps for want of memory")
 

@@ -61,7 +61,7 @@ def fetched(
     source, _, revision = named.partition("@")
     with TemporaryDirectory(prefix="labyrinth-submission-") as temporary, ExitStack() as stack:
         own, commit = Path(temporary), None
-        if folder is None and not Path(source).expanduser().exists():
+        if folder is None and (pinned or not Path(source).expanduser().exists()):
             commit, names = _on_hub(source, pinned["commit"] if pinned else revision or None)
             _copy({name: located(source, commit, names) / name for name in names}, own)
         else:
