@@ -46,8 +46,11 @@ def replayed() -> Scorer:
 
 
 @task
-def labyrinths(source="data/labyrinth", config="5x5", splits=None, picture=False) -> Task:
-    """Ask for a route through each labyrinth; the splits, test and shifts, are the conditions."""
+def labyrinths(source="../data/labyrinth", config="5x5", splits=None, picture=False) -> Task:
+    """Ask for a route through each labyrinth; the splits, test and shifts, are the conditions.
+
+    The source is an id on the Hub, or a folder: inspect-ai takes its path from this file's folder.
+    """
     asked = load_dataset(source, f"{config}-questions").remove_columns(["image", "image_300"])
     chosen = splits.split(",") if isinstance(splits, str) else splits or list(asked)
     samples = [sample_of(row, split, picture) for split in chosen for row in asked[split]]
