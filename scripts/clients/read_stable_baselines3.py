@@ -63,6 +63,6 @@ assert successes.any()
 assert np.array_equal(successes, returns > 0)  # An episode that is cut returns -0.1.
 report(
     ["stable-baselines3", "sb3-contrib", "gymnasium", "torch"],
-    f"{count:,} returns of `evaluate_policy`, `evaluate` has the same",
+    f"{count:,} returns that `evaluate_policy` and our `evaluate` find",
     f"{TRAINED} steps of its PPO; its callback logs a success rate of {successes.mean():.0%}",
 )
