@@ -1,12 +1,12 @@
 r"""Show what a hidden test is worth: memorisers fall on it, and attackers who choose gain little.
 
-    python scripts/studies/season.py memorise --public data/labyrinth --folder build/memorisers
+    python scripts/studies/season.py memorise --public data/labyrinth --train
     python scripts/studies/season.py attack
 
-`memorise` lets three policies learn the public test of 5x5 (built by `python run.py size=5`), and
-judges them there and on a season's test of `--labyrinths`: a table of pictures, the reference
-`route_memory`, and BC (`stages=train method=bc` with the rows of test in place of those of train).
-Beside them stands BC that learnt from train.
+`memorise` lets policies learn the public test of 5x5 (built by `python run.py size=5`), and judges
+them there and on a season's test of `--labyrinths`: a table of pictures, the reference
+`route_memory`, and with `--train` BC (`stages=train method=bc` with the rows of test in place of
+those of train), beside BC that learnt from train.
 
 `attack` simulates one who submits k times to n labyrinths and is right in half of them by chance.
 By `choosing`, k policies are drawn and the best is kept; what they score is told in the end. By
@@ -59,17 +59,18 @@ def main() -> None:
     parser.add_argument("--public", type=Path, default=Path("data/labyrinth"))
     parser.add_argument("--folder", type=Path, default=Path("build/memorisers"))
     parser.add_argument("--labyrinths", type=int, default=1_000, help="of the season")
+    parser.add_argument("--train", action="store_true", help="two runs of BC, too")
     given = parser.parse_args()
     if given.what == "attack":
         print(attacks())
         return
     season = season_in(given.folder / "season", given.labyrinths)
-    learnt = {
-        "BC, which learnt the public test": learn(
+    learnt = {}
+    if given.train:
+        learnt["BC, which learnt the public test"] = learn(
             as_train(given.public, given.folder / "learnt"), given.folder / "runs-of-test"
-        ),
-        "BC, which learnt train": learn(given.public, given.folder / "runs-of-train"),
-    }
+        )
+        learnt["BC, which learnt train"] = learn(given.public, given.folder / "runs-of-train")
     policies = {name: load_policy(folder) for name, folder in learnt.items()}
     print(memorisers(given.public, season, policies))
 
