@@ -21,7 +21,7 @@ from labyrinth_core import evaluate
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
-from labyrinth_core.data.schema import SHARE, Each, Named, Text, check_shape, read_json
+from labyrinth_core.data.schema import SHARE, Each, Text, check_shape, read_json
 from labyrinth_core.data.storage import write_bytes, write_text
 from labyrinth_core.evaluation.description import Judgement
 from labyrinth_core.evaluation.results import RESULTS, Results
@@ -34,7 +34,7 @@ from pipeline.season.submission import Submission, fetched, versions
 
 _ROW = {
     **{name: JUDGEMENT[name] for name in ("submission", "commit", "files", "versions")},
-    "figures": Named(Text(r"\w+"), {"spl": SHARE, "sr": SHARE}),
+    "figures": {"test": {"spl": SHARE, "sr": SHARE}},
     "results_sha256": Text(r"[0-9a-f]{64}"),
 }
 _DECIMALS = 2

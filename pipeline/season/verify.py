@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import current_versions
 from labyrinth_core.data.storage import file_sha256
@@ -37,13 +36,13 @@ def run(run: Run) -> None:
     config = season.dataset_of(season.seed(secret))
     with dataset(run, config) as (data_dir, manifest):
         wrong = _other_files(season, season.other_shards(manifest))
+        known = KnownDataset.read(str(data_dir), config.name)
         lines = []
         for number, row in enumerate(read_rows(place), 1):
-            figures, equal = _judged_again(place, season, number, row, data_dir, config)
+            figures, equal = _judged_again(place, season, number, row, known)
             lines.append([row["submission"], _shown(row["figures"]["test"]), figures, equal])
             wrong += equal != EQUAL
         say(table(["submission", "judged", "recomputed", "equal"], lines, "llll"))
-        known = KnownDataset.read(str(data_dir), config.name)
         for path in sorted((place.public / "self-reported").glob("*.json")):
             wrong += _self_reported(path, known)
     if wrong:
@@ -65,13 +64,14 @@ def _other_files(season: Season, paths: list[str]) -> int:
 
 
 def _judged_again(
-    place: Place, season: Season, number: int, row: Row, data_dir: Path, config: DatasetConfig
+    place: Place, season: Season, number: int, row: Row, known: KnownDataset
 ) -> tuple[str, str]:
     """Return the figures of a submission that is judged again, and `EQUAL` or what differs."""
     revealed = place.public / "results" / f"{number}.json"
     folder = None if row["commit"] else place.public / "submissions" / str(number)
     try:
         with fetched(row["submission"], folder, pinned=row) as submission:
+            data_dir, config = Path(known.source), known.manifest.config
             again = judged(season, submission, data_dir, config, signed=row["versions"])
             here = versions(submission.library)
         figures = _shown(again.row["figures"]["test"])
@@ -81,10 +81,11 @@ def _judged_again(
             return figures, EQUAL
         if again.row["results_sha256"] == row["results_sha256"]:
             return figures, f"no: {place.judged.name} says something else than the results"
-        told = Results.load(revealed).splits
+        told = Results.load(revealed, lambda _: known).splits
     except (DatasetError, PolicyError) as error:
         return "-", f"no: {error}"
-    pairs = ((told[name].episodes, found.episodes) for name, found in again.results.splits.items())
+    splits = again.results.splits
+    pairs = ((told[name].episodes, splits[name].episodes) for name in told.keys() & splits.keys())
     unlike = sum(int((one.moves != other.moves).sum()) for one, other in pairs)
     unlike_versions = [f"{name} {row['versions'][name]}, here {here[name]}" for name in here]
     return figures, f"no: {unlike} episodes differ ({'; '.join(unlike_versions)})"
@@ -95,6 +96,8 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
     try:
         results = Results.load(path, lambda _: known)
         results.require_dataset(known)
+        if "test" not in results.splits:
+            raise ValueError(f"{path} has no results on test")
     except ValueError as error:
         say(f"self-reported, and refused: {error}")
         return True
