@@ -24,6 +24,7 @@ from pipeline.config.analysis import LeakageOptions
 from pipeline.config.export import ExportOptions
 from pipeline.config.run import OPTIONS, PublishOptions, Run, RunConfig, resolve
 from pipeline.config.run import STAGES as KNOWN_STAGES
+from pipeline.config.season import SeasonOptions
 from pipeline.machinery.hints import hints
 
 resource = pytest.importorskip("resource")  # Not on Windows.
@@ -239,7 +240,8 @@ def test_one_stage_needs_no_brackets_and_ends_with_commands_that_work_next(
 def test_hints_name_stages_that_there_are_and_not_options_of_the_last_stage(stage: str) -> None:
     publish = PublishOptions(repo_id="a/b", version="1.0.0")
     export = ExportOptions(format="minari")
-    options = RunConfig(stages=(stage,), size="3", publish=publish, export=export)
+    season = SeasonOptions(name="a", date="2026-11-30", submission="user/model")
+    options = RunConfig(stages=(stage,), size="3", publish=publish, export=export, season=season)
     given = ["size=3", "stages=[x]", "overwrite=true", "publish.repo_id=a/b", "seed=1"]
     for line in hints(resolve(options), given):
         if line.startswith("  "):

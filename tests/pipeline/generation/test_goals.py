@@ -303,7 +303,9 @@ def test_card_and_croissant_say_that_goals_vary(tiny: Run, tmp_path: Path, build
         (tmp_path / name).read_text(encoding="utf-8") for name in ("README.md", "croissant.json")
     )
     command, other = (
-        line for line in readme.splitlines() if line.startswith("labyrinth-datasets size")
+        line
+        for line in re.sub(r"\\\n +", "", readme).splitlines()
+        if line.startswith("labyrinth-datasets size")
     )
     assert "size=3x3 " in command
     assert command.endswith(" goals=varied")
