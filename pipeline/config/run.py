@@ -22,12 +22,12 @@ from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.evaluation.description import RunName
-from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
-from pipeline.config.export import NAMESPACE, RELEASED, ExportOptions
+from pipeline.config.export import NAMESPACE, ExportOptions
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
+from pipeline.config.publish import PublishOptions, check_publish
 from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
 from pipeline.config.training import (
     EvaluationOptions,
@@ -90,59 +90,6 @@ class PlaceOptions:
     )
     stages: tuple[str, ...] = option(
         (), "what to do, in order: " + ", ".join(STAGES), one_of=STAGES
-    )
-
-
-_PART = r"(?!\.)[\w.-]+(?<!\.)(?<!\.lock)"
-_BRANCH = rf"(?!-|HEAD$|.*\.\.){_PART}(/{_PART})*"
-"""What `git check-ref-format --branch` allows, of letters and digits and `_ . - /`."""
-_ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
-
-
-@dataclass(frozen=True)
-class PublishOptions:
-    """Where and how a dataset, its export and environment, a policy and a report are published."""
-
-    repo_id: str = option(
-        "",
-        "dataset on the Hub, such as user/labyrinth",
-        like=(f"({_ID})?", "the id of the dataset on the Hub, such as user/labyrinth"),
-    )
-    model: str = option(
-        "",
-        "model on the Hub for the policy of the run that method, size and so on name, such as "
-        "user/planner-5x5",
-        like=(f"({_ID})?", "the id of a model on the Hub, such as user/planner-5x5"),
-    )
-    space: str = option(
-        "",
-        "Space on the Hub for the report, such as user/labyrinth-report",
-        like=(f"({_ID})?", "the id of a Space on the Hub, such as user/labyrinth-report"),
-    )
-    export: str = option(
-        "",
-        "dataset on the Hub for the export in export.format, such as user/labyrinth-lerobot",
-        like=(f"({_ID})?", "the id of a dataset on the Hub, such as user/labyrinth-lerobot"),
-    )
-    env: str = option(
-        "",
-        "model on the Hub for the environment of the dataset's labyrinths, as LeRobot's EnvHub "
-        "reads it, such as user/labyrinth",
-        like=(f"({_ID})?", "the id of a model on the Hub, such as user/labyrinth"),
-    )
-    version: str = option(
-        "",
-        "tag of the release, such as 1.0.0",
-        like=(r"\d+\.\d+\.\d+", "three numbers, such as 1.0.0"),
-    )
-    dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
-    private: bool = option(False, "make the repository private, if it has to be made")
-    branch: str = option(
-        "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
-    )
-    create_pr: bool = option(False, "open a pull request instead")
-    collection: str | None = option(
-        None, "title of a collection on the Hub that what is published joins"
     )
 
 
@@ -336,58 +283,6 @@ def options_of(config: DictConfig) -> RunConfig:
     return frozen(RunConfig, values)
 
 
-def check_publish(options: RunConfig) -> None:
-    """Raise a ConfigError if an option of what is published is impossible, or missing."""
-    publish = options.publish
-    of_dataset = bool(publish.model or publish.space or publish.env)
-    check(
-        of_dataset or bool(publish.repo_id or publish.export),
-        "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
-        "publish.model, publish.space, publish.export or publish.env",
-    )
-    check_options(publish, PublishOptions, "publish.")
-    if publish.export:
-        _check_released(options)
-    check(
-        bool(publish.repo_id)
-        or not of_dataset
-        or re.fullmatch(_ID, options.dataset or "", re.ASCII) is not None,
-        f"dataset={options.dataset or ''}: give the id on the Hub of the dataset that what is "
-        "published is of, such as user/labyrinth",
-    )
-    check(
-        not publish.model or options.protocol == "default",
-        f"protocol={options.protocol}: its pictures are not those that evaluate shows, so that "
-        "its policy is not published",
-    )
-    check(
-        not publish.model or options.network in (*ENCODERS, *OWN),
-        f"publish.model={publish.model}: policies of method={options.method_name} are not "
-        "published, since load_policy does not make their network",
-    )
-    check(
-        not (publish.model and options.memory),
-        "memory=true: a policy that is published has no memory beside its network, so that this "
-        "one is not published",
-    )
-
-
-def _check_released(options: RunConfig) -> None:
-    """Raise a ConfigError if an export cannot be published."""
-    export = options.export
-    check_options(export, ExportOptions, "export.")
-    check(
-        export.format in RELEASED,
-        f"export.format={export.format}: publish.export releases {' and '.join(RELEASED)}, whose "
-        "libraries read the Hub",
-    )
-    check(
-        export.format != "lerobot" or len(export.splits) == 1,
-        f"export.splits={listed(export.splits)}: a repository holds one LeRobot dataset, so "
-        "publish.export releases one split; give it, such as 'export.splits=[train]'",
-    )
-
-
 def resolve(options: RunConfig) -> Run:
     """Return the run that options ask for.
 
@@ -435,7 +330,7 @@ def resolve(options: RunConfig) -> Run:
     if "environments" in stages:
         check_analysis(options.analysis)
     if "publish" in stages:
-        check_publish(options)
+        check_publish(options.publish, options.export, options)
     if "export" in stages:
         check_options(options.export, ExportOptions, "export.")
     if stages & {*SEASON_STAGES}:

@@ -24,7 +24,8 @@ from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-def
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.hub import announced, limit_silence
-from pipeline.config.run import PublishOptions, Run
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.release.card import write_card

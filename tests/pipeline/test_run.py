@@ -22,7 +22,8 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
 from pipeline.config.analysis import LeakageOptions
 from pipeline.config.export import ExportOptions
-from pipeline.config.run import OPTIONS, PublishOptions, Run, RunConfig, resolve
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import OPTIONS, Run, RunConfig, resolve
 from pipeline.config.run import STAGES as KNOWN_STAGES
 from pipeline.config.season import SeasonOptions
 from pipeline.machinery.hints import hints

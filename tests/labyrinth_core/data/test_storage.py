@@ -34,7 +34,8 @@ from labyrinth_core.data.storage import (
 from labyrinth_core.language.collection import read_collection
 from labyrinth_core.policies.load import load_policy
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
 from pipeline.inspection import front_matter

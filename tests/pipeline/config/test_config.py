@@ -22,16 +22,8 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
-from pipeline.config.run import (
-    OPTIONS,
-    STAGES,
-    PublishOptions,
-    Run,
-    RunConfig,
-    options_of,
-    register,
-    resolve,
-)
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import OPTIONS, STAGES, Run, RunConfig, options_of, register, resolve
 
 CONF = Path(__file__).parents[3] / "conf"
 

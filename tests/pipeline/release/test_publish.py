@@ -31,7 +31,8 @@ from publishing import (
 
 from labyrinth_core.data.splits import BASE_SPLITS
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import PublishOptions, RunConfig, resolve
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import RunConfig, resolve
 from pipeline.release.remote import reasons
 
 pytestmark = pytest.mark.slow

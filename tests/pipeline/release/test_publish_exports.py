@@ -29,7 +29,8 @@ from publishing import (
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
-from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.release.export import staged_export
 
 GROUP, LEROBOT = "user/labyrinth-minari", "user/labyrinth-lerobot"

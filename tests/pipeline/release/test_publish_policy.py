@@ -35,7 +35,8 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import PublishOptions, Run, RunConfig, resolve
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.evaluation import evaluate as evaluate_stage
 from pipeline.release.model import staged_policy
 from pipeline.release.remote import PublishError

@@ -1,0 +1,116 @@
+"""The options of the stage `publish`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from labyrinth_core.policies.spec import ENCODERS, OWN
+from pipeline.config.errors import check, listed
+from pipeline.config.export import RELEASED, ExportOptions
+from pipeline.config.option import check_options, option
+from pipeline.config.training import TrainingOptions
+
+_PART = r"(?!\.)[\w.-]+(?<!\.)(?<!\.lock)"
+_BRANCH = rf"(?!-|HEAD$|.*\.\.){_PART}(/{_PART})*"
+"""What `git check-ref-format --branch` allows, of letters and digits and `_ . - /`."""
+_ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
+
+
+def _id(kind: str, purpose: str, example: str) -> Any:
+    """Declare the id of a repository on the Hub, empty for none."""
+    return option(
+        "",
+        f"{kind} on the Hub{purpose}, such as {example}",
+        like=(f"({_ID})?", f"the id of a {kind} on the Hub, such as {example}"),
+    )
+
+
+@dataclass(frozen=True)
+class PublishOptions:
+    """Where and how a dataset, its export and environment, a policy and a report are published."""
+
+    repo_id: str = _id("dataset", "", "user/labyrinth")
+    model: str = _id(
+        "model", " for the policy of the run that method, size and so on name", "user/planner-5x5"
+    )
+    space: str = _id("Space", " for the report", "user/labyrinth-report")
+    export: str = _id("dataset", " for the export in export.format", "user/labyrinth-lerobot")
+    env: str = _id(
+        "model",
+        " for the environment of the dataset's labyrinths, as LeRobot's EnvHub reads it",
+        "user/labyrinth",
+    )
+    version: str = option(
+        "",
+        "tag of the release, such as 1.0.0",
+        like=(r"\d+\.\d+\.\d+", "three numbers, such as 1.0.0"),
+    )
+    dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
+    private: bool = option(False, "make the repository private, if it has to be made")
+    branch: str = option(
+        "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
+    )
+    create_pr: bool = option(False, "open a pull request instead")
+    collection: str | None = option(
+        None, "title of a collection on the Hub that what is published joins"
+    )
+
+
+def check_publish(
+    publish: PublishOptions, export: ExportOptions, training: TrainingOptions
+) -> None:
+    """Raise a ConfigError if an option of what is published is impossible, or missing.
+
+    Args:
+        publish: The options of publishing.
+        export: Those of the export that is published.
+        training: Those of the run whose policy is published, and of the dataset.
+    """
+    of_dataset = bool(publish.model or publish.space or publish.env)
+    check(
+        of_dataset or bool(publish.repo_id or publish.export),
+        "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
+        "publish.model, publish.space, publish.export or publish.env",
+    )
+    check_options(publish, PublishOptions, "publish.")
+    if publish.export:
+        _check_released(export)
+    check(
+        bool(publish.repo_id)
+        or not of_dataset
+        or re.fullmatch(_ID, training.dataset or "", re.ASCII) is not None,
+        f"dataset={training.dataset or ''}: give the id on the Hub of the dataset that what is "
+        "published is of, such as user/labyrinth",
+    )
+    check(
+        not publish.model or training.protocol == "default",
+        f"protocol={training.protocol}: its pictures are not those that evaluate shows, so that "
+        "its policy is not published",
+    )
+    check(
+        not publish.model or training.network in (*ENCODERS, *OWN),
+        f"publish.model={publish.model}: policies of method={training.method_name} are not "
+        "published, since load_policy does not make their network",
+    )
+    check(
+        not (publish.model and training.memory),
+        "memory=true: a policy that is published has no memory beside its network, so that this "
+        "one is not published",
+    )
+
+
+def _check_released(export: ExportOptions) -> None:
+    """Raise a ConfigError if an export cannot be published."""
+    check_options(export, ExportOptions, "export.")
+    check(
+        export.format in RELEASED,
+        f"export.format={export.format}: publish.export releases {' and '.join(RELEASED)}, whose "
+        "libraries read the Hub",
+    )
+    check(
+        export.format != "lerobot" or len(export.splits) == 1,
+        f"export.splits={listed(export.splits)}: a repository holds one LeRobot dataset, so "
+        "publish.export releases one split; give it, such as 'export.splits=[train]'",
+    )
