@@ -2,7 +2,11 @@
 
 import sys
 
-from pipeline.__main__ import main
+try:
+    from pipeline.__main__ import main
+except KeyboardInterrupt:  # The module that answers signals is not loaded yet.
+    sys.stderr.write("interrupted\n")
+    sys.exit(130)
 
 if __name__ == "__main__":
     sys.exit(main())
