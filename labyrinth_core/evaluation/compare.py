@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.buckets import sample_test
 from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
@@ -43,17 +44,22 @@ PURPOSE = 3
 """The key of the randomness of fresh labyrinths, which no part of a dataset has."""
 
 
-def log_evidence(wins: int, losses: int, share: Any = 0.5) -> Any:
+def log_evidence(
+    wins: int, losses: int, share: float | NDArray[np.float64] = 0.5
+) -> NDArray[np.float64]:
     """Return the logarithm of the evidence against a share of wins.
 
     Args:
         wins: The labyrinths that the first policy alone solves.
         losses: The labyrinths that the other policy alone solves.
         share: The share or shares, above 0 and below 1, shape (...).
+
+    Returns:
+        Of the shape of the shares.
     """
     # The ratio of two values of the beta function, of which the second is pi.
     seen = lgamma(wins + 0.5) + lgamma(losses + 0.5) - lgamma(wins + losses + 1) - log(pi)
-    return seen - wins * np.log(share) - losses * np.log1p(-np.asarray(share))
+    return np.asarray(seen - wins * np.log(share) - losses * np.log1p(-np.asarray(share)))
 
 
 @dataclass(frozen=True)
@@ -71,12 +77,12 @@ class Comparison:
     steps: int
     """The number of steps within which a labyrinth is to be solved."""
     error: float
-    """The probability with which two equally good policies are told apart."""
+    """The largest probability with which two equally good policies are told apart."""
 
     @property
     def evidence(self) -> float:
         """The evidence against both being equally good; they are told apart at 1 / `error`."""
-        return exp(min(log_evidence(self.wins, self.losses), 700))
+        return exp(min(float(log_evidence(self.wins, self.losses)), 700))
 
     @property
     def better(self) -> str | None:
@@ -97,7 +103,9 @@ class Comparison:
         At any time, and at all times together, the share lies within them but for a probability of
         `error`. They are 0 and 1 where no labyrinth tells the policies apart.
         """
-        shares = np.linspace(0.001, 0.999, 999)
+        # The share that is expected after these labyrinths is always possible.
+        expected = (self.wins + 0.5) / (self.wins + self.losses + 1)
+        shares = np.sort(np.append(np.linspace(0.001, 0.999, 999), expected))
         against = log_evidence(self.wins, self.losses, shares)
         low, high = shares[against < -log(self.error)][[0, -1]].tolist()
         return (low if low > shares[0] else 0.0), (high if high < shares[-1] else 1.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from types import SimpleNamespace
 
 import huggingface_hub
 import numpy as np
@@ -24,7 +23,6 @@ from labyrinth_core.evaluation.baselines import random_figures
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
-from labyrinth_core.policies.lerobot import LeRobotPolicy
 from labyrinth_core.world.labyrinth import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
@@ -116,104 +114,6 @@ def test_a_function_is_asked_no_more_about_episodes_that_are_over(arrays_of):
     policy, asked = Table(arrays, mistaken(arrays, 0)), []
     stepped(lambda seen: asked.append(len(seen)) or policy(seen), arrays)
     assert sum(asked) == arrays.distance.sum()
-
-
-# The forms of other libraries.
-
-
-class Predicts:
-    """A policy with the `predict` of Stable-Baselines3: it counts its steps, if it remembers."""
-
-    def __init__(self, policy, remembers=False, seen=None):
-        self.policy, self.remembers = policy, remembers
-        if seen is not None:
-            self.observation_space = SimpleNamespace(sample=lambda: seen[0])
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=False):
-        assert deterministic
-        if not self.remembers:
-            return self.policy(observation), state
-        if observation.ndim == 3:
-            return 0, 1
-        assert (state is None) == episode_start.all() == episode_start.any()
-        steps = np.zeros(len(observation), int) if state is None else state
-        return steps // 3 % 4, steps + 1
-
-
-class PredictsAsModule(torch.nn.Module):
-    """As the policies of Stable-Baselines3: what it returns when called are no actions."""
-
-    def __init__(self, *arguments):
-        super().__init__()
-        self.form = Predicts(*arguments)
-        self.observation_space = self.form.observation_space
-        self.predict = self.form.predict
-
-    def forward(self, observations):
-        return observations, None, None
-
-
-def test_a_policy_with_the_predict_of_stable_baselines3_is_evaluated(datasets, arrays_of):
-    arrays = arrays_of["3x4", "train"]
-    table, seen = Table(arrays, mistaken(arrays, 0.2)), observed(arrays)
-    same = {
-        "look-ups": (table, Predicts(table, seen=seen), PredictsAsModule(table, False, seen)),
-        "steps": (Remembering(table), Predicts(table)),  # It cannot be asked whether it remembers.
-    }
-    for way, policies in same.items():
-        check_alike(datasets, policies, way)
-    check_alike(datasets, [Rounds(3), Predicts(None, True, seen), Predicts(None, True)], "steps")
-
-
-def check_alike(datasets, policies, way):
-    found = [evaluate(each, datasets, "3x4", image_size=8, splits=["train"]) for each in policies]
-    assert [each.way for each in found] == [way] * len(found)
-    first, *others = (each.splits["train"].figures() for each in found)
-    assert all(each == first for each in others)
-
-
-class Selects(torch.nn.Module):
-    """A policy with `reset` and `select_action` of LeRobot, which answers in chunks of two."""
-
-    def __init__(self, policy):
-        super().__init__()
-        self.policy = policy
-
-    def reset(self):
-        self.queue = []
-
-    def select_action(self, batch):
-        if not self.queue:
-            pictures = (batch["observation.image"] * 255).round().byte().permute(0, 2, 3, 1)
-            action = torch.as_tensor(self.policy(pictures.numpy()))[:, None]
-            self.queue = [action / 2 + 0.1, action / 2 - 0.2]
-        return self.queue.pop(0)
-
-
-def test_a_policy_of_lerobot_is_evaluated_with_its_processors(datasets, arrays_of):
-    arrays = arrays_of["3x4", "train"]
-    table = Table(arrays, mistaken(arrays, 0))
-    policy = LeRobotPolicy(Selects(table), dict, lambda action: action * 2)
-
-    class Twice:
-        """Takes each action twice, as the chunks say."""
-
-        def reset(self, _count):
-            self.steps = 0
-
-        def act(self, observations):
-            if self.steps % 2 == 0:
-                self.actions = table(observations)
-            self.steps += 1
-            return self.actions
-
-    check_alike(datasets, [Twice(), policy], "steps")
-    for wrong, options, message in (
-        (Selects(table), {}, r"policy: give one of LeRobot with its processors: .*LeRobotPolicy\("),
-        (policy, {"observation": "vector"}, "looks at pictures: give observation=image"),
-    ):
-        with pytest.raises(PolicyError, match=message):
-            evaluate(wrong, datasets, "3x4", image_size=8, **options)
 
 
 # Chance.
