@@ -28,9 +28,9 @@ from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import Episodes, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.row_groups import RowGroups
+from labyrinth_core.data.row_groups import Part
 from labyrinth_core.data.rows import Rows
-from labyrinth_core.data.source import Filter, Part, Wanted, find_part, find_row_groups
+from labyrinth_core.data.source import Wanted, find_part
 from labyrinth_core.data.transitions import (
     Columns,
     LoadedEpisode,
@@ -49,38 +49,18 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Request:
-    """What to load; `load_episodes` explains the fields."""
+class Request(Wanted):
+    """What to load and how states are observed; `load_episodes` explains the fields."""
 
-    source: str | Path
-    config: str
     _: KW_ONLY
-    split: str = "train"
     observation: str = "image"
     image_size: int = DEFAULT_IMAGE_SIZE
-    revision: str | None = None
     draw: bool = False
     resize: str = "area"
-    labyrinths: int | None = None
-    where: Filter | None = None
 
     def spec(self) -> ObservationSpec:
         """Return how states are observed; raise ValueError for a value that is not allowed."""
         return ObservationSpec(self.observation, self.image_size, self.draw, self.resize)
-
-    def wanted(self) -> Wanted:
-        """Return which part of the dataset to read."""
-        return Wanted(
-            self.source, self.config, self.split, self.revision, self.labyrinths, self.where
-        )
-
-    def part(self) -> Part:
-        """Return the part of the dataset to read, with all its files in a folder."""
-        return find_part(self.wanted())
-
-    def row_groups(self) -> RowGroups:
-        """Return the part of the dataset to read, by row group."""
-        return find_row_groups(self.wanted())
 
 
 @dataclass(frozen=True)
@@ -152,7 +132,7 @@ def load_transitions(request: TransitionsRequest) -> Transitions:  # noqa: D417
     named = isinstance(cache_dir, str) and cache_dir.strip()
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
-    part = request.part()
+    part = find_part(request)
     found = _cached(request, part, spec) or _in_memory(part, spec)
     if not request.optimal:
         return found
@@ -168,7 +148,7 @@ def _cached(request: TransitionsRequest, part: Part, spec: ObservationSpec) -> T
             return None
         key = _key(part, spec)
         path = folder / frame_cache.name_of(part.config, request.split, spec.image_size, key)
-        size = sum(shard.rows for shard in part.shards) * 3 * spec.image_size**2
+        size = len(part) * 3 * spec.image_size**2
         return frame_cache.load(path, key, size, lambda: _frames(part, spec))
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
@@ -230,8 +210,8 @@ def _key(part: Part, spec: ObservationSpec, version: int = PICTURES_VERSION) -> 
         "resize": spec.resize,
         "pixels": version,
     }
-    if some := [each.tolist() for each in part.numbers if each is not None]:
-        content["labyrinths"] = some
+    if part.kept is not None:
+        content["rows"] = hashlib.sha256(np.packbits(part.kept).tobytes()).hexdigest()
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -262,7 +242,7 @@ def load_episodes(request: Request) -> Generator[LoadedEpisode]:  # noqa: D417
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = request.spec()
-    return episodes_of(request.part().rows(pictures=spec.decodes), spec)
+    return episodes_of(find_part(request).rows(pictures=spec.decodes), spec)
 
 
 def episodes_of(rows: Iterable[Rows], spec: ObservationSpec) -> Generator[LoadedEpisode]:

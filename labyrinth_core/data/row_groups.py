@@ -1,4 +1,4 @@
-"""The row groups of a split, of which any may be read: the episodes that begin in them."""
+"""A split or some labyrinths of it: all their rows, or the episodes that begin in row groups."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import BATCH_ROWS, NO_ACTION
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.rows import Rows, columns_read, opened, opened_in_place, rows_of_table
+from labyrinth_core.data.rows import (
+    Rows,
+    columns_read,
+    opened,
+    opened_in_place,
+    rows_of_table,
+    rows_together,
+)
 from labyrinth_core.data.storage import AnyPath, RemotePath
 
 if TYPE_CHECKING:
@@ -20,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class RowGroups:
+class Part:
     """A split, or some labyrinths of it.
 
     A row group begins and ends with an episode, unless an episode is too long for one. Such an
@@ -28,11 +35,38 @@ class RowGroups:
     """
 
     folder: AnyPath
-    place: RemotePath | None
-    """Where the shards are that the folder does not hold; None if it holds all."""
+    config: str
+    """The name of its config."""
     shards: Sequence[Shard]
+    """All shards of the split."""
     kept: NDArray[np.bool_] | None = None
     """Which of the split's first rows are those of the labyrinths, shape (n,); None for all."""
+    place: RemotePath | None = None
+    """Where the shards are that the folder does not hold; None if it holds all that are needed."""
+
+    def __len__(self) -> int:
+        """Return the number of its rows."""
+        return int(self.kept_before(self.first_rows())[-1])
+
+    def held(self) -> list[int]:
+        """Return the numbers of the shards that hold some of its rows."""
+        kept: list[int] = np.flatnonzero(np.diff(self.kept_before(self.first_rows()))).tolist()
+        return kept
+
+    def rows(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield its rows; no row group after the last of them is read.
+
+        Raises:
+            DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
+        """
+        for number in self.held():
+            first = int(self.first_rows()[number])
+            with self.opened(number) as file:
+                for rows in rows_together(file, pictures=pictures):
+                    yield self._kept(rows, first)
+                    first += len(rows.actions)
+                    if self.kept is not None and not self.kept[first:].any():
+                        return
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Open a shard; an error within means that it cannot be read."""
@@ -56,11 +90,6 @@ class RowGroups:
             return rows
         count = np.append(0, np.cumsum(self.kept))
         return count[np.minimum(rows, len(self.kept))]
-
-    def all(self, *, pictures: bool) -> Iterator[Rows]:
-        """Yield all rows."""
-        with self.opened(0) as file:
-            yield from self._after(file, 0, 0, pictures=pictures)
 
     def read(
         self, file: ParquetFile, number: int, groups: Sequence[int], row: int, *, pictures: bool

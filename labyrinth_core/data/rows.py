@@ -26,9 +26,6 @@ TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 TOGETHER = 64
 """Row groups that are read together without pictures: many texts are parsed in less time."""
 
-Numbers = NDArray[np.int64]
-"""The numbers of some labyrinths, ascending; the first of a split or of a shard has 0."""
-
 
 class Rows(NamedTuple):
     """Consecutive rows of a dataset, n of them."""
@@ -80,11 +77,16 @@ def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> It
     """
     for shard in shards:
         with opened(folder, shard) as file:
-            together = 1 if pictures else TOGETHER
-            tables = tables_of(file, columns_read(pictures), together=together)
-            blocks = (rows_of_table(table, pictures=pictures) for table in tables)
-            while some := list(islice(blocks, 1 if pictures else TOGETHER)):
-                yield joined(some)
+            yield from rows_together(file, pictures=pictures)
+
+
+def rows_together(file: pyarrow.parquet.ParquetFile, *, pictures: bool) -> Iterator[Rows]:
+    """Yield the rows of a shard, without pictures those of `TOGETHER` row groups at once."""
+    together = 1 if pictures else TOGETHER
+    tables = tables_of(file, columns_read(pictures), together=together)
+    blocks = (rows_of_table(table, pictures=pictures) for table in tables)
+    while some := list(islice(blocks, together)):
+        yield joined(some)
 
 
 def columns_read(pictures: bool) -> list[str]:
@@ -197,23 +199,7 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
     )
 
 
-def of_labyrinths(blocks: Iterable[Rows], numbers: Numbers | None) -> Iterator[Rows]:
-    """Yield the rows of some labyrinths, reading no block after that of the last of them.
-
-    Args:
-        blocks: The rows of whole labyrinths, of which the first has the number 0.
-        numbers: The numbers of the labyrinths; None for all.
-    """
-    if numbers is None:
-        yield from blocks
-        return
-    for rows, number in numbered(blocks):
-        yield rows.take(np.isin(number, numbers))
-        if number[-1] > numbers[-1]:
-            return
-
-
-def numbered(blocks: Iterable[Rows]) -> Iterator[tuple[Rows, Numbers]]:
+def numbered(blocks: Iterable[Rows]) -> Iterator[tuple[Rows, NDArray[np.int64]]]:
     """Yield blocks of rows with the number of the labyrinth in each row, from 0, shape (n,)."""
     before, last = -1, ""
     for rows in blocks:

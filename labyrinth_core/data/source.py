@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import chain, groupby
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import QUESTIONS
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from labyrinth_core.data.row_groups import RowGroups
-from labyrinth_core.data.rows import Numbers, Rows, numbered, of_labyrinths, read_rows, readable
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.row_groups import Part
+from labyrinth_core.data.rows import numbered, readable
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 
 if TYPE_CHECKING:
@@ -96,68 +97,56 @@ def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> Dat
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A split, or some labyrinths of it, in a folder."""
-
-    folder: AnyPath
-    config: str
-    """The name of its config."""
-    shards: Sequence[Shard]
-    """The shards that hold some of it."""
-    numbers: Sequence[Numbers | None]
-    """The labyrinths in each of the shards; None for all."""
-
-    def rows(self, *, pictures: bool) -> Iterator[Rows]:
-        """Yield its rows; raise as `read_rows` does."""
-        for shard, numbers in zip(self.shards, self.numbers, strict=True):
-            yield from of_labyrinths(read_rows(self.folder, [shard], pictures=pictures), numbers)
-
-
-class Wanted(NamedTuple):
-    """A split or a part of it, as a user asks for it; `loader.load_episodes` explains the fields.
-
-    The functions that take it raise the errors named there.
-    """
+@dataclass(frozen=True)
+class Wanted:
+    """A split or a part of it, as asked for; `loader.load_episodes` explains the fields."""
 
     source: str | Path
     config: str
-    split: str
+    _: KW_ONLY
+    split: str = "train"
     revision: str | None = None
     labyrinths: int | None = None
     where: Filter | None = None
 
-
-def find_part(wanted: Wanted) -> Part:
-    """Return a split or a part of it; from the Hub come only the shards that hold some of it."""
-    source, config, split, revision, _, _ = wanted
-    numbers = _find_numbers(wanted)
-    if numbers is None:
-        folder = locate(source, config, [f"{split}-*.parquet"], revision)
-        manifest = Manifest.read(folder)
-        shards = manifest.of(split)
-        return Part(folder, manifest.config.name, shards, [None] * len(shards))
-    manifest = Manifest.read(locate(source, config, [], revision))
-    shards = manifest.of(split)
-    counts = np.array([shard.labyrinths for shard in shards])
-    ends = np.cumsum(counts)
-    parts = np.split(numbers, np.searchsorted(numbers, ends))[: len(shards)]
-    held = [n for n, part in enumerate(parts) if len(part)]
-    shards = [shards[n] for n in held]
-    folder = locate(source, config, [shard.path for shard in shards], revision)
-    within = [parts[n] - (ends - counts)[n] for n in held]
-    return Part(folder, manifest.config.name, shards, within)
+    def locate(self, files: Iterable[str]) -> AnyPath:
+        """Return the folder with the manifest and other files; see `locate`."""
+        return locate(self.source, self.config, files, self.revision)
 
 
-def _find_numbers(wanted: Wanted) -> Numbers | None:
-    """Return the numbers of the labyrinths of a split that are asked for, None for all."""
-    source, config, split, revision, labyrinths, where = wanted
-    if labyrinths is None and where is None:
-        return None
-    folder = locate(source, config, [] if where is None else [TABLE], revision)
+def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
+    """Return a split or a part of it; from the Hub come only the shards that hold some of it.
+
+    Args:
+        wanted: What is asked for.
+        in_place: Whether shards on the Hub are not downloaded, but read where they are.
+
+    Raises:
+        ValueError, DatasetError: As for `loader.load_episodes`.
+    """
+    whole = wanted.labyrinths is None and wanted.where is None
+    folder = wanted.locate([f"{wanted.split}-*.parquet"] if whole and not in_place else [])
     manifest = Manifest.read(folder)
-    count = sum(shard.labyrinths for shard in manifest.of(split))
-    numbers = np.arange(count) if where is None else _filtered(folder, manifest, split, where)
+    part = Part(folder, manifest.config.name, manifest.of(wanted.split))
+    if local_folder(wanted.source, wanted.config, wanted.revision) is None:
+        commit = folder.parent.name
+        place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
+        part = replace(part, place=place)
+    if not whole:
+        part = replace(part, kept=_kept(wanted, part, manifest))
+    if not whole and not in_place:
+        files = [part.shards[number].path for number in part.held()]
+        part = replace(part, folder=wanted.locate(files))
+    return part
+
+
+def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] | None:
+    """Return which of a split's first rows are those of the labyrinths asked for, None for all."""
+    labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
+    count = sum(shard.labyrinths for shard in part.shards)
+    numbers = np.arange(count)
+    if where is not None:
+        numbers = _filtered(wanted.locate([TABLE]), manifest, split, where)
     if labyrinths is not None:
         whole = isinstance(labyrinths, int | np.integer) and not isinstance(labyrinths, bool)
         if not whole or not 1 <= labyrinths <= len(numbers):
@@ -167,40 +156,27 @@ def _find_numbers(wanted: Wanted) -> Numbers | None:
                 f"many as split={split} has{filtered}"
             )
         numbers = numbers[:labyrinths]
-    return None if len(numbers) == count else numbers
-
-
-def find_row_groups(wanted: Wanted) -> RowGroups:
-    """Return a split or a part of it, to be read by row group; nothing of it is downloaded yet."""
-    source, config, split, revision, _, _ = wanted
-    numbers = _find_numbers(wanted)
-    folder = locate(source, config, [], revision)
-    manifest = Manifest.read(folder)
-    place = None
-    if local_folder(source, config, revision) is None:  # The folder is that of a commit.
-        place = RemotePath(f"hf://datasets/{source}@{folder.parent.name}/{config}")
-    found = RowGroups(folder, place, manifest.of(split))
-    if numbers is None:
-        return found
+    if len(numbers) == count:
+        return None
     if manifest.labyrinths is None:
-        number = _numbers_of_rows(found, int(numbers[-1]))
+        number = _numbers_of_rows(part, int(numbers[-1]))
     else:
-        rows = _rows_of_labyrinths(locate(source, config, [TABLE], revision), manifest, split)
+        rows = _rows_of_labyrinths(wanted.locate([TABLE]), manifest, split)
         number = np.repeat(np.arange(len(rows)), rows)
-    return replace(found, kept=np.isin(number, numbers))
+    return np.isin(number, numbers)
 
 
-def _numbers_of_rows(found: RowGroups, last: int) -> Numbers:
+def _numbers_of_rows(part: Part, last: int) -> NDArray[np.int64]:
     """Return the number of the labyrinth in each row up to the last row of a labyrinth."""
-    parts = []
-    for _, part in numbered(found.all(pictures=False)):
-        parts.append(part)
-        if part[-1] > last:
+    numbers = []
+    for _, number in numbered(part.rows(pictures=False)):
+        numbers.append(number)
+        if number[-1] > last:
             break
-    return np.concatenate(parts)
+    return np.concatenate(numbers)
 
 
-def _rows_of_labyrinths(folder: AnyPath, manifest: Manifest, split: str) -> Numbers:
+def _rows_of_labyrinths(folder: AnyPath, manifest: Manifest, split: str) -> NDArray[np.int64]:
     """Return the number of rows of each labyrinth of a split."""
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -210,7 +186,8 @@ def _rows_of_labyrinths(folder: AnyPath, manifest: Manifest, split: str) -> Numb
     return table["rows"].to_numpy()  # type: ignore[no-any-return]
 
 
-def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> Numbers:
+def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> NDArray[np.int64]:
+    """Return the numbers of the labyrinths of a split that a filter leaves, ascending."""
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -231,7 +208,7 @@ def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> Nu
                 f"where={where}: {reason}; the columns of {TABLE} are {columns}"
             ) from error
     # A first row tells a labyrinth, as they are in the order of the rows.
-    numbers: Numbers = np.searchsorted(every, kept["first_row"].to_numpy())
+    numbers: NDArray[np.int64] = np.searchsorted(every, kept["first_row"].to_numpy())
     if not len(numbers):
         raise ValueError(f"where={where}: split={split} has no such labyrinth")
     return numbers

@@ -23,6 +23,7 @@ import numpy as np
 
 from labyrinth_core.data.loader import Request, asked_by, episodes_of
 from labyrinth_core.data.rows import TOGETHER, Rows, joined
+from labyrinth_core.data.source import find_part
 from labyrinth_core.data.transitions import LoadedEpisode, Transition
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class Stream(Generic[Item]):
         self._buffer = request.buffer()
         self._seed = _whole(request.seed, "seed", 0, "a whole number from 0 on")
         self._rank, self._ranks = request.share()
-        self._found = request.row_groups()
+        self._found = find_part(request, in_place=True)
         self._epoch: Any = np.zeros((), np.int64)
         self._at: dict[str, Any] | None = None
         self._loaded = False

@@ -143,7 +143,10 @@ def load_arrays(
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    part = find_part(Wanted(source, config, split, revision, labyrinths, where))
+    wanted = Wanted(
+        source, config, split=split, revision=revision, labyrinths=labyrinths, where=where
+    )
+    part = find_part(wanted)
     for block in replayed(part.rows(pictures=False)):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):
