@@ -124,25 +124,29 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     Raises:
         ValueError, DatasetError: As for `loader.load_episodes`.
     """
-    whole = wanted.labyrinths is None and wanted.where is None
-    folder = wanted.locate([f"{wanted.split}-*.parquet"] if whole and not in_place else [])
+    if wanted.labyrinths is None and wanted.where is None and not in_place:
+        folder = wanted.locate([f"{wanted.split}-*.parquet"])
+        manifest = Manifest.read(folder)
+        return Part(folder, manifest.config.name, manifest.of(wanted.split))
+    folder = wanted.locate([])
     manifest = Manifest.read(folder)
     part = Part(folder, manifest.config.name, manifest.of(wanted.split))
     if local_folder(wanted.source, wanted.config, wanted.revision) is None:
         commit = folder.parent.name
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
         part = replace(part, place=place)
-    if not whole:
-        part = replace(part, kept=_kept(wanted, part, manifest))
-    if not whole and not in_place:
-        files = [part.shards[number].path for number in part.held()]
-        part = replace(part, folder=wanted.locate(files))
-    return part
+    part = replace(part, kept=_kept(wanted, part, manifest))
+    if in_place:
+        return part
+    files = [part.shards[number].path for number in part.held()]
+    return replace(part, folder=wanted.locate(files))
 
 
 def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] | None:
     """Return which of a split's first rows are those of the labyrinths asked for, None for all."""
     labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
+    if labyrinths is None and where is None:
+        return None
     count = sum(shard.labyrinths for shard in part.shards)
     numbers = np.arange(count)
     if where is not None:
@@ -181,9 +185,9 @@ def _rows_of_labyrinths(folder: AnyPath, manifest: Manifest, split: str) -> NDAr
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
-    with table_file(folder, manifest) as path:
-        table = pq.read_table(path, columns=["rows"], filters=pc.field("split") == split)
-    return table["rows"].to_numpy()  # type: ignore[no-any-return]
+    with table_file(folder, manifest) as path, pq.ParquetFile(path) as file:
+        table = file.read(["split", "rows"])
+    return table.filter(pc.equal(table["split"], split))["rows"].to_numpy()  # type: ignore[no-any-return]
 
 
 def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> NDArray[np.int64]:
