@@ -30,8 +30,8 @@ from PIL import Image, ImageDraw
 
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
-from labyrinth_core.evaluation.playing import attempts
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays
+from labyrinth_core.evaluation.playing import attempts, play_once, step_through
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter, Style, render
 from labyrinth_core.policies.networks.mapping import MapperPolicy
@@ -96,26 +96,31 @@ def main() -> None:
         began = time.process_time()
         arrays = as_arrays(labyrinths, Drawing(labyrinths, styles, moved, image_size(*shape)))
         player = make_player(*shape)
-        # Those with a memory are shown all labyrinths of a group until the last one has ended.
-        group = 1 if player.reset else len(labyrinths)
-        episodes = [
-            episode
-            for first in range(0, len(labyrinths), group)
-            for episode in attempts(player, arrays, range(first, first + group))
-        ]
-        kept[name] = [episode.states[-1].agent == episode.labyrinth.goal for episode in episodes]
-        solved = np.array([kept[name]], float)
-        low, high = interval(solved)
+        solved = solved_in(player, arrays)
+        kept[name] = solved.tolist()
+        low, high = interval(solved[None].astype(float))
         print(
             f"{name:36} {solved.mean():7.1%}  95% {100 * low:.0f}-{100 * high:.0f}  "
-            f"of {len(episodes)}, {time.process_time() - began:.0f} s of CPU",
+            f"of {len(solved)}, {time.process_time() - began:.0f} s of CPU",
             flush=True,
         )
         if given.json is not None:
             write_results(given.json, about, kept)
         if given.pictures is not None:
             folder = given.pictures / name.replace(", ", "-").replace(" ", "-")
-            draw_failures(folder, episodes, styles)
+            for number in np.flatnonzero(~solved).tolist():
+                (episode,) = attempts(player, arrays, [number])
+                draw_failure(folder, number, episode, styles[number])
+
+
+def solved_in(player: Player, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
+    """Return which labyrinths a policy solves in as many steps as there are cells, shape (L,)."""
+    if player.forgets:
+        return play_once(player, arrays, arrays.cells).solved
+    # One labyrinth at a time: a policy with a memory is shown all until the last one has ended.
+    walked = step_through(player, arrays, 1, together=1)
+    solved: NDArray[np.bool_] = walked.solved[0] & (walked.moves[0] <= arrays.cells)
+    return solved
 
 
 def shown(
@@ -151,14 +156,14 @@ class Drawing:
     ) -> None:
         pairs = zip(labyrinths, styles, strict=True)
         self._painters = {id(each): Painter(each, style) for each, style in pairs}
-        self._image_size = image_size
+        self._image_size, self._moved = image_size, moved
         self._pixels = (np.arange(image_size) - moved).clip(0)
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[np.uint8]:
         """Return the pictures of states, shape (N, image_size, image_size, 3)."""
         size = self._image_size
         pictures = np.stack([self._painters[id(each)].array(state, size) for each, state in views])
-        return pictures[:, self._pixels[:, None], self._pixels]
+        return pictures[:, self._pixels[:, None], self._pixels] if self._moved else pictures
 
 
 def policy_of(
@@ -187,25 +192,20 @@ def policy_of(
     return player, partial(method.image_size, spec, settings)
 
 
-def draw_failures(
-    folder: Path, episodes: Sequence[Episode], styles: Sequence[Style | None]
-) -> None:
-    """Draw the last state of each failure with its path dotted, and print the reason."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for number, (episode, style) in enumerate(zip(episodes, styles, strict=True)):
-        last, before = episode.states[-1], episode.states[-2]
-        if last.agent == episode.labyrinth.goal:
-            continue
-        how = "wall" if last == before else "loop or ice"
-        print(f"  {folder.name}-{number}: {how} after {len(episode.states) - 1} moves")
-        picture = Image.fromarray(render(episode.labyrinth, last, style=style))
-        pen, structure = ImageDraw.Draw(picture), episode.labyrinth.structure
-        pitch = PICTURE_SIZE / max(structure.height, structure.width)
-        for state in episode.states[:-1]:
-            row, column = episode.labyrinth.position(state.agent)
-            x, y = (column + 0.5) * pitch, (structure.height - row - 0.5) * pitch
-            pen.ellipse((x - pitch / 8, y - pitch / 8, x + pitch / 8, y + pitch / 8), fill="orange")
-        picture.save(folder.parent / f"{folder.name}-{number}.png")
+def draw_failure(folder: Path, number: int, episode: Episode, style: Style | None) -> None:
+    """Draw the last state of a failure with its path dotted, and print the reason."""
+    last, before = episode.states[-1], episode.states[-2]
+    how = "wall" if last == before else "loop or ice"
+    print(f"  {folder.name}-{number}: {how} after {len(episode.states) - 1} moves")
+    picture = Image.fromarray(render(episode.labyrinth, last, style=style))
+    pen, structure = ImageDraw.Draw(picture), episode.labyrinth.structure
+    pitch = PICTURE_SIZE / max(structure.height, structure.width)
+    for state in episode.states[:-1]:
+        row, column = episode.labyrinth.position(state.agent)
+        x, y = (column + 0.5) * pitch, (structure.height - row - 0.5) * pitch
+        pen.ellipse((x - pitch / 8, y - pitch / 8, x + pitch / 8, y + pitch / 8), fill="orange")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    picture.save(folder.parent / f"{folder.name}-{number}.png")
 
 
 if __name__ == "__main__":

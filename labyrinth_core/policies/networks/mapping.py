@@ -105,25 +105,16 @@ class Mapper(nn.Module):
         looks = functional.layer_norm(role[..., 2:], role[0, 0, 2:].shape)  # Of any use at once.
         return Roles(moves, ends, looks)
 
-    def passable(self, seen: Tensor, looks: Tensor) -> Tensor:
-        """Return the logits that what moves can pass from a cell to each of those around it.
-
-        For each of these it is looked at from the middle of the cell to the middle of the other.
+    def passable(self, seen: Tensor) -> Tensor:
+        """Return the logits that what moves can pass from cells to those around them.
 
         Args:
-            seen: What `Surroundings.at` shows of N cells.
-            looks: As in `Roles`, shape (N, K, features).
+            seen: What `Surroundings.on_ways` shows of N cells in the directions of `AROUND`.
 
         Returns:
-            Shape (N, 8), in the order of `AROUND`.
+            Shape (N, 8).
         """
-        scene = torch.einsum("nkyx,nkl->nlyx", seen, looks)
-        windows = []
-        for turns, (down, right) in enumerate(AROUND):
-            top, left = CELL + CELL // 2 * down, CELL + CELL // 2 * right
-            window = scene[:, :, top : top + CELL, left : left + CELL]
-            windows.append(torch.rot90(window, turns % 4, (2, 3)).flatten(1))
-        logits: Tensor = self.passing(torch.stack(windows, 1))
+        logits: Tensor = self.passing(seen.flatten(2))
         return logits[..., 0]
 
     def outcomes(self, passable: Tensor) -> Tensor:
@@ -151,9 +142,11 @@ class Mapper(nn.Module):
         cells = torch.arange(places.shape[2], device=masks.device)
         plans = []
         for picture, end in enumerate(ends):
-            here = torch.full_like(cells, picture)
-            passable = self.passable(surroundings.at(here, cells), roles.looks[here])
-            steps, actions = (-self.outcomes(passable)[:, :, :STAY].double()).exp().min(1)
+            around = Surroundings(*(each[picture, None] for each in surroundings))
+            looks = roles.looks[picture, None]
+            seen = around.on_ways(looks, AROUND, torch.zeros_like(cells), cells)
+            outcomes = self.outcomes(self.passable(seen))
+            steps, actions = (-outcomes[:, :, :STAY].double()).exp().min(1)
             best = _quickest(steps.T.unflatten(1, surroundings.grid), int(end))
             plans.append(actions.gather(1, best[:, None])[:, 0])
         return movers, torch.stack(plans)
@@ -218,6 +211,12 @@ class MapperPolicy:
             for each, colour in zip(pictures, self._colours.tolist(), strict=True)
         ]
         return self._plans[np.arange(len(cells)), cells]
+
+    def remembered(self) -> NDArray[np.int64]:
+        """Return what it remembers of each episode: the colour, and the action in each cell."""
+        if not self.remember:
+            return np.zeros((len(self._colours), 0), np.int64)
+        return np.column_stack([self._colours, self._plans])
 
     def _begin(self, pictures: list[Slots]) -> None:
         plans, colours = [], []

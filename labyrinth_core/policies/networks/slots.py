@@ -12,7 +12,8 @@ thicknesses of walls.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -32,13 +33,15 @@ Scene = NDArray[np.uint16]
 class Slots(NamedTuple):
     """The slots of a picture of `side` pixels each way.
 
-    Most rows of pixels equal the one above, and are kept once.
+    Most rows and columns of pixels equal the one before, and are kept once.
     """
 
-    lines: NDArray[np.uint8]
-    """The slot of each pixel in each different row of pixels, from the top, shape (R, side)."""
+    grid: NDArray[np.uint8]
+    """The slot of each pixel in each different row and column of pixels, shape (R, C)."""
     rows: NDArray[np.int64]
     """Which of these each row is, ascending, shape (side,)."""
+    columns: NDArray[np.int64]
+    """Which of these each column is, ascending, shape (side,)."""
     colours: NDArray[np.uint32]
     """The colour of each slot, as one number, shape (K,)."""
 
@@ -49,21 +52,27 @@ def slots_of(picture: NDArray[np.uint8]) -> Slots:
     Raises:
         ValueError: It has more than `MOST_SLOTS` colours, as a picture that was shrunk has.
     """
-    new = np.ones(len(picture), np.bool_)
-    new[1:] = (picture[1:] != picture[:-1]).any(axis=(1, 2))
-    red, green, blue = np.moveaxis(picture[new].astype(np.uint32), 2, 0)
-    pixels = (red << 16 | green << 8 | blue).reshape(-1)
-    starts = np.flatnonzero(np.diff(pixels, prepend=~pixels[:1]))  # Of runs of equal pixels.
-    colours, first, which = np.unique(pixels[starts], return_index=True, return_inverse=True)
+    rows = _different(picture.reshape(len(picture), -1))
+    red, green, blue = np.moveaxis(picture[rows].astype(np.uint32), 2, 0)
+    pixels = red << 16 | green << 8 | blue
+    columns = _different(pixels.T)
+    pixels = pixels[:, columns]
+    colours, first, which = np.unique(pixels, return_index=True, return_inverse=True)
     if len(colours) > MOST_SLOTS:
         raise ValueError(
             f"a picture has {len(colours)} colours: show pictures of flat colours, {MOST_SLOTS} at "
             "most, as image_size=600 has them"
         )
     order = first.argsort()
-    numbers = order.argsort().astype(np.uint8)
-    lines = numbers[which].repeat(np.diff(starts, append=len(pixels)))
-    return Slots(lines.reshape(-1, picture.shape[1]), new.cumsum() - 1, colours[order])
+    grid = order.argsort().astype(np.uint8)[which].reshape(pixels.shape)
+    return Slots(grid, rows.cumsum() - 1, columns.cumsum() - 1, colours[order])
+
+
+def _different(lines: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which lines differ from the one before, shape (lines,); the first one does."""
+    new = np.ones(len(lines), np.bool_)
+    new[1:] = (lines[1:] != lines[:-1]).any(axis=1)
+    return new
 
 
 def scene_of(slots: Slots, height: int, width: int) -> Scene:
@@ -74,11 +83,16 @@ def scene_of(slots: Slots, height: int, width: int) -> Scene:
         height: The number of rows of the labyrinth, whose cells are square and in the middle.
         width: The number of columns.
     """
-    blocks = CELL * max(height, width)
-    bounds = np.arange(blocks) * len(slots.rows) // blocks
-    bits = np.left_shift(1, slots.lines, dtype=np.uint16)
-    lines = np.bitwise_or.reduceat(bits, bounds, axis=1)
-    scene: Scene = np.bitwise_or.reduceat(lines[slots.rows], bounds, axis=0)
+    blocks, side = CELL * max(height, width), len(slots.rows)
+    bounds = np.arange(blocks + 1) * side // blocks
+    ends = np.maximum(bounds[1:] - 1, bounds[:-1])  # Blocks may be smaller than a pixel.
+    scene = np.zeros([length + 1 for length in slots.grid.shape], np.uint16)
+    np.left_shift(1, slots.grid, out=scene[:-1, :-1], dtype=np.uint16)
+    rows, columns = (
+        np.stack([lines[bounds[:-1]], lines[ends] + 1], axis=1).reshape(-1)
+        for lines in (slots.rows, slots.columns)
+    )
+    scene = np.bitwise_or.reduceat(np.bitwise_or.reduceat(scene, rows, 0)[::2], columns, 1)[:, ::2]
     top, left = (blocks // 2 - CELL * cells // 2 for cells in (height, width))
     return scene[top : top + CELL * height, left : left + CELL * width]
 
@@ -102,10 +116,10 @@ def cell_of_colour(slots: Slots, colour: int, height: int, width: int) -> int:
         width: The number of columns.
     """
     side, most = len(slots.rows), max(height, width)
-    mask = (slots.colours == colour)[slots.lines]
+    mask = (slots.colours == colour)[slots.grid]
+    along = mask.any(axis=1)[slots.rows], mask.any(axis=0)[slots.columns]
     cell = 0
-    for along, cells in ((mask.any(axis=1)[slots.rows], height), (mask.any(axis=0), width)):
-        there = np.flatnonzero(along)
+    for there, cells in zip(map(np.flatnonzero, along), (height, width), strict=True):
         middle = int(there[0] + there[-1] + 1) if there.size else side
         place = (middle * most - (most - cells) * side) // (2 * side)
         cell = cell * cells + min(max(place, 0), cells - 1)
@@ -116,22 +130,39 @@ def shifted(slots: Slots, down: int, right: int) -> Slots:
     """Return slots moved by some pixels; those at the border are repeated."""
     places = np.arange(len(slots.rows))
     rows, columns = ((places - by).clip(0, len(places) - 1) for by in (down, right))
-    return slots._replace(lines=slots.lines[:, columns], rows=slots.rows[rows])
+    return slots._replace(rows=slots.rows[rows], columns=slots.columns[columns])
 
 
 def grown(slots: Slots, slot: int, by: int) -> Slots:
     """Return slots of which one has grown by some pixels in all directions, over the others."""
-    side = len(slots.rows)
-    mask = np.pad(slots.lines == slot, ((0, 1), (by, by)))  # One more line, for `reduceat`.
-    wide = np.lib.stride_tricks.sliding_window_view(mask, 2 * by + 1, axis=1).any(axis=2)
-    places = np.arange(side)
-    above, below = ((places + each).clip(0, side - 1) for each in (-by, by))
-    ranges = np.stack([slots.rows[above], slots.rows[below] + 1, slots.rows], axis=1)
-    new = np.ones(side, np.bool_)
-    new[1:] = (ranges[1:] != ranges[:-1]).any(axis=1)
-    covered = np.logical_or.reduceat(wide, ranges[new, :2].reshape(-1), axis=0)[::2]
-    lines = np.where(covered, np.uint8(slot), slots.lines[ranges[new, 2]])
-    return slots._replace(lines=lines, rows=new.cumsum() - 1)
+    # The number of the slot's places above and left of each corner of the grid.
+    before = np.zeros([length + 1 for length in slots.grid.shape], np.int32)
+    (slots.grid == slot).cumsum(0, np.int32).cumsum(1, out=before[1:, 1:])
+    (rows, (above, below, down)), (columns, (left, right, along)) = (
+        _within(lines, by) for lines in (slots.rows, slots.columns)
+    )
+    between = before[below] - before[above]
+    covered = between[:, right] > between[:, left]
+    grid = np.where(covered, np.uint8(slot), slots.grid[down[:, None], along])
+    return slots._replace(grid=grid, rows=rows, columns=columns)
+
+
+def _within(lines: NDArray[np.int64], by: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the different ranges of lines that are at most so many pixels from each pixel.
+
+    Args:
+        lines: The line of each pixel, ascending, shape (side,).
+        by: The number of pixels.
+
+    Returns:
+        Which range each pixel has, ascending, shape (side,); and the first line, the one after the
+        last, and that of the pixel itself, shape (3, ranges).
+    """
+    places = np.arange(len(lines))
+    first, last = (lines[(places + each).clip(0, len(lines) - 1)] for each in (-by, by))
+    ranges = np.stack([first, last + 1, lines], axis=1)
+    new = _different(ranges)
+    return new.cumsum() - 1, ranges[new].T
 
 
 def masks_of(scenes: NDArray[np.uint16]) -> Tensor:
@@ -183,16 +214,28 @@ class Surroundings(NamedTuple):
         rows, columns = (blocks // CELL - 2 for blocks in self.others.shape[2:])
         return rows, columns
 
-    def at(self, pictures: Tensor, cells: Tensor) -> Tensor:
-        """Return three by three cells around some, as if what moves were there.
+    def on_ways(
+        self, looks: Tensor, ways: Sequence[tuple[int, int]], pictures: Tensor, cells: Tensor
+    ) -> Tensor:
+        """Return what is between the middles of cells and those of their neighbours.
 
         Args:
+            looks: What each slot counts as, shape (N, K, L).
+            ways: The rows down and columns right to a neighbour, W of them. Those that follow one
+                another are shown turned by a quarter more.
             pictures: The number of a picture for each cell, shape (M,).
-            cells: The cells, shape (M,).
+            cells: The cells, in each of which what moves is taken to be, shape (M,).
 
         Returns:
-            Shape (M, K, 3 * CELL, 3 * CELL).
+            The sum of what counts in each block, shape (M, W, L, CELL, CELL).
         """
-        windows = self.others.unfold(2, 3 * CELL, CELL).unfold(3, 3 * CELL, CELL)
-        rows, columns = cells // self.grid[1], cells % self.grid[1]
-        return windows[pictures, :, rows, columns] * self.free[pictures, None]
+        scene = torch.einsum("nkyx,nkl->nlyx", self.others, looks)
+        height, width = (CELL * cells for cells in self.grid)
+        shown = []
+        for turns, (down, right) in enumerate(ways):
+            top, left = CELL + CELL // 2 * down, CELL + CELL // 2 * right
+            window = patches_of(scene[:, :, top : top + height, left : left + width])
+            free = self.free[:, top : top + CELL, left : left + CELL]
+            seen = window[pictures, :, cells] * free[pictures, None]
+            shown.append(torch.rot90(seen, turns % 4, (2, 3)))
+        return torch.stack(shown, 1)

@@ -14,9 +14,11 @@ import torch
 from learning import settings_of
 from numpy.typing import NDArray
 
+from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
-from labyrinth_core.evaluation.playing import attempts
+from labyrinth_core.evaluation.playing import attempts, step_through
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, masks_of, scene_of, slots_of
@@ -196,6 +198,18 @@ def test_it_remembers_its_plan_until_it_is_reset(trained: Mapper) -> None:
         fresh.append(int(policy.act(picture)[0]))
     policy.reset(1)
     assert [int(policy.act(each)[0]) for each in (first, later)] == [fresh[0]] * 2
+
+
+def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
+    torch.manual_seed(0)
+    arrays = as_arrays(labyrinths_of(2, 2), ObservationSpec("image", PICTURE_SIZE, draw=True))
+    for remember in (True, False):
+        player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
+        early = step_through(player, arrays, 1)
+        late = step_through(replace(player, remembered=None), arrays, 1)
+        assert not early.solved.all()
+        assert early.letters == late.letters
+        assert np.array_equal(early.moves, late.moves)
 
 
 def test_both_stages_run_it_in_pictures_of_flat_colours(
