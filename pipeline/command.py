@@ -17,7 +17,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
@@ -39,6 +39,7 @@ from pipeline.machinery.ending import (
     end_interrupted,
     end_without_output,
     interrupt,
+    lacks_memory,
 )
 from pipeline.machinery.executor import cluster
 from pipeline.machinery.hints import hints

@@ -20,12 +20,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # Before numpy.
 import numpy as np
 from measuring import cpu_seconds, machine
 
-from labyrinth_core.world import near_twins
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation.sample import sample
+from pipeline.inspection import near_twins
 from pipeline.inspection.leakage import find_leakage
 
 PAIRS_TIMED = 10**9

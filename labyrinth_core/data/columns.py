@@ -77,7 +77,7 @@ class Row(NamedTuple):
     episode_starts: bool
     info: str
     picture_digest: bytes
-    """The digest of `fingerprint.picture_digest`, which is not a column."""
+    """The digest of its pixels, which is not a column."""
 
 
 def arrow_schema() -> pyarrow.Schema:

@@ -52,7 +52,7 @@ class Shard:
     sha256: str
     """The SHA-256 of the file."""
     fingerprint: str
-    """The hash of the decoded rows, see `fingerprint`."""
+    """The hash of the decoded rows."""
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Shard:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, replace
-from itertools import chain, groupby
 from pathlib import Path
 from posixpath import normpath
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,11 +17,10 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.row_groups import Part
-from labyrinth_core.data.rows import numbered, readable
+from labyrinth_core.data.rows import numbered
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from pyarrow.compute import Expression
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
@@ -75,16 +72,31 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
 def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
     from huggingface_hub import HfApi, snapshot_download
 
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
     patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
-    with _available(source):
+    try:
         snapshot = snapshot_download(
             source, repo_type="dataset", revision=revision, allow_patterns=patterns
         )
-        if not _has_episodes(Path(snapshot, config)):
-            there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
-            manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
-            raise _no_config(source, config, manifests)
-    return Path(snapshot) / config
+        if _has_episodes(Path(snapshot, config)):
+            return Path(snapshot) / config
+        there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+    except UNAVAILABLE as error:
+        raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
+    manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
+    raise _no_config(source, config, manifests)
+
+
+def why_unavailable(source: str, error: Exception) -> str:
+    """Return why the Hub's client, or `datasets`, does not provide a dataset, given its error."""
+    file = error.filename if isinstance(error, OSError) else None
+    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
+        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
+    if Path(source).is_dir():
+        return f"{source} cannot be read"
+    return f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
 
 
 def _has_episodes(folder: AnyPath) -> bool:
@@ -216,61 +228,3 @@ def _filtered(folder: AnyPath, manifest: Manifest, split: str, where: Any) -> ND
     if not len(numbers):
         raise ValueError(f"where={where}: split={split} has no such labyrinth")
     return numbers
-
-
-def stream_infos(source: str, config: str | None) -> dict[str, Iterator[str]]:
-    """Return the values of `info` in each split of any dataset, as they are downloaded.
-
-    No other column is downloaded. Equal values in consecutive rows come once.
-
-    Raises:
-        DatasetError: At once if there is no such dataset, later if it cannot be read.
-    """
-    from datasets import load_dataset
-
-    with _available(source):
-        splits = load_dataset(source, config, streaming=True, columns=["info"])
-    return {str(split): _infos(source, stream) for split, stream in splits.items()}
-
-
-def _infos(source: str, stream: Any) -> Iterator[str]:
-    with readable(source):
-        rows = chain.from_iterable(t["info"].to_pylist() for t in _tables(source, stream))
-        for info, _ in groupby(rows):
-            if not isinstance(info, str):
-                raise DatasetError(f"{source}: info={info!r}: every row needs a text")
-            yield info
-
-
-def _tables(source: str, stream: Any) -> Iterator[pa.Table]:
-    """Yield the tables of a stream of `datasets`."""
-    with readable(source):
-        yield from stream.with_format("arrow").iter(batch_size=256)
-
-
-@contextmanager
-def _available(source: str) -> Iterator[None]:
-    """Raise DatasetError for an error within that says that a dataset is not available."""
-    import yaml
-
-    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
-
-    limit_silence()
-    try:
-        yield
-    except DatasetError:
-        raise
-    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks for names.
-        reason = (
-            f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
-        )
-        file = error.filename if isinstance(error, OSError) else None
-        if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
-            reason = f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
-        elif isinstance(error, yaml.YAMLError):
-            reason = f"{source}: the front matter of its README.md cannot be read"
-        elif "BuilderConfig" in str(error):  # One that is not there; the message lists the others.
-            reason = source
-        elif Path(source).is_dir():
-            reason = f"{source} cannot be read"
-        raise DatasetError(f"{reason}: {one_line(error)}") from error

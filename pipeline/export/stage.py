@@ -14,7 +14,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from labyrinth_core.data.errors import DatasetError, lacks_memory, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import temporary_beside, write_text
@@ -25,6 +25,7 @@ from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.ending import lacks_memory
 from pipeline.machinery.folders import (
     followed,
     held,

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from labyrinth_core.data.columns import NO_ACTION, Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.fingerprint import decoded_picture_digest
 from labyrinth_core.language.text import LabyrinthSyntaxError, agent_text, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
+from pipeline.generation.fingerprint import decoded_picture_digest
 from pipeline.generation.render import Pictures, picture_names
 from pipeline.generation.rules import Route
 from pipeline.machinery.worker import count_done

@@ -27,7 +27,6 @@ from labyrinth_core.data.columns import (
 )
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.fingerprint import Fingerprint
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
@@ -36,6 +35,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation.check_rows import EpisodeRows, Problem, check_labyrinth, episodes_of
 from pipeline.generation.check_table import table_problems
+from pipeline.generation.fingerprint import Fingerprint
 from pipeline.generation.rules import Route, labyrinth_problems, routes_problem
 from pipeline.generation.shifts import Train
 from pipeline.generation.tabulate import Facts, FactsOfShard

@@ -27,12 +27,12 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Structure
-from labyrinth_core.world.near_twins import Neighbourhood
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import Candidates, Records, record_type, unpack
 from pipeline.generation.selection import selected
 from pipeline.generation.shifts import SELECTED_SHIFTS
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
+from pipeline.inspection.near_twins import Neighbourhood
 
 PATIENCE = 300_000
 """The number of candidates without success after which the sampler gives up."""

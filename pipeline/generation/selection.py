@@ -18,13 +18,13 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Structure
-from labyrinth_core.world.near_twins import Neighbourhood
 from labyrinth_core.world.route_memory import RouteMemory
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Records, pack, unpack
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train, measures_of
 from pipeline.generation.solve import solve
 from pipeline.generation.variants import labyrinth_of
+from pipeline.inspection.near_twins import Neighbourhood
 
 
 class Candidate(NamedTuple):

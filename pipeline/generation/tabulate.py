@@ -25,9 +25,9 @@ from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.near_twins import passage_table
 from labyrinth_core.world.solver import count_optimal
 from pipeline.generation.write import value_array
+from pipeline.inspection.near_twins import passage_table
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import GROUP_BYTES, NO_ACTION, Row, arrow_schema
-from labyrinth_core.data.fingerprint import Fingerprint
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import file_sha256
+from pipeline.generation.fingerprint import Fingerprint
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, identity
-from labyrinth_core.world.near_twins import passage_table
-from labyrinth_core.world.symmetry import canonical_keys
+from pipeline.inspection.near_twins import passage_table
+from pipeline.inspection.symmetry import canonical_keys
 
 Hashes = NDArray[np.int64]
 """One hash of each labyrinth, shape (labyrinths,)."""

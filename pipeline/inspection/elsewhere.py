@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, groupby
 from pathlib import Path
+from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.source import stream_infos
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.rows import readable
+from labyrinth_core.data.source import why_unavailable
 from labyrinth_core.language.collection import KINDS, is_collection, read_collection
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -58,7 +61,7 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
             return found
         if found.problems or path.is_file():
             raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
-    streams = stream_infos(str(path) if path.is_dir() else source, config)
+    streams = _infos_of(str(path) if path.is_dir() else source, config)
     # The pieces of a route are episodes of one labyrinth, each with a text of its own.
     splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
     return Elsewhere(splits, {}, ())
@@ -95,3 +98,39 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
             # Its first line says what is wrong, those below show the place.
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"{split} info: no labyrinth: {reason}") from error
+
+
+def _infos_of(source: str, config: str | None) -> dict[str, Iterator[str]]:
+    """Return the values of `info` in each split of any dataset, as they are downloaded.
+
+    No other column is downloaded. Equal values in consecutive rows come once.
+
+    Raises:
+        DatasetError: At once if there is no such dataset, later if it cannot be read.
+    """
+    import yaml
+    from datasets import load_dataset
+
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
+    try:
+        splits = load_dataset(source, config, streaming=True, columns=["info"])
+    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks for names.
+        reason = why_unavailable(source, error)
+        if isinstance(error, yaml.YAMLError):
+            reason = f"{source}: the front matter of its README.md cannot be read"
+        elif "BuilderConfig" in str(error):  # One that is not there; the message lists the others.
+            reason = source
+        raise DatasetError(f"{reason}: {one_line(error)}") from error
+    return {str(split): _infos(source, stream) for split, stream in splits.items()}
+
+
+def _infos(source: str, stream: Any) -> Iterator[str]:
+    with readable(source):
+        tables = stream.with_format("arrow").iter(batch_size=256)
+        rows = chain.from_iterable(table["info"].to_pylist() for table in tables)
+        for info, _ in groupby(rows):
+            if not isinstance(info, str):
+                raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+            yield info

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, nearest, passage_table
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.inspection.certificate import (
     Certificate,
@@ -35,6 +34,7 @@ from pipeline.inspection.certificate import (
     size_of,
     structure_of,
 )
+from pipeline.inspection.near_twins import FAR, JOINED_WALLS, nearest, passage_table
 
 NEAR = range(1, JOINED_WALLS + 1)
 """The numbers of walls that near twins are counted by."""

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.near_twins import passage_table
 from pipeline.inspection.counts import Content
+from pipeline.inspection.near_twins import passage_table
 from pipeline.inspection.shift import (
     PERMUTATIONS,
     Floats,

@@ -52,6 +52,29 @@ def end(status: int, line: str = "") -> NoReturn:
         os._exit(status)
 
 
+def lacks_memory(error: BaseException) -> bool:
+    """Return whether an error, or one that caused it, says that there is not enough memory.
+
+    A library that cannot be loaded, a thread that cannot be started and a compressor have other
+    types; Arrow's error is a MemoryError. The cause of an error of a worker is a text.
+    """
+    signs = (
+        "failed to map segment",
+        "allocate memory",
+        "Allocation error",
+        "can't start new thread",
+        "launch worker thread",
+        "malloc of size",
+        "MemoryError",
+    )
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MemoryError) or any(sign in str(cause) for sign in signs):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
+
+
 def limit_of_memory() -> float:
     """Return the bytes of address space that this process may take, infinity for no limit."""
     if sys.platform == "win32":

@@ -16,7 +16,6 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from labyrinth_core.data.columns import Row, arrow_schema
-from labyrinth_core.data.fingerprint import Fingerprint, decoded_picture_digest
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse, without_agent
@@ -24,6 +23,7 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_routes
+from pipeline.generation.fingerprint import Fingerprint, decoded_picture_digest
 from pipeline.generation.validate import validate
 
 Rows = list[dict[str, Any]]

@@ -165,34 +165,3 @@ class Network(nn.Module):
         """Return the input of the last layer, shape (batch, WIDTH)."""
         features: Tensor = self.classifier[:-1](self.encoder(as_input(observations)))
         return features
-
-
-class Discriminator(nn.Module):
-    """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
-
-    It has its own encoder, the CNN without batch normalisation. For vectors, which the source does
-    not have, the encoder is `Mlp`.
-    """
-
-    def __init__(self, spec: NetworkSpec) -> None:
-        super().__init__()
-        self.encoder: nn.Module
-        if spec.encoder == "mlp":
-            self.encoder, features = Mlp(spec), Mlp.features
-        else:
-            layers = [layer for layer in Cnn() if not isinstance(layer, nn.BatchNorm2d)]
-            self.encoder, features = nn.Sequential(*layers), Cnn.features
-        self.classifier = nn.Sequential(
-            nn.Linear(features + ACTIONS, 256),
-            nn.LeakyReLU(SLOPE),
-            nn.Linear(256, 256),
-            nn.LeakyReLU(SLOPE),
-            nn.Linear(256, 1),
-        )
-
-    def forward(self, observations: Tensor) -> Tensor:
-        """Return the logits that (observation, action) is a demonstration's, shape (batch, 4)."""
-        features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
-        actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
-        logits: Tensor = self.classifier(torch.cat([features, actions], 1))
-        return logits.view(-1, ACTIONS)

@@ -29,23 +29,6 @@ def transformed_actions(symmetry: int) -> list[int]:
     return [-action % 4 for action in quarters] if symmetry >= 4 else quarters
 
 
-def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
-    """Return pictures and their labels, an eighth of them transformed by each symmetry.
-
-    Args:
-        pictures: Shape (N, size, size, 3).
-        labels: As `ExampleSampler.draw` returns them.
-    """
-    seen, turned = [], []
-    for symmetry in SYMMETRIES:
-        # The last entry maps -1, which stands for no action, to itself.
-        actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
-        some = actions[labels[symmetry :: len(SYMMETRIES)]]
-        seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
-        turned.append(transform(some, symmetry) if some.dim() == 3 else some)
-    return torch.cat(seen), torch.cat(turned)
-
-
 class Averaged(nn.Module):
     """A network whose outputs in evaluation mode are averaged over the symmetries of its input.
 

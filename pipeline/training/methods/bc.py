@@ -13,11 +13,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.acting import make_network
-from labyrinth_core.policies.networks.symmetry import transform_examples
+from labyrinth_core.policies.networks.symmetry import (
+    SYMMETRIES,
+    transform,
+    transformed_actions,
+)
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 from pipeline.training.methods.relabelling import require_shortest
@@ -77,3 +82,20 @@ class Method(Learner):
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
         """Return the mean loss of some examples."""
         return functional.cross_entropy(self.policy(pictures), labels)
+
+
+def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
+    """Return pictures and their labels, an eighth of them transformed by each symmetry.
+
+    Args:
+        pictures: Shape (N, size, size, 3).
+        labels: As `ExampleSampler.draw` returns them.
+    """
+    seen, turned = [], []
+    for symmetry in SYMMETRIES:
+        # The last entry maps -1, which stands for no action, to itself.
+        actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
+        some = actions[labels[symmetry :: len(SYMMETRIES)]]
+        seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
+        turned.append(transform(some, symmetry) if some.dim() == 3 else some)
+    return torch.cat(seen), torch.cat(turned)

@@ -35,7 +35,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.policies.networks.network import ACTIONS, WIDTH, Discriminator, Network
+from labyrinth_core.policies.networks.network import (
+    ACTIONS,
+    SLOPE,
+    WIDTH,
+    Cnn,
+    Mlp,
+    Network,
+    as_input,
+)
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods.acting import Rollout, roll_out, settle, softmax
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 
@@ -58,6 +67,37 @@ class Settings(BaseSettings):
     trace: float = setting("lambda of the advantages", at_most=1)
     clip: float = setting("clipping range of the ratio of probabilities in PPO", at_most=1)
     entropy: float = setting("weight of the entropy bonus")
+
+
+class Discriminator(nn.Module):
+    """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
+
+    It has its own encoder, the CNN without batch normalisation. For vectors, which the source does
+    not have, the encoder is `Mlp`.
+    """
+
+    def __init__(self, spec: NetworkSpec) -> None:
+        super().__init__()
+        self.encoder: nn.Module
+        if spec.encoder == "mlp":
+            self.encoder, features = Mlp(spec), Mlp.features
+        else:
+            layers = [layer for layer in Cnn() if not isinstance(layer, nn.BatchNorm2d)]
+            self.encoder, features = nn.Sequential(*layers), Cnn.features
+        self.classifier = nn.Sequential(
+            nn.Linear(features + ACTIONS, 256),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(256, 256),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(256, 1),
+        )
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return the logits that (observation, action) is a demonstration's, shape (batch, 4)."""
+        features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
+        actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
+        logits: Tensor = self.classifier(torch.cat([features, actions], 1))
+        return logits.view(-1, ACTIONS)
 
 
 class ActorCritic(nn.Module):

@@ -8,8 +8,6 @@ from torch import nn
 
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.networks.network import (
-    Cnn,
-    Discriminator,
     Mlp,
     Network,
     ResNet18,
@@ -86,20 +84,6 @@ def test_vectors_give_four_scores(task: Task, frames: int) -> None:
 def test_a_position_in_a_vector_is_a_place_and_not_an_amount() -> None:
     encoder = Mlp(spec("mlp"))
     assert encoder.layer.in_features == 3 * (35 + 1) + 35
-
-
-def test_the_discriminator_has_the_1028_inputs_of_table_2() -> None:
-    discriminator = Discriminator(spec("cnn"))
-    assert discriminator.classifier[0].in_features == 1028
-    assert not [layer for layer in discriminator.modules() if isinstance(layer, nn.BatchNorm2d)]
-    convolutions = parameters(Cnn()) - 2 * 2 * 64
-    assert parameters(discriminator) == convolutions + 1028 * 256 + 256 + 256 * 257 + 257
-    assert discriminator(pictures(3)).shape == (3, 4)
-
-
-def test_the_discriminator_sees_state_and_action() -> None:
-    logits = Discriminator(spec("cnn"))(pictures(2))
-    assert len(set(logits.flatten().tolist())) == 8
 
 
 def test_pictures_are_scaled_to_the_unit_interval() -> None:

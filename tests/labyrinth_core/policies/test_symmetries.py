@@ -12,7 +12,6 @@ from labyrinth_core.policies.networks.symmetry import (
     SYMMETRIES,
     Averaged,
     transform,
-    transform_examples,
     transformed_actions,
 )
 from labyrinth_core.world.dynamics import State, transition
@@ -59,20 +58,6 @@ def test_a_transformed_action_does_what_the_action_did(
             after = transition(labyrinth, State(cell), action).agent
             turned_action = transformed_actions(symmetry)[action]
             assert transition(turned, State(where[cell]), turned_action).agent == where[after]
-
-
-def test_examples_are_transformed_with_their_labels_by_all_symmetries_alike() -> None:
-    pictures = torch.rand(16, 6, 6, 3)
-    maps = torch.randint(-1, 4, (16, 3, 3))
-    seen, told = transform_examples(pictures, maps)
-    for symmetry in SYMMETRIES:
-        names = torch.tensor([*transformed_actions(symmetry), -1])
-        mine = slice(2 * symmetry, 2 * symmetry + 2)
-        assert torch.equal(seen[mine], transform(pictures[symmetry::8], symmetry))
-        assert torch.equal(told[mine], transform(names[maps[symmetry::8]], symmetry))
-    _, actions = transform_examples(pictures, maps[:, 0, 0])
-    names = torch.tensor([*transformed_actions(3), -1])
-    assert torch.equal(actions[6:8], names[maps[3::8, 0, 0]])
 
 
 def test_averaged_outputs_are_transformed_with_the_picture() -> None:

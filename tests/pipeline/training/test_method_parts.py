@@ -9,14 +9,23 @@ import numpy as np
 import pytest
 import torch
 from learning import settings_of
+from torch import nn
 
+from labyrinth_core.policies.networks.network import Cnn
+from labyrinth_core.policies.networks.symmetry import SYMMETRIES, transform, transformed_actions
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods import bco, dagger, gail, iupe, sqil
 from pipeline.training.methods.acting import Rollout, draw, roll_out, softmax
+from pipeline.training.methods.bc import transform_examples
+from pipeline.training.methods.gail import Discriminator
 from pipeline.training.methods.method import Problem
 
 pytestmark = pytest.mark.slow
 
 Problems = Callable[..., Problem]
+
+SPEC = NetworkSpec("cnn", 1, 3, 4, "navigation")
+PICTURES = torch.randint(0, 256, (3, 64, 64, 3), dtype=torch.uint8)
 
 
 # Acting.
@@ -236,3 +245,38 @@ def test_labels_are_drawn_from_the_models_probabilities(problem_of: Problems) ->
     assert set(labels.tolist()) == {0, 1}
     assert abs((labels == 0).mean() - 0.5) < 0.03
     assert not np.array_equal(labels, learner.labels())
+
+
+# What the methods add to the networks of policies.
+
+
+def parameters(network: nn.Module) -> int:
+    return sum(weight.numel() for weight in network.parameters())
+
+
+def test_the_discriminator_has_the_1028_inputs_of_table_2() -> None:
+    discriminator = Discriminator(SPEC)
+    assert discriminator.classifier[0].in_features == 1028
+    assert not [layer for layer in discriminator.modules() if isinstance(layer, nn.BatchNorm2d)]
+    convolutions = parameters(Cnn()) - 2 * 2 * 64
+    assert parameters(discriminator) == convolutions + 1028 * 256 + 256 + 256 * 257 + 257
+    assert discriminator(PICTURES).shape == (3, 4)
+
+
+def test_the_discriminator_sees_state_and_action() -> None:
+    logits = Discriminator(SPEC)(PICTURES[:2])
+    assert len(set(logits.flatten().tolist())) == 8
+
+
+def test_examples_are_transformed_with_their_labels_by_all_symmetries_alike() -> None:
+    pictures = torch.rand(16, 6, 6, 3)
+    maps = torch.randint(-1, 4, (16, 3, 3))
+    seen, told = transform_examples(pictures, maps)
+    for symmetry in SYMMETRIES:
+        names = torch.tensor([*transformed_actions(symmetry), -1])
+        mine = slice(2 * symmetry, 2 * symmetry + 2)
+        assert torch.equal(seen[mine], transform(pictures[symmetry::8], symmetry))
+        assert torch.equal(told[mine], transform(names[maps[symmetry::8]], symmetry))
+    _, actions = transform_examples(pictures, maps[:, 0, 0])
+    names = torch.tensor([*transformed_actions(3), -1])
+    assert torch.equal(actions[6:8], names[maps[3::8, 0, 0]])

@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.policies.networks.network import ACTIONS, Discriminator, as_input
+from labyrinth_core.policies.networks.network import ACTIONS, as_input
 from pipeline.studies.methods.authors import bc
 from pipeline.studies.methods.authors.learner import Settings, called
+from pipeline.training.methods.gail import Discriminator
 from pipeline.training.methods.method import Problem
 
 __all__ = ["Method", "Settings"]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labyrinth_core.data.columns import Row
-from labyrinth_core.data.fingerprint import (
+from pipeline.generation.fingerprint import (
     Fingerprint,
     PictureDigest,
     decoded_picture_digest,

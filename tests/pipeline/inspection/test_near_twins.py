@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labyrinth_core.world.labyrinth import Structure
-from labyrinth_core.world.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
 from labyrinth_core.world.sampling import sample_structures
+from pipeline.inspection.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
 
 
 def draw(height: int, width: int, count: int, seed: int = 0) -> list[Structure]:

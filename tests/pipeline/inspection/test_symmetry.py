@@ -7,9 +7,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from labyrinth_core.world.near_twins import passage_table
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.symmetry import canonical_keys
+from pipeline.inspection.near_twins import passage_table
+from pipeline.inspection.symmetry import canonical_keys
 
 
 def keys_of(structures, cells=None):

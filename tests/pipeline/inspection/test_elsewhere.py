@@ -1,0 +1,52 @@
+"""Datasets from elsewhere that cannot be read: one line says why."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labyrinth_core.data.errors import DatasetError
+from pipeline.config.run import Run
+from pipeline.inspection.elsewhere import read_elsewhere
+
+READ = """
+import sys
+from labyrinth_core.data.errors import DatasetError
+from pipeline.inspection.elsewhere import read_elsewhere
+try:
+    read_elsewhere(sys.argv[1], "3x3")
+except DatasetError as error:
+    print(error)
+"""
+
+
+def test_a_card_that_is_no_yaml_is_answered_with_one_line(
+    small_dataset: Run, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(small_dataset.data_dir, tmp_path / "labyrinth")
+    (folder / "README.md").write_text("---\nconfigs: [a: b: c\n---\n", encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"labyrinth: the front matter of its README\.md cannot"):
+        read_elsewhere(str(folder), "3x3")
+
+
+@pytest.mark.slow
+def test_a_cache_that_cannot_be_written_is_not_taken_for_a_folder_that_is_not_there(
+    small_dataset: Run,
+) -> None:
+    source = str(small_dataset.data_dir)
+    offline = {"HF_HOME": "/proc/cache", "HF_DATASETS_CACHE": "/proc/cache", "HF_HUB_OFFLINE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", READ, source],
+        env=os.environ | offline,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.startswith(f"{source}: the cache of the Hub's client cannot be used (HF_HO")
+    assert "/proc/cache" in done.stdout
+    assert done.stdout.count("\n") == 1
