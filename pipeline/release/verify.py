@@ -15,8 +15,9 @@ import tempfile
 import time
 from contextlib import suppress
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
+from typing import Any
 
 from huggingface_hub import HfApi, get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
@@ -194,25 +195,31 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
     """
     from datasets import Image, load_dataset
 
-    name, expected = manifest.config.name, {}
-    listed = [(name, manifest)]
+    name, listed = manifest.config.name, [(manifest.config.name, manifest)]
     if manifest.questions is not None:
         listed.append((questions_config(name), manifest.questions))
+    expected: dict[str, dict[str, tuple[int, list[Any]]]] = {}
     for config, of in listed:
+        expected[config] = {}
         for split in dict.fromkeys(shard.split for shard in of.shards):
             shards = of.of(split)
             with opened(folder / config, shards[0]) as file:
                 first = file.read_row_group(0).to_pylist()
-            expected[config, split] = sum(shard.rows for shard in shards), first
+            expected[config][split] = sum(shard.rows for shard in shards), first
     if manifest.labyrinths is not None:
         rows = sum(shard.labyrinths for shard in manifest.shards)
         first = list(islice(table_rows(folder / name, manifest), ROWS_COMPARED))
-        expected[table_config(name), SPLIT] = rows, first
-    for (config, split), (rows, first) in expected.items():
-        for streaming in (False, True):
-            what = f"{config} {split}{', streaming' if streaming else ''}"
+        expected[table_config(name)] = {SPLIT: (rows, first)}
+    for config, streaming in product(expected, (False, True)):
+        mode = ", streaming" if streaming else ""
+        _tell(f"{config}{mode}")
+        splits = load_dataset(source, config, revision=commit, streaming=streaming)
+        if splits.keys() != expected[config].keys():
+            names = f"{', '.join(splits)} instead of {', '.join(expected[config])}"
+            raise DatasetError(f"{config}{mode}: there are the splits {names}")
+        for split, (rows, first) in expected[config].items():
+            what, loaded = f"{config} {split}{mode}", splits[split]
             _tell(what)
-            loaded = load_dataset(source, config, split=split, revision=commit, streaming=streaming)
             for column, feature in loaded.features.items():
                 if isinstance(feature, Image):
                     loaded = loaded.cast_column(column, Image(decode=False))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -115,24 +113,6 @@ class LocalHub:
         }
         environment = kept | SETTINGS | {"HF_ENDPOINT": self.url, "HF_HOME": str(home)}
         return environment | ({} if token is None else {"HF_TOKEN": TOKENS[token]})
-
-    def run(self, script: str, *arguments: str | Path, token: str | None = "write") -> str:
-        """Return what a Python script prints in a fresh process against this Hub.
-
-        Raises:
-            RuntimeError: It fails; with what it wrote.
-        """
-        done = subprocess.run(
-            [sys.executable, "-c", script, *map(str, arguments)],
-            env=self.env(token),
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-        if done.returncode != 0:
-            raise RuntimeError(f"script ended with {done.returncode}\n{done.stdout}{done.stderr}")
-        return done.stdout
 
     def create_repo(self, name: str, private: bool = False, kind: str = "dataset") -> None:
         """Make a repository, as its owner would have before."""

@@ -12,7 +12,8 @@ from pathlib import Path
 from urllib.error import HTTPError
 
 import pytest
-from publishing import REPO, local_hub
+from publishing import REPO, local_hub, run_script
+from quick_python import python
 
 from hub.card import errors_of
 from hub.local_hub import SETTINGS, LocalHub
@@ -48,6 +49,14 @@ attempt("tag", api.create_tag, tag="1.0.0")
 attempt("branch", api.create_branch, branch="next")
 print(json.dumps(results))
 """
+
+
+def attempt(hub: LocalHub, name: str, token: str | None) -> dict[str, object]:
+    """Return what came of each call that is attempted of a repository."""
+    results: dict[str, object] = json.loads(run_script(hub, ATTEMPTS, name, token=token).stdout)
+    return results
+
+
 READS, CHANGES = ("read", "info", "download"), ("write", "upload", "commit", "tag", "branch")
 
 
@@ -65,7 +74,7 @@ def test_a_token_does_what_it_may(
     local_hub: LocalHub, token: str | None, reads: object, changes: object
 ) -> None:
     local_hub.create_repo(REPO)
-    results = json.loads(local_hub.run(ATTEMPTS, REPO, token=token))
+    results = attempt(local_hub, REPO, token)
     create = ["HfHubHTTPError", 409] if token == "write" else changes
     assert results == (
         dict.fromkeys(READS, reads) | dict.fromkeys(CHANGES, changes) | {"create": create}
@@ -78,14 +87,12 @@ def test_a_private_repository_looks_as_if_it_were_not_there(
     local_hub: LocalHub, token: str | None, status: int
 ) -> None:
     local_hub.create_repo(REPO, private=True)
-    hidden, missing = (
-        json.loads(local_hub.run(ATTEMPTS, name, token=token)) for name in (REPO, "user/missing")
-    )
+    hidden, missing = (attempt(local_hub, name, token) for name in (REPO, "user/missing"))
     assert hidden == missing
     del hidden["create"]
     assert set(hidden) == {*READS, *CHANGES}
     assert all(result == ["RepositoryNotFoundError", status] for result in hidden.values())
-    assert json.loads(local_hub.run(ATTEMPTS, REPO, token="read"))["download"] == "done"
+    assert attempt(local_hub, REPO, "read")["download"] == "done"
 
 
 @pytest.mark.parametrize(
@@ -142,7 +149,7 @@ print(api.whoami()["name"])
                 with pytest.raises(HTTPError, match="400"):
                     urllib.request.urlopen(control, b'{"explode": {}}', timeout=10)
                 done = subprocess.run(
-                    [sys.executable, "-c", client],
+                    [python(), "-c", client],
                     env={**os.environ, **SETTINGS, **exports, "HF_HOME": str(tmp_path / "home")},
                     capture_output=True,
                     text=True,

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from quick_python import python
 from tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
@@ -39,8 +40,9 @@ Build = Callable[..., Run]
 
 def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run the command in a folder; `data` in it is the `data_dir` that the tests use."""
+    program = sys.executable if "preexec_fn" in options else python()
     return subprocess.run(
-        [sys.executable, "-W", "error", str(RUN), *arguments],
+        [program, "-W", "error", str(RUN), *arguments],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -6,7 +6,6 @@ import hashlib
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from hub.faults import Rule
 from hub.local_hub import LocalHub
 from hub.request_log import Exchange
+from quick_python import python
 
 ROOT = Path(__file__).parents[2]
 REPO = "user/labyrinth"
@@ -34,7 +34,7 @@ def local_hub(tmp_path: Path) -> Iterator[LocalHub]:
 
 def command(data_dir: Path, version: str, *options: str, repo: str = REPO) -> list[str]:
     return [
-        *(sys.executable, *STRICT, str(ROOT / "run.py"), "stages=[publish]"),
+        *(python(), *STRICT, str(ROOT / "run.py"), "stages=[publish]"),
         *(f"data_dir={data_dir}", f"publish.repo_id={repo}", f"publish.version={version}"),
         *options,
     ]
@@ -71,6 +71,23 @@ def publish(
         check=False,
         timeout=SECONDS,
     )
+
+
+def run_script(
+    hub: LocalHub, script: str, *arguments: str | Path, token: str | None = None, **more: str
+) -> subprocess.CompletedProcess[str]:
+    """Return what a Python script against a Hub prints, in a process whose caches are empty."""
+    done = subprocess.run(
+        [python(), "-c", script, *map(str, arguments)],
+        env=environment(hub, token, **more),
+        cwd=hub.folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=SECONDS,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
 
 
 def published(
@@ -117,6 +134,7 @@ def publishing(
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()  # It has ended when its files are closed.
 
 
 def wait_for(rule: Rule, process: subprocess.Popen[str]) -> None:

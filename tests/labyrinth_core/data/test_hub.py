@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +10,7 @@ import pytest
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
 from making import make
-from publishing import REPO, environment
+from publishing import REPO, run_script
 
 from pipeline.release.card import write_card
 
@@ -47,11 +45,8 @@ def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalHub]:
 
 def run(hub: LocalHub, script: str, **more: str) -> tuple[str, str]:
     """Return what a script writes to standard output and to standard error."""
-    variables = environment(hub, **{"LABYRINTH_HUB_SECONDS": "1", **more})
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=variables, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
+    limit = {"LABYRINTH_HUB_SECONDS": "1"}
+    done = run_script(hub, script, token="write", **limit | more)
     return done.stdout, done.stderr
 
 

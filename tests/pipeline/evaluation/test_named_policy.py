@@ -14,6 +14,7 @@ from making import make
 from PIL import Image
 from policies import RELEASED
 from publishing import REPO, environment, local_hub, published
+from quick_python import python
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError
@@ -228,7 +229,7 @@ def command(small_dataset, policy):
 def test_by_command_the_error_of_a_policy_is_one_line_and_its_own_traceback(folder, small_dataset):
     arguments = command(small_dataset, "strange:Broken")
     done = subprocess.run(
-        [sys.executable, str(RUN), *arguments], capture_output=True, text=True, check=False
+        [python(), str(RUN), *arguments], capture_output=True, text=True, check=False
     )
     assert done.returncode == 1
     first, second, *others = done.stderr.splitlines()
@@ -249,7 +250,7 @@ def test_no_torch_is_needed_to_judge_a_policy_that_needs_none(small_dataset):
     )
     path = {"PYTHONPATH": str(RUN.parent)}
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=path
+        [python(), "-c", program], capture_output=True, text=True, check=False, env=path
     )
     assert done.returncode == 0, done.stderr
     assert "s0_and_g" in done.stdout
@@ -262,7 +263,7 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     published(local_hub, data_dir)
     by_id = ["size=2x3", "stages=[evaluate,results]", "policy=strange:right", f"dataset={REPO}"]
     done = subprocess.run(
-        [sys.executable, str(RUN), *by_id, "revision=1.0.0"],
+        [python(), str(RUN), *by_id, "revision=1.0.0"],
         env=environment(local_hub),
         capture_output=True,
         text=True,

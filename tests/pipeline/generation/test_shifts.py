@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from statistics import mean
 import numpy as np
 import pytest
 from brute_force import World, fewest_moves, is_connected, loops, walk
+from quick_python import python
 from read_from_text import Shown, shown
 from tampering import episode_rows, problems, read_rows, rows_of, with_first_replaced
 
@@ -385,7 +385,7 @@ def test_a_shift_that_cannot_be_found_leaves_nothing(
     arguments = ["size=3", f"labyrinths={labyrinths}", f"shifts={shift}"]
     arguments += ["stages=build", f"data_dir={tmp_path}/d"]
     done = subprocess.run(
-        [sys.executable, "run.py", *arguments], capture_output=True, text=True, check=False
+        [python(), "run.py", *arguments], capture_output=True, text=True, check=False
     )
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.strip()]

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,9 @@ from publishing import (
     large,
     publish,
     published,
+    run_script,
 )
+from quick_python import python
 
 from labyrinth_core.data.splits import BASE_SPLITS
 from pipeline.config.errors import ConfigError
@@ -109,17 +110,7 @@ print(HfApi().repo_exists(sys.argv[1], repo_type="dataset"))
 
 def fresh(hub: LocalHub, script: str, *arguments: str | Path, token: str | None = None) -> str:
     """Return what a script prints in a fresh process with an empty cache."""
-    done = subprocess.run(
-        [sys.executable, "-c", script, *map(str, arguments)],
-        env=environment(hub, token, USE_TORCH="0"),
-        cwd=hub.folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=SECONDS,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return run_script(hub, script, *arguments, token=token, USE_TORCH="0").stdout
 
 
 def loaded(hub: LocalHub, version: str, folder: Path) -> dict[str, list[Any]]:
@@ -136,7 +127,7 @@ def front(text: str) -> dict[str, Any]:
 def release(hub: LocalHub, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """Return what became of `scripts/release`."""
     return subprocess.run(
-        [sys.executable, ROOT / "scripts" / "release", *map(str, arguments)],
+        [python(), ROOT / "scripts" / "release", *map(str, arguments)],
         env=environment(hub),
         cwd=hub.folder,
         capture_output=True,

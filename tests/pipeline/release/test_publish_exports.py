@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +16,12 @@ from publishing import (
     REPO,
     built,
     changes,
-    environment,
     error_of,
     held,
     kill_in,
     publish,
     published,
+    run_script,
 )
 
 from labyrinth_core.data.errors import DatasetError
@@ -88,16 +86,11 @@ def test_exports_and_the_environment_are_released_whole_once_and_followed_by_ler
     card = local_hub.content(GROUP, "README.md").decode()
     assert yaml.safe_load(card.split("---\n")[1])["source_datasets"] == [REPO]
     assert local_hub.refs(REPO)["refs/tags/1.0.0"] in card
-    done = subprocess.run(
-        [sys.executable, "-c", USED, str(releasable)],
-        env=environment(local_hub, None)
-        | {"MINARI_REMOTE": "hf://user", "MINARI_DATASETS_PATH": str(tmp_path / "minari")},
-        cwd=local_hub.folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    minari_folders = {
+        "MINARI_REMOTE": "hf://user",
+        "MINARI_DATASETS_PATH": str(tmp_path / "minari"),
+    }
+    done = run_script(local_hub, USED, releasable, **minari_folders)
     used = json.loads(done.stdout.splitlines()[-1])
     assert used == {"minari": [True] * 3, "env": {"test": True, "s0": True}}
 

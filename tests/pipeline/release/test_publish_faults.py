@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -22,8 +21,10 @@ from publishing import (
     publish,
     published,
     publishing,
+    run_script,
     wait_for,
 )
+from quick_python import python
 
 from pipeline.release.plan import DATASET
 from pipeline.release.remote import PublishError
@@ -90,7 +91,7 @@ def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releas
 def verify(hub: LocalHub, commit: str, data_dir: Path) -> subprocess.CompletedProcess[str]:
     """Return what the verification alone comes to."""
     return subprocess.run(
-        [sys.executable, "-m", "pipeline.release.verify", REPO, commit, str(data_dir), "dataset"],
+        [python(), "-m", "pipeline.release.verify", REPO, commit, str(data_dir), "dataset"],
         env=environment(hub, USE_TORCH="0"),
         cwd=ROOT,
         capture_output=True,
@@ -336,13 +337,7 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
         wait_for(rule, process)
         commit = local_hub.refs(REPO)["refs/heads/main"]
         for _ in range(2):  # The second time from the cache, all contents being out of reach.
-            warm = subprocess.run(
-                [sys.executable, "-c", WARM, REPO, commit],
-                env=environment(local_hub, USE_TORCH="0", **caches),
-                capture_output=True,
-                text=True,
-                check=True,
-            )
+            warm = run_script(local_hub, WARM, REPO, commit, USE_TORCH="0", **caches)
             assert warm.stdout == "12\n"
             local_hub.faults.fail("GET|HEAD", "/resolve", status=501, times=UNLIMITED)
         rule.released.set()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from publishing import (
     kill_in,
     publish,
     published,
+    run_script,
 )
 from submitted import of_few
 
@@ -149,18 +149,10 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     }  # The Hub's, left alone.
 
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
-    arguments = (json.dumps(blocks), str(data_dir), MODEL, SPACE)
     support = str(Path(__file__).parents[2] / "support")
-    fresh = environment(local_hub, None)
-    fresh["PYTHONPATH"] += f":{support}"
-    done = subprocess.run(
-        [sys.executable, "-c", FOUR_WAYS, *arguments],
-        env=fresh,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    path = os.pathsep.join([environment(local_hub)["PYTHONPATH"], support])
+    arguments = (json.dumps(blocks), data_dir, MODEL, SPACE)
+    done = run_script(local_hub, FOUR_WAYS, *arguments, PYTHONPATH=path)
     results = json.loads(done.stdout.splitlines()[-1])
     assert len(blocks) == 1
     assert results["ways"].pop("steps") == "steps"

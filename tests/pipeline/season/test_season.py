@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from policies import RELEASED
-from publishing import local_hub
+from publishing import local_hub, run_script
 from seasons import Performer
 
 from labyrinth_core.evaluation.results import Results
@@ -195,7 +195,8 @@ print(" ".join(perform.printed.split()))
 
 @pytest.mark.slow
 def test_a_submission_on_the_hub_is_pinned_by_its_commit(local_hub, tmp_path):
-    said = local_hub.run(ON_THE_HUB, tmp_path, Path(__file__).parents[2]).splitlines()
+    tests = Path(__file__).parents[2]
+    said = run_script(local_hub, ON_THE_HUB, tmp_path, tests, token="write").stdout.splitlines()
     assert re.search(rf"user/planner@main is judged: {FIGURES}, in ", said[0])
     assert "The best of 2 may owe 0.147 of its figures to being chosen." in said[1]
     told = "| no: user/planner@main: model.safetensors is of another revision than named: it is"

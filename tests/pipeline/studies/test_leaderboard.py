@@ -7,13 +7,13 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from policies import Rounds
+from quick_python import python
 from submitted import add_up, content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.description import Description
@@ -226,7 +226,7 @@ def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_ot
     told = content["splits"]["test"]
     told["moves"][0][told["outcomes"][0].index("s")] = 3
     submit(content, "other.json")
-    arguments = [sys.executable, str(ROOT / "run.py"), command]
+    arguments = [python(), str(ROOT / "run.py"), command]
     done = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "1 method: results/leaderboard.md\n")
     first, second = done.stderr.splitlines()

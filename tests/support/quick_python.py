@@ -1,0 +1,183 @@
+"""A Python that starts at once: forked from a process that has imported the slow libraries.
+
+Most of the time of a short command goes into importing NumPy, pandas, Arrow and Hydra, and the
+tests run hundreds. `[python(), "run.py", ...]` is a process like that of `sys.executable`: it has
+arguments, environment, folder, files and an exit status of its own, and it can be killed. It
+imports this project itself, and so all that reads the environment when it is imported, such as
+`huggingface_hub`. It is not for tests of other signals, of memory or of seeds of hashes.
+
+As a program, this module is the process that is forked.
+"""
+
+from __future__ import annotations
+
+import atexit
+import builtins
+import gc
+import json
+import os
+import re
+import runpy
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+LIBRARIES = (
+    *("numpy", "pandas", "pyarrow.dataset", "pyarrow.parquet", "PIL.Image", "PIL.ImageFont"),
+    *("hydra", "hydra.core.hydra_config", "omegaconf", "yaml", "rich.console", "rich.progress"),
+    *("asyncio", "dill", "fsspec", "httpx2", "multiprocess.pool", "xxhash", "tqdm.auto"),
+    *("filelock", "joblib", "unittest.mock", "rich._emoji_codes", "rich.table", "gymnasium"),
+)
+"""What takes long to be imported, and reads nothing then that a test sets in the environment."""
+
+LAUNCHER = """#!{python} -ISs
+import json, os, socket, sys
+
+# The workers of joblib and multiprocessing are given further files, and are ordinary processes.
+if len(os.listdir("/proc/self/fd")) > 4:
+    os.execv({python!r}, [{python!r}, *sys.argv[1:]])
+with socket.socket(socket.AF_UNIX) as server:
+    server.connect({address!r})
+    socket.send_fds(server, [b"0"], [0, 1, 2])
+    asked = json.dumps([sys.argv[1:], dict(os.environ), os.getcwd()]).encode()
+    server.sendall(len(asked).to_bytes(8, "little") + asked)
+    status = os.waitstatus_to_exitcode(int.from_bytes(server.recv(4), "little"))
+if status < 0:
+    os.kill(os.getpid(), -status)
+sys.exit(status)
+"""
+"""The program that asks for a process, lends it its three files, and ends as it ends."""
+
+
+@cache
+def python() -> str:
+    """Return the program to run in the place of `sys.executable`."""
+    if not hasattr(os, "pidfd_open"):  # Not on Linux.
+        return sys.executable
+    folder = tempfile.mkdtemp(prefix="quick-python-")
+    address, launcher = Path(folder, "socket"), Path(folder, "python")
+    launcher.write_text(LAUNCHER.format(python=sys.executable, address=str(address)))
+    launcher.chmod(0o755)
+    server = subprocess.Popen([sys.executable, "-I", __file__, str(address), str(launcher)])
+
+    def stop() -> None:
+        server.terminate()
+        server.wait()
+        for path in (address, launcher):
+            path.unlink(missing_ok=True)
+        Path(folder).rmdir()
+
+    atexit.register(stop)
+    while not address.exists():
+        assert server.poll() is None
+        time.sleep(0.01)
+    return str(launcher)
+
+
+def serve(address: str, launcher: str) -> socket.socket:
+    """Fork a process for each call, and return there the connection with the caller."""
+    parent = os.getppid()
+    for name in LIBRARIES:
+        import_module(name)
+    sys.executable = launcher
+    gc.freeze()  # What is there is shared by all, and never looked through.
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(f"{address}.new")
+        listening.listen(64)
+        listening.settimeout(1.0)
+        Path(f"{address}.new").rename(address)
+        while os.getppid() == parent:
+            with suppress(ChildProcessError):
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    continue
+            with suppress(TimeoutError):
+                connection, _ = listening.accept()
+                if os.fork() == 0:
+                    return connection
+                connection.close()
+    sys.exit()
+
+
+def begin(connection: socket.socket) -> None:
+    """Return in a process that is as its caller asks; another one waits for its end."""
+    connection.settimeout(None)
+    _, files, *_ = socket.recv_fds(connection, 1, 3)
+    with connection.makefile("rb") as incoming:
+        size = int.from_bytes(incoming.read(8), "little")
+        arguments, environment, folder = json.loads(incoming.read(size))
+    if (child := os.fork()) != 0:
+        _wait_for(child, connection)
+    os.setpgid(0, 0)
+    connection.close()
+    for number, file in enumerate(files):
+        os.dup2(file, number)
+        os.close(file)
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    tempfile.tempdir = None
+    sys.argv[:] = arguments
+
+
+def _wait_for(child: int, connection: socket.socket) -> None:
+    """Tell the caller how a process ended, or kill it and what it started if the caller has gone.
+
+    It is a group of its own, which begins as soon as either of the two processes says so.
+    """
+    with suppress(OSError):
+        os.setpgid(child, child)
+    os.closerange(0, 3)
+    ended = os.pidfd_open(child)
+    ready, _, _ = select.select([connection, ended], [], [])
+    if ended not in ready:
+        os.killpg(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    with suppress(ConnectionError):
+        connection.send(status.to_bytes(4, "little"))
+    os._exit(0)
+
+
+def go_on() -> None:
+    """Do what the arguments say: `[-W WARNING]... (-m MODULE | -c PROGRAM | FILE) ARGUMENT...`."""
+    _warn(os.environ.get("PYTHONWARNINGS", ""))
+    while sys.argv[0] == "-W":
+        _warn(sys.argv[1])
+        del sys.argv[:2]
+    sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    kind = sys.argv[0]
+    if kind in ("-m", "-c"):
+        what = sys.argv[1]
+        del sys.argv[0 if kind == "-m" else 1]
+    if kind == "-m":
+        sys.path.insert(0, str(Path.cwd()))
+        runpy.run_module(what, run_name="__main__", alter_sys=True)
+    elif kind == "-c":
+        sys.path.insert(0, "")
+        main = sys.modules["__main__"] = ModuleType("__main__")
+        exec(compile(what, "<string>", "exec"), main.__dict__)
+    else:
+        sys.path.insert(0, str(Path(kind).resolve().parent))
+        runpy.run_path(kind, run_name="__main__")
+
+
+def _warn(options: str) -> None:
+    """Do with warnings what an option of Python, or a list of some, says."""
+    for option in filter(None, options.split(",")):
+        action, message, category, *_ = [*option.split(":"), "", ""]
+        kind = getattr(builtins, category or "Warning")
+        warnings.filterwarnings(action, re.escape(message), kind)
+
+
+if __name__ == "__main__":
+    begin(serve(*sys.argv[1:]))
+    go_on()
