@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
 from labyrinth_core.policies.networks.slots import (
     CELL,
+    Slots,
     cell_of_colour,
     coarsened,
     grown,
@@ -20,6 +22,11 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
 RNG = np.random.default_rng(0)
+
+
+def pixels_of(slots: Slots) -> NDArray[np.uint8]:
+    """Return the slot of each pixel."""
+    return slots.grid[slots.rows[:, None], slots.columns]
 
 
 def number_of(colour: tuple[int, int, int]) -> int:
@@ -35,13 +42,13 @@ def labyrinth(request: pytest.FixtureRequest) -> Labyrinth:
 def test_slots_are_the_pixels_of_a_picture_in_any_palette(labyrinth: Labyrinth) -> None:
     picture = render(labyrinth, State(labyrinth.start))
     slots = slots_of(picture)
-    colours = slots.colours[slots.lines[slots.rows]]
+    colours = slots.colours[pixels_of(slots)]
     shown = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=2)
     assert np.array_equal(shown, picture)
     other = Style(*(tuple(each) for each in RNG.permutation(256)[:27].reshape(9, 3).tolist()))
     again = slots_of(render(labyrinth, State(labyrinth.start), style=other))
-    assert np.array_equal(slots.lines, again.lines)
-    assert np.array_equal(slots.rows, again.rows)
+    for same in ("grid", "rows", "columns"):
+        assert np.array_equal(getattr(slots, same), getattr(again, same))
     assert not np.intersect1d(slots.colours, again.colours).size
 
 
@@ -68,7 +75,7 @@ def test_the_agent_is_in_its_cell(labyrinth: Labyrinth, style: Style) -> None:
 @pytest.mark.parametrize("by", [0, 1, 7])
 def test_a_slot_grows_over_the_others_and_pictures_shift(labyrinth: Labyrinth, by: int) -> None:
     slots = slots_of(render(labyrinth, State(labyrinth.start)))
-    before = slots.lines[slots.rows]
+    before = pixels_of(slots)
     for slot in range(len(slots.colours)):
         around = np.pad(before == slot, by)
         mask = np.zeros_like(before, np.bool_)
@@ -76,7 +83,7 @@ def test_a_slot_grows_over_the_others_and_pictures_shift(labyrinth: Labyrinth, b
             for right in range(2 * by + 1):
                 mask |= around[down:, right:][: len(mask), : len(mask)]
         after = grown(slots, slot, by)
-        assert np.array_equal(after.lines[after.rows], np.where(mask, slot, before))
+        assert np.array_equal(pixels_of(after), np.where(mask, slot, before))
     moved = shifted(slots, by, -by)
     expected = np.pad(before, by, mode="edge")[: len(before), 2 * by :]
-    assert np.array_equal(moved.lines[moved.rows], expected)
+    assert np.array_equal(pixels_of(moved), expected)
