@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.grid import digits
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import seen_together, visible_from
 
@@ -44,26 +43,6 @@ def grid_indices(height: int, width: int) -> VectorArray:
     return grid.reshape(2 * height - 1, 2 * width - 1)[::2, ::2].flatten()
 
 
-def wall_grid(labyrinth: Labyrinth) -> VectorArray:
-    """Return the wall grid with nothing hidden, shape (2 height - 1, 2 width - 1), row 0 first."""
-    structure = labyrinth.structure
-    grid = np.full((2 * structure.height - 1, 2 * structure.width - 1), WALL, np.int32)
-    grid[::2, ::2] = OPEN
-    grid[1::2, ::2][_mask(structure.up, structure.height, structure.width)[:-1]] = OPEN
-    grid[::2, 1::2][_mask(structure.right, structure.height, structure.width)[:, :-1]] = OPEN
-    for cell in labyrinth.ice:
-        row, column = labyrinth.position(cell)
-        grid[2 * row, 2 * column] = ICE
-    return grid
-
-
-def _mask(bits: int, height: int, width: int) -> NDArray[np.bool_]:
-    """Return a bit set over cells as an array, shape (height, width)."""
-    text = np.frombuffer(digits(bits, height * width).encode(), np.uint8)
-    mask: NDArray[np.bool_] = text.reshape(height, width) == ord("1")
-    return mask
-
-
 def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
     """Turn hidden cells, and the passages between two of them, into walls, in place.
 
@@ -80,12 +59,14 @@ def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
 @lru_cache(maxsize=1024)
 def initial_vector(labyrinth: Labyrinth) -> VectorArray:
     """Return the vector of the initial state, nothing hidden; read-only, since it is cached."""
-    width = labyrinth.structure.width
-    tiles = [labyrinth.start, labyrinth.start, labyrinth.goal]
+    tiles = [labyrinth.start, labyrinth.goal]
     if labyrinth.key is not None and labyrinth.door is not None:
         tiles += [labyrinth.key, labyrinth.door]
-    positions = np.array([grid_index(cell, width) for cell in tiles], np.int32)
-    vector = np.concatenate([positions, wall_grid(labyrinth).ravel()])
+    structure = labyrinth.structure
+    ice = np.zeros((1, structure.cells), np.bool_)
+    ice[:, list(labyrinth.ice)] = True
+    vectors = initial_vectors(Structures.of([structure]), np.array([tiles]), ice)
+    vector: VectorArray = vectors[0]
     vector.setflags(write=False)
     return vector
 

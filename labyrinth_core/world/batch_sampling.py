@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.grid import Action, digits
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import BLOCK, cells_beside, default_open_walls, twelfths_of
 
@@ -31,6 +31,14 @@ class Structures:
     """Whether each cell has a passage to the cell above, shape (n, cells)."""
     right: NDArray[np.bool_]
     """Whether each cell has a passage to the cell at the right, shape (n, cells)."""
+
+    @classmethod
+    def of(cls, structures: Sequence[Structure]) -> Structures:
+        """Return structures of one size, at least one, together."""
+        height, width, cells = structures[0].height, structures[0].width, structures[0].cells
+        text = "".join(digits(each.up, cells) + digits(each.right, cells) for each in structures)
+        is_open = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2, cells) == ord("1")
+        return cls(height, width, is_open[:, 0], is_open[:, 1])
 
     def __len__(self) -> int:
         return len(self.up)

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.grid import digits, horizontal_edges, vertical_edges
+from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Structure
 
 JOINED_WALLS = 3
@@ -50,13 +51,10 @@ def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
     Args:
         structures: At least one, all of one size.
     """
-    cells = structures[0].cells
     grid = Structure.without_walls(structures[0].height, structures[0].width)
-    text = "".join(
-        digits(each.up, cells) + digits(each.right, cells) for each in [*structures, grid]
-    )
-    table = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2 * cells) == ord("1")
-    passages: NDArray[np.bool_] = table[:-1, table[-1]]
+    each, there = Structures.of(structures), Structures.of([grid])
+    up, right = each.up[:, there.up[0]], each.right[:, there.right[0]]
+    passages: NDArray[np.bool_] = np.concatenate([up, right], axis=1)
     return passages
 
 
