@@ -23,7 +23,7 @@ from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import place
 
 CHUNK = 5_000
@@ -65,7 +65,8 @@ def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
     In every fourth one the agent begins elsewhere than on the start, if it can.
     """
     height, width = (int(side) for side in rng.integers(2, 8, size=2))
-    structure = sample_structure(height, width, rng, open_walls=float(rng.choice([0.0, 0.1, 0.7])))
+    open_walls = float(rng.choice([0.0, 0.1, 0.7]))
+    structure = next(sample_structures(height, width, rng, open_walls=open_walls))
     start, goal = (int(cell) for cell in rng.choice(structure.cells, size=2, replace=False))
     if rng.random() < 0.2:
         up = structure.up & int.from_bytes(rng.bytes(8), "little")

@@ -19,7 +19,7 @@ from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, read_text
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.animation import frames_of, gif
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, render, render_png
+from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
 from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -97,7 +97,7 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     height, width = labyrinth.structure.height, labyrinth.structure.width
     most = _pictured_side(labyrinth)
     if not route:
-        return render_png(labyrinth, initial(labyrinth))
+        return Painter(labyrinth).png(initial(labyrinth))
     try:
         from PIL import Image, ImageDraw
     except ImportError as error:

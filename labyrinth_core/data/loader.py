@@ -39,9 +39,7 @@ from labyrinth_core.data.transitions import (
     joined_columns,
     loaded,
 )
-
-DEFAULT_IMAGE_SIZE = 64
-"""Pixels on each side of the observations of the benchmark's baselines (supplement, section 1)."""
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 
 P = ParamSpec("P")
 AnyRequest = TypeVar("AnyRequest")
@@ -201,14 +199,14 @@ def _parts(rows: Iterable[Rows], spec: ObservationSpec) -> Iterator[Episodes]:
         yield from block.parts(spec.together)
 
 
-def _key(part: Part, spec: ObservationSpec, version: int = PICTURES_VERSION) -> str:
+def _key(part: Part, spec: ObservationSpec) -> str:
     """Return a hash of all that the content of a cache file depends on."""
     content: dict[str, Any] = {
         "shards": [shard.sha256 for shard in part.shards],
         "image_size": int(spec.image_size),
         "drawn": spec.draw,
         "resize": spec.resize,
-        "pixels": version,
+        "pixels": PICTURES_VERSION,
     }
     if part.kept is not None:
         content["rows"] = hashlib.sha256(np.packbits(part.kept).tobytes()).hexdigest()

@@ -18,7 +18,7 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.schema import read_json
+from labyrinth_core.data.schema import COUNT, Text, check_shape, read_json
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
@@ -56,18 +56,19 @@ class Shard:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Shard:
-        """Return the shard that `asdict` described; raise ValueError for anything else."""
-        types = {field.name: str if field.type == "str" else int for field in fields(cls)}
-        if {name: type(value) for name, value in values.items()} != types:
-            raise ValueError(f"a shard has the fields {sorted(types)}, not {dict(values)}")
+        """Return the shard that `asdict` described; raise one of `MALFORMED` for anything else."""
+        check_shape(values, _SHARD, "a shard")
         shard = cls(**values)
         if shard.split not in SPLITS or not re.fullmatch(
             rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
         ):
             raise ValueError(f"no split {shard.split!r} has a shard {shard.path!r}")
-        if min(value for value in values.values() if isinstance(value, int)) < 0:
-            raise ValueError(f"negative numbers in {dict(values)}")
         return shard
+
+
+_TEXT = Text("(?s).*")
+_SHARD = {each.name: _TEXT if each.type == "str" else COUNT for each in fields(Shard)}
+"""The shape of a `Shard`."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +81,8 @@ class TableFile:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> TableFile:
-        """Return the table that `asdict` described; raise ValueError for anything else."""
-        if {name: type(value) for name, value in values.items()} != {"bytes": int, "sha256": str}:
-            raise ValueError(f"a table has the fields bytes and sha256, not {dict(values)}")
+        """Return the table that `asdict` described; raise one of `MALFORMED` for anything else."""
+        check_shape(values, {"bytes": COUNT, "sha256": _TEXT}, "a table")
         return cls(**values)
 
 

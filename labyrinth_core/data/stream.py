@@ -276,7 +276,8 @@ def stream_episodes(request: StreamRequest) -> Stream[LoadedEpisode]:  # noqa: D
     From the Hub only the row groups and columns that are needed are downloaded. Each row group
     goes to one of the workers of a `DataLoader` and one of the ranks, so that all together get
     every episode once an epoch; their shares differ by about a row group. `set_epoch` chooses
-    the order, `state_dict` and `load_state_dict` go on after the last item.
+    the order, `state_dict` and `load_state_dict` go on after the last item. A `DataLoader` takes a
+    stream for one only if torch was imported before the stream was made.
 
     Args:
         source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and

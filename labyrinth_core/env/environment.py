@@ -25,9 +25,10 @@ from labyrinth_core.env.labyrinth_source import (
     chosen,
     step_limit,
 )
-from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observation, Observer
+from labyrinth_core.env.observation import Kind, Observation, Observer
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task

@@ -20,8 +20,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 Kind = Literal["image", "vector", "state"]
 Array = NDArray[np.uint8] | NDArray[np.int32]
 Observation = Array | np.int64
-DEFAULT_IMAGE_SIZE = 64
-"""Pixels on each side of the baselines' pictures (supplement, section 4)."""
 CACHE_BYTES = 16 * 1024 * 1024
 """Memory for pictures and vectors that may be observed again."""
 TOGETHER, TOGETHER_BYTES = 32, 2**21

@@ -29,9 +29,10 @@ from labyrinth_core.env.labyrinth_source import (
     step_limit,
 )
 from labyrinth_core.env.next_labyrinths import NextLabyrinths
-from labyrinth_core.env.observation import DEFAULT_IMAGE_SIZE, Kind, Observer
+from labyrinth_core.env.observation import Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task

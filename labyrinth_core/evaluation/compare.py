@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.buckets import sample_test
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.source import locate
@@ -35,6 +34,7 @@ from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.evaluate import whole
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.dynamics import STEP_LIMIT
 
 TOGETHER = 64

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.evaluation.answers import Player, PolicyError, decide
@@ -27,6 +26,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arr
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score, stepped_score
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.labyrinth import Task
 
 NOT_EVALUATED = ("random",)

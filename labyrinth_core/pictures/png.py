@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 PICTURE_SIZE = 600
 """Pixels on each side of the pictures in the datasets."""
 
+DEFAULT_IMAGE_SIZE = 64
+"""Pixels on each side of what the benchmark's baselines look at (supplement, section 1)."""
+
 Band = tuple[bytes, int]
 """A row of pixels, three bytes each, and how many times it is repeated."""
 

@@ -64,22 +64,18 @@ RECOLOURED = Style(
 """Other colours for everything, none of them black or white, and none that `DEFAULT_STYLE` has."""
 
 
-def style_of(labyrinth: Labyrinth, wall_pixels: int | None = None) -> Style:
-    """Return the style that a labyrinth's look asks for.
+def style_for(look: Look, height: int, width: int, wall_pixels: int | None = None) -> Style:
+    """Return the style that a look asks for.
 
     Args:
-        labyrinth: The labyrinth.
+        look: The look of the labyrinths.
+        height: Their rows of cells.
+        width: Their columns of cells.
         wall_pixels: The thickness of walls, if it is not the look's.
 
     Raises:
-        ValueError: The labyrinth is too large for every wall to have a pixel.
+        ValueError: The labyrinths are too large for every wall to have a pixel.
     """
-    structure = labyrinth.structure
-    return style_for(labyrinth.look, structure.height, structure.width, wall_pixels)
-
-
-def style_for(look: Look, height: int, width: int, wall_pixels: int | None = None) -> Style:
-    """Return the style of labyrinths of a look and a size; see `style_of`."""
     if wall_pixels is None and look is Look.THIN_WALLS:
         wall_pixels = max(1, usual_wall_pixels(height, width) // 4)
     return _style(look, wall_pixels)
@@ -117,18 +113,15 @@ def render(
     return Painter(labyrinth, style).array(state, image_size)
 
 
-def render_png(labyrinth: Labyrinth, state: State, style: Style | None = None) -> bytes:
-    """Return the picture of a state as a PNG file of `PICTURE_SIZE`; raises as `render`."""
-    return Painter(labyrinth, style).png(state)
-
-
 class Painter:
     """Draws the states of one labyrinth; what they have in common is drawn once."""
 
     def __init__(self, labyrinth: Labyrinth, style: Style | None = None) -> None:
         structure = labyrinth.structure
         self._labyrinth = labyrinth
-        self._style = style = style_of(labyrinth) if style is None else style
+        if style is None:
+            style = style_for(labyrinth.look, structure.height, structure.width)
+        self._style = style
         self._grid = grid_of(structure.height, structure.width, style.wall_pixels)
         everything = (1 << structure.width) - 1
         shifts = range(0, structure.cells, structure.width)

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.pictures.bands import Sums, bands_of
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import AGENT_INSET, DEFAULT_STYLE
 
 Pictures = NDArray[np.uint8]

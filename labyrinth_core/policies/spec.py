@@ -10,8 +10,7 @@ from dataclasses import Field, asdict, dataclass, field, fields
 from math import inf
 from typing import Any, TypeVar
 
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
 from labyrinth_core.world.labyrinth import Task
 

@@ -46,18 +46,6 @@ class Draws:
             yield twelfths_of(self.rng.bytes(BLOCK))
 
 
-def sample_structure(
-    height: int,
-    width: int,
-    rng: np.random.Generator,
-    *,
-    algorithm: str = "wilson",
-    open_walls: float | None = None,
-) -> Structure:
-    """Return a random connected structure; see `sample_structures`."""
-    return next(sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls))
-
-
 def sample_structures(
     height: int,
     width: int,

@@ -14,9 +14,8 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check, listed

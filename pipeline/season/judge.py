@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 from labyrinth_core import evaluate
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.loader import DEFAULT_IMAGE_SIZE
 from labyrinth_core.data.schema import SHARE, Each, Text, check_shape, read_json
 from labyrinth_core.data.storage import write_bytes, write_text
 from labyrinth_core.evaluation.description import Judgement
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.results_form import JUDGEMENT
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from pipeline.config.run import Run
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held

@@ -23,7 +23,7 @@ from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
-from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 
 ROOT = Path(__file__).parents[3]
@@ -197,7 +197,7 @@ def test_the_largest_labyrinth_comes_back_the_same():
 
 
 def test_missing_tiles_are_placed_in_a_huge_labyrinth_too():
-    structure = sample_structure(60, 60, np.random.default_rng(0))
+    structure = next(sample_structures(60, 60, np.random.default_rng(0)))
     for setting in ("key_and_lock", "icy_floor"):
         text = dump(Labyrinth(structure, 0, 3_599)).replace(f"{setting}: False", f"{setting}: True")
         assert parse(text).structure == structure

@@ -12,7 +12,7 @@ from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_of
+from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
@@ -98,7 +98,8 @@ def test_a_labyrinth_without_a_pixel_for_each_cell_is_refused():
 def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
     state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
     wall_pixels = data.draw(st.sampled_from([None, 2]))
-    painter = Painter(labyrinth, style_of(labyrinth, wall_pixels))
+    size = labyrinth.structure.height, labyrinth.structure.width
+    painter = Painter(labyrinth, style_for(labyrinth.look, *size, wall_pixels))
     large = torch.tensor(painter.array(state)).permute(2, 0, 1)[None].double()
     expected = torch.nn.functional.interpolate(
         large, (image_size, image_size), mode="bilinear", align_corners=False, antialias=False

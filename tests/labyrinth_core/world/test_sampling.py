@@ -18,7 +18,6 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import (
     ALGORITHMS,
     default_open_walls,
-    sample_structure,
     sample_structures,
 )
 
@@ -65,7 +64,7 @@ def test_fewer_structures_are_the_beginning_of_more(height, width, seed, algorit
     many = draw(20, height, width, seed, algorithm=algorithm)
     assert draw(fewer, height, width, seed, algorithm=algorithm) == many[:fewer]
     rng = np.random.default_rng(seed)
-    assert sample_structure(height, width, rng, algorithm=algorithm) == many[0]
+    assert next(sample_structures(height, width, rng, algorithm=algorithm)) == many[0]
 
 
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
@@ -84,7 +83,7 @@ def test_other_seeds_give_other_structures(algorithm):
     ],
 )
 def test_a_seed_gives_the_same_structure_on_every_machine(algorithm, structure_id):
-    structure = sample_structure(5, 5, np.random.default_rng(0), algorithm=algorithm)
+    structure = next(sample_structures(5, 5, np.random.default_rng(0), algorithm=algorithm))
     assert structure.structure_id == structure_id
 
 
@@ -152,7 +151,7 @@ def test_as_many_walls_are_open_as_in_the_published_sets(height, width, share):
 def test_an_unknown_algorithm_is_refused_with_the_known_ones():
     message = "^sampler=magic: choose one of wilson, depth_first, kruskal, prim$"
     with pytest.raises(ValueError, match=message):
-        sample_structure(3, 3, np.random.default_rng(0), algorithm="magic")
+        next(sample_structures(3, 3, np.random.default_rng(0), algorithm="magic"))
 
 
 @pytest.mark.parametrize("open_walls", [-0.1, 1.1, float("nan"), float("inf")])
@@ -160,4 +159,4 @@ def test_a_share_that_is_no_probability_is_refused(open_walls):
     with pytest.raises(
         ValueError, match=f"^open_walls={open_walls}: give a probability from 0 to 1"
     ):
-        sample_structure(3, 3, np.random.default_rng(0), open_walls=open_walls)
+        next(sample_structures(3, 3, np.random.default_rng(0), open_walls=open_walls))

@@ -32,7 +32,7 @@ from labyrinth_core.world.dynamics import (
 )
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.rollout import replay
-from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import (
     distances,
     moves_and_routes,
@@ -57,7 +57,7 @@ def sampled(task, count, seed, sizes):
     for _ in range(1000 * count):
         height, width = sizes[rng.integers(len(sizes))]
         open_walls = float(rng.choice([0.0, 0.1, 0.4]))
-        structure = sample_structure(height, width, rng, open_walls=open_walls)
+        structure = next(sample_structures(height, width, rng, open_walls=open_walls))
         start, goal = rng.choice(structure.cells, size=2, replace=False).tolist()
         try:
             found.append(place(structure, start, goal, task, rng))

@@ -30,7 +30,7 @@ from labyrinth_core.world.random_labyrinth import (
     change_start_and_goal,
     draw_start_and_goal,
 )
-from labyrinth_core.world.sampling import sample_structure
+from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
 
 seeds = st.integers(0, 2**32 - 1)
@@ -160,7 +160,7 @@ def test_ice_is_placed_wherever_it_can_matter():
     rng = np.random.default_rng(21)
     for _ in range(60):
         height, width = rng.integers(3, 5, size=2).tolist()
-        structure = sample_structure(height, width, rng, open_walls=0.4)
+        structure = next(sample_structures(height, width, rng, open_walls=0.4))
         start, goal = rng.choice(structure.cells, size=2, replace=False).tolist()
         places.append((structure, start, goal))
     for where in places:
@@ -199,7 +199,7 @@ def test_every_place_for_key_and_door_comes_up():
 
 
 def test_the_same_seed_places_the_same_tiles():
-    structure = sample_structure(6, 6, np.random.default_rng(2), open_walls=0.15)
+    structure = next(sample_structures(6, 6, np.random.default_rng(2), open_walls=0.15))
     for task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR):
         first, second = (
             place(structure, 0, 35, task, np.random.default_rng(3)) for _ in ("once", "again")
