@@ -44,6 +44,16 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["HF_DATASETS_CACHE"] = str(folder / "huggingface" / "datasets")
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave a file whose tests are all slow unread in the fast lane.
+
+    Importing what such files need (Ray, Dask, MuJoCo, a server of S3) takes longer than many tests.
+    """
+    if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
+        return None
+    return "\npytestmark = pytest.mark.slow\n" in collection_path.read_text("utf-8") or None
+
+
 def pytest_unconfigure(config: pytest.Config) -> None:
     shutil.rmtree(config.stash[_private], ignore_errors=True)
 
