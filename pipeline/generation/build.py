@@ -265,10 +265,11 @@ def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manif
         plan = plan_of()
         parts = workplace.parts
         shards = _joined(run, plan.jobs, parts) if parts else _made(run, plan.jobs)
+        _check_shifts(run.dataset, shards)
         labyrinths = _tabulate(run.dataset, workplace, workplace.shards, shards)
         manifest = Manifest(run.dataset, current_versions(), shards, labyrinths, plan.format)
         workplace.commit(manifest)
-    except ConfigError:  # The sampler found too few, so the shards are of no use.
+    except ConfigError:  # There are too few labyrinths, so the shards are of no use.
         workplace.clear()
         raise
     except OSError as error:
@@ -320,6 +321,17 @@ def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]
             f"{', '.join(of[:8])}{more}; this command with part={of[0]} makes the first of them"
         )
     return tuple(shard for shard in found if shard is not None)
+
+
+def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
+    """Raise ConfigError if none of a shift's parents has such a variant; of a shard none need."""
+    for shift in config.shifts:
+        if not any(shard.labyrinths for shard in shards if shard.split == shift):
+            parents = f"{config.labyrinths} labyrinths of {SPLITS[shift].parent}"
+            raise ConfigError(
+                f"shifts: there is no {shift} of any of {parents}; ask for more labyrinths, or "
+                f"leave {shift} out"
+            )
 
 
 def _tabulate(

@@ -15,10 +15,9 @@ from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Shard
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, file_sha256, new_file, write_bytes, write_text
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.grow import OldShard
 from pipeline.generation.render import render
@@ -113,12 +112,6 @@ def make_shard(job: ShardJob) -> Shard:
         if job.expected not in (None, shard.sha256):
             raise DatasetError(not_as_it_was(job.path))
     found = facts.array()
-    if not len(found):
-        parents = f"{len(job.structures)} labyrinths of {SPLITS[split].parent}"
-        raise ConfigError(
-            f"shifts: there is no {split} of any of {parents}; ask for more labyrinths, or leave "
-            f"{split} out"
-        )
     return _leave(job, replace(shard, cut=cut, labyrinths=len(found)), found)
 
 

@@ -233,7 +233,7 @@ def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted
         raise DatasetError(f"{folder / shard.path} cannot be read: {error}") from error
     counts = counted.counts
     found = (counts.labyrinths, counts.episodes, counts.rows)
-    if not counts.rows or found != (shard.labyrinths, shard.episodes, shard.rows):
+    if found != (shard.labyrinths, shard.episodes, shard.rows):
         raise DatasetError(
             f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
             f"{found[2]} rows, which is not what its manifest says: overwrite=true builds it "

@@ -27,6 +27,7 @@ from pipeline.generation import validate as validation
 from pipeline.generation.detours import stretched
 from pipeline.generation.shifts import SELECTED_SHIFTS
 from pipeline.generation.variants import toggled
+from pipeline.inspection.statistics import count_dataset
 
 Build = Callable[..., Run]
 
@@ -223,6 +224,18 @@ def test_several_shards_are_numbered_like_their_parents(build: Build, tmp_path: 
     assert len(Manifest.read(run.folder).of("one_wall")) == 3
     assert problems(run.folder) == []
     list(with_parents(run.folder, "one_wall"))
+
+
+@pytest.mark.slow
+def test_a_shard_whose_parents_have_no_such_variant_is_empty(build: Build, tmp_path: Path) -> None:
+    options = {"labyrinths": 11, "random_steps": 5, "shifts": ("one_wall",)}
+    run = build(tmp_path, **options, cells_per_shard=10 * 9)
+    manifest = Manifest.read(run.folder)
+    assert [shard.labyrinths for shard in manifest.of("one_wall")] == [2, 0]
+    assert problems(run.folder) == []
+    assert count_dataset(run.folder, manifest).splits["one_wall"].labyrinths == 2
+    loaded = load_transitions(run.data_dir, "3x3", split="one_wall", cache_dir=False)
+    assert len(set(loaded.labyrinth_ids)) == 2
 
 
 # Validation finds what is wrong.
