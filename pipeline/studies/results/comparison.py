@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.intervals import CONFIDENCE
 from labyrinth_core.evaluation.results import Results
+from pipeline.inspection.shift import holm
 from pipeline.machinery.markdown import count, plain, table
-from pipeline.studies.results.figures import by_method, run_of, solved_in
+from pipeline.studies.results.figures import MethodRuns, solved_in
 from pipeline.studies.results.paper import name_of
 
 SPLIT = "test"
@@ -122,19 +123,12 @@ def differences_of(scores: Mapping[str, NDArray[np.float64]]) -> dict[tuple[str,
         (one, other): exchange_test(scores[one], scores[other])
         for one, other in combinations(scores, 2)
     }
-    adjusted, least = {}, 0.0
-    for left, pair in enumerate(sorted(found, key=found.__getitem__)):
-        least = max(least, min(1.0, (len(found) - left) * found[pair]))
-        adjusted[pair] = least
-    return {pair: adjusted[pair] for pair in found}
+    return dict(zip(found, holm([*found.values()]).tolist(), strict=True))
 
 
-def rates_of(runs: Sequence[Results]) -> dict[str, NDArray[np.float64]]:
-    """Return the success rate of each run by method, for runs of one setup in the usual order."""
-    return {
-        name_of(run_of(group[0]).method): solved_in(group, SPLIT).mean(axis=1)
-        for group in by_method(runs)
-    }
+def rates_of(methods: Sequence[MethodRuns]) -> dict[str, NDArray[np.float64]]:
+    """Return the success rate of each run by method, for methods of one setup."""
+    return {name_of(each.method): solved_in(each.runs, SPLIT).mean(axis=1) for each in methods}
 
 
 def pairs_of_methods(rates: Mapping[str, NDArray[np.float64]]) -> Iterator[str]:
@@ -189,13 +183,12 @@ def _conclusion(
     return f"No method is shown to be better than another, {held}. There is no ranking."
 
 
-def across_sizes(results: Sequence[Results]) -> Iterator[str]:
+def across_sizes(methods: Sequence[MethodRuns]) -> Iterator[str]:
     """Yield a table of interquartile means over sizes and seeds, if there are several sizes."""
-    groups: dict[tuple[str, str, str], dict[str, list[Results]]] = {}
-    for each in results:
+    groups: dict[tuple[str, str, str], dict[str, Sequence[Results]]] = {}
+    for each in methods:
         size, _, task = each.config.partition("-")
-        run = run_of(each)
-        groups.setdefault((task, run.setup, run.method), {}).setdefault(size, []).append(each)
+        groups.setdefault((task, each.setup, each.method), {})[size] = each.runs
     rows = []
     for (task, setup, method), by_size in groups.items():
         if len(by_size) > 1:

@@ -1,11 +1,10 @@
-"""The figures of methods over their seeds."""
+"""The figures of methods over their seeds, and of anyone's policies."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import groupby
-from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +25,6 @@ AVERAGED = (
 )
 """Figures of `Scores` of which the mean over seeds is told."""
 
-BY_METHOD = attrgetter("config", "setup", "method")
-
 
 def run_of(results: Results) -> TrainedRun:
     """Return the run that made the policy of results, which are those of a run."""
@@ -35,26 +32,11 @@ def run_of(results: Results) -> TrainedRun:
     return results.run
 
 
-def by_method(results: Sequence[Results]) -> list[list[Results]]:
-    """Return results in the usual order as a list for each config, setup and method."""
-
-    def key(each: Results) -> tuple[str, str]:
-        return each.config, run_of(each).of_all_seeds
-
-    return [list(group) for _, group in groupby(results, key)]
-
-
 @dataclass(frozen=True)
 class Figures:
-    """The figures of a method on a split, over its seeds."""
+    """The figures of a policy on a split, over the seeds that it was trained with."""
 
-    config: str
-    """The config of the dataset, such as `5x5`."""
-    setup: str
-    """All other choices but method and seed, such as `cnn` or `resnet18-paper`."""
-    method: str
-    split: str
-    seeds: int
+    labyrinths: int
     spl: float
     spl_interval: tuple[float, float]
     sr_within_cells: float
@@ -72,47 +54,80 @@ class Figures:
     by_distance: dict[int, str]
     """By moves on a shortest route: how many episodes succeed, such as `3 of 5`."""
 
+    @classmethod
+    def over(cls, group: Sequence[Results], split: str) -> Figures:
+        """Return the figures of results that differ in their seed alone, or of a single one."""
+        scores = [each.splits[split] for each in group]
+        solved = solved_in(group, split)
+        weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
+        returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
+        outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
+        counted = [each.by_distance for each in scores]
+        return cls(
+            labyrinths=len(scores[0].distance),
+            spl=sum(each.spl for each in scores) / len(scores),
+            spl_interval=interval(weighted),
+            sr_within_cells=sum(each.sr_within_cells for each in scores) / len(scores),
+            sr=float(solved.mean()),
+            sr_interval=interval(solved),
+            aer=float(returns.mean()),
+            aer_std=float(np.mean([each.episodes.returns.std() for each in scores])),
+            aer_interval=interval(returns),
+            failures={name: float((outcomes == name).mean()) for name in FAILURES},
+            averages={name: _mean(getattr(each, name) for each in scores) for name in AVERAGED},
+            by_distance={
+                moves: " of ".join(
+                    str(sum(each[moves][part] for each in counted)) for part in (0, 1)
+                )
+                for moves in counted[0]
+            },
+        )
 
-def summarise(results: Sequence[Results]) -> list[Figures]:
-    """Return the figures of each method, setup and split, for results in the usual order."""
-    groups = by_method(results)
-    return [_over_seeds(group, split) for group in groups for split in _splits_of(group)]
+    def columns(self) -> dict[str, object]:
+        """Return the figures by the names of columns, an interval as two numbers."""
+        values = asdict(self) | self.failures | self.averages
+        for name in ("spl", "sr", "aer"):
+            values[f"{name}_low"], values[f"{name}_high"] = values[f"{name}_interval"]
+        lengths = self.by_distance.items()
+        return values | {"by_distance": "; ".join(f"{moves}: {won}" for moves, won in lengths)}
 
 
-def _splits_of(group: Sequence[Results]) -> list[str]:
-    """Return the splits that all of some runs were evaluated on: the usual ones, then shifts."""
-    shared = set.intersection(*(set(each.splits) for each in group))
-    return [*EVALUATED_SPLITS, *(shift for shift in SHIFTS if shift in shared)]
+@dataclass(frozen=True, eq=False)
+class MethodRuns:
+    """The runs of a method on a dataset that differ in their seed alone."""
+
+    runs: Sequence[Results]
+    figures: dict[str, Figures]
+    """The figures by split: the usual ones, then the shifts that all runs were evaluated on."""
+
+    @property
+    def config(self) -> str:
+        """The config of the dataset, such as `5x5`."""
+        return self.runs[0].config
+
+    @property
+    def setup(self) -> str:
+        """All other choices but method and seed, such as `cnn` or `resnet18-paper`."""
+        return run_of(self.runs[0]).setup
+
+    @property
+    def method(self) -> str:
+        """Such as `bc`."""
+        return run_of(self.runs[0]).method
 
 
-def _over_seeds(group: Sequence[Results], split: str) -> Figures:
-    scores = [each.splits[split] for each in group]
-    run, solved = run_of(group[0]), solved_in(group, split)
-    weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
-    returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
-    outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
-    counted = [each.by_distance for each in scores]
-    return Figures(
-        config=group[0].config,
-        setup=run.setup,
-        method=run.method,
-        split=split,
-        seeds=len(group),
-        spl=sum(each.spl for each in scores) / len(scores),
-        spl_interval=interval(weighted),
-        sr_within_cells=sum(each.sr_within_cells for each in scores) / len(scores),
-        sr=float(solved.mean()),
-        sr_interval=interval(solved),
-        aer=float(returns.mean()),
-        aer_std=float(returns.std(axis=1).mean()),
-        aer_interval=interval(returns),
-        failures={name: float((outcomes == name).mean()) for name in FAILURES},
-        averages={name: _mean(getattr(each, name) for each in scores) for name in AVERAGED},
-        by_distance={
-            moves: " of ".join(str(sum(each[moves][part] for each in counted)) for part in (0, 1))
-            for moves in counted[0]
-        },
-    )
+def by_method(results: Sequence[Results]) -> list[MethodRuns]:
+    """Return results in the usual order by config, setup and method."""
+
+    def key(each: Results) -> tuple[str, str]:
+        return each.config, run_of(each).of_all_seeds
+
+    found = []
+    for group in (list(group) for _, group in groupby(results, key)):
+        shared = set.intersection(*(set(each.splits) for each in group))
+        splits = [*EVALUATED_SPLITS, *(shift for shift in SHIFTS if shift in shared)]
+        found.append(MethodRuns(group, {split: Figures.over(group, split) for split in splits}))
+    return found
 
 
 def gap(group: Sequence[Results]) -> tuple[float, float, float]:

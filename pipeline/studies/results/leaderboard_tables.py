@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from urllib.parse import quote
 
@@ -12,8 +12,9 @@ from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
 from pipeline.machinery.own_files import leave
+from pipeline.studies.results.figures import Figures
 from pipeline.studies.results.kept import LISTED
-from pipeline.studies.results.leaderboard import RANKED_BY, Entry, Standing
+from pipeline.studies.results.leaderboard import RANKED_BY, Entry
 from pipeline.studies.results.result_tables import aer_cell, percent_cell
 from pipeline.studies.results.spreadsheet import as_csv
 
@@ -73,7 +74,7 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     heading = ["rank", "method", "by", *_FIGURES, "labyrinths"]
     yield table(heading, map(_place, entries), "rllrrrrrr")
     yield "On all splits:"
-    held = {split for each in entries for split in each.standings}
+    held = {split for each in entries for split in each.figures}
     # The usual ones first, then the others in the order of the dataset.
     splits = [split for split in dict.fromkeys((*EVALUATED_SPLITS, *SPLITS)) if split in held]
     rows = (row for each in entries for row in _by_split(each, splits))
@@ -87,27 +88,27 @@ _FIGURES = ("SPL", "SR within n x n", "SR", "AER", "path efficiency")
 
 
 def _place(entry: Entry) -> list[str]:
-    mine = entry.standings.get(RANKED_BY)
+    mine = entry.figures.get(RANKED_BY)
     rank = "" if entry.rank is None else str(entry.rank)
-    figures = [""] * 6 if mine is None else [*_figures(mine), f"{mine.labyrinths:,}"]
+    figures = [""] * 6 if mine is None else [*_cells(mine), f"{mine.labyrinths:,}"]
     return [rank, _name(entry, linked=True), plain(entry.method.author), *figures]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
-    standings = [entry.standings.get(split) for split in splits]
-    cells = [[""] * 5 if each is None else _figures(each) for each in standings]
+    found = [entry.figures.get(split) for split in splits]
+    cells = [[""] * 5 if each is None else _cells(each) for each in found]
     for name, *row in zip(_FIGURES, *cells, strict=True):
         yield [_name(entry), name, *row]
 
 
-def _figures(standing: Standing) -> list[str]:
+def _cells(figures: Figures) -> list[str]:
     """Return the cells of `_FIGURES`."""
-    efficiency = standing.path_efficiency
+    efficiency = figures.averages["path_efficiency"]
     return [
-        percent_cell(standing.spl, standing.spl_interval),
-        f"{100 * standing.sr_within_cells:.1f}",
-        percent_cell(standing.sr, standing.sr_interval),
-        aer_cell(standing),
+        percent_cell(figures.spl, figures.spl_interval),
+        f"{100 * figures.sr_within_cells:.1f}",
+        percent_cell(figures.sr, figures.sr_interval),
+        aer_cell(figures),
         "" if efficiency is None else f"{100 * efficiency:.1f}",
     ]
 
@@ -131,15 +132,12 @@ def _name(entry: Entry, *, linked: bool = False) -> str:
 
 def csv_of(entries: Sequence[Entry]) -> str:
     """Return all figures, a row for each method and split; shares, not percent."""
-    rows = (_row(entry, split) for entry in entries for split in entry.standings)
+    rows = (_row(entry, split) for entry in entries for split in entry.figures)
     return as_csv(COLUMNS, rows)
 
 
 def _row(entry: Entry, split: str) -> dict[str, object]:
-    method, standing = entry.method, entry.standings[split]
-    row = asdict(entry) | asdict(method) | asdict(standing)
+    method = entry.method
+    row = asdict(replace(entry, figures={})) | asdict(method) | entry.figures[split].columns()
     row |= {"method": method.name, "split": split, "parameters": method.details.get("parameters")}
-    row |= {f"train_{name}": method.details.get(name) for name in ("labyrinths", "steps")}
-    for name in ("spl", "sr", "aer"):
-        row[f"{name}_low"], row[f"{name}_high"] = row[f"{name}_interval"]
-    return row
+    return row | {f"train_{name}": method.details.get(name) for name in ("labyrinths", "steps")}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from itertools import groupby
 from pathlib import Path
 from statistics import mean
 
@@ -15,9 +16,8 @@ from pipeline.machinery.markdown import plain, table
 from pipeline.machinery.own_files import leave
 from pipeline.studies.results import spreadsheet
 from pipeline.studies.results.comparison import across_sizes, pairs_of_methods, rates_of
-from pipeline.studies.results.figures import AVERAGED, FAILURES, Figures, by_method, gap, run_of
+from pipeline.studies.results.figures import AVERAGED, FAILURES, Figures, MethodRuns, gap, run_of
 from pipeline.studies.results.kept import LISTED
-from pipeline.studies.results.leaderboard import Standing
 from pipeline.studies.results.paper import PaperFigure, name_of, paper_figures
 
 MARK = "†"
@@ -44,55 +44,46 @@ in `leaderboard.md`. `labyrinth-datasets stages=results` makes these files.
 """
 
 
-def write_tables(folder: Path, results: Sequence[Results], figures: Sequence[Figures]) -> None:
+def write_tables(folder: Path, methods: Sequence[MethodRuns]) -> None:
     """Write `README.md` and `results.csv` into a folder; raise as `own_files.leave`."""
     parts = [ABOUT]
-    groups = _by_setup(results)
-    for (config, setup), runs in groups.items():
-        group = [each for each in figures if (each.config, each.setup) == (config, setup)]
+    for (config, setup), group in groupby(methods, lambda each: (each.config, each.setup)):
         parts.append(f"## {plain(f'{config}, {setup}')}\n")
-        parts += [part + "\n" for part in markdown(group, runs)]
-    parts += across_sizes(results)
-    csv = as_csv(figures, [runs[0] for runs in groups.values()])
-    leave(folder, {"README.md": "\n".join(parts).encode(), "results.csv": csv.encode()}, LISTED)
+        parts += [part + "\n" for part in markdown(list(group))]
+    parts += across_sizes(methods)
+    files = {"README.md": "\n".join(parts), "results.csv": as_csv(methods)}
+    leave(folder, {name: text.encode() for name, text in files.items()}, LISTED)
 
 
-def _by_setup(results: Sequence[Results]) -> dict[tuple[str, str], list[Results]]:
-    groups: dict[tuple[str, str], list[Results]] = {}
-    for each in results:
-        groups.setdefault((each.config, run_of(each).setup), []).append(each)
-    return groups
-
-
-def markdown(group: Sequence[Figures], runs: Sequence[Results]) -> Iterator[str]:
+def markdown(group: Sequence[MethodRuns]) -> Iterator[str]:
     """Yield the tables of one config and setup."""
-    methods = methods_of(group)
+    first, methods = group[0].runs[0], methods_of(group)
     names = [name_of(method) for method in methods]
     yield table(["split", "figure", *names], compared(group, methods), "ll" + "r" * len(names))
-    *_, conclusion = ["", *pairs_of_methods(rates_of(runs))]
+    *_, conclusion = ["", *pairs_of_methods(rates_of(group))]
     if conclusion:
         yield f"On test: {conclusion}"
     yield "SPL / SR of what needs no learning:"
-    without = [name for name in WITHOUT_LEARNING if name in runs[0].baselines]
+    without = [name for name in WITHOUT_LEARNING if name in first.baselines]
     heading = ["split", *(name.replace("_", " ") for name in without)]
-    yield table(heading, _baseline_rows(runs[0], without))
+    yield table(heading, _baseline_rows(first, without))
     yield "SR on train less that on test, in points, and what the runs took:"
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
-    yield table(heading, map(_effort, by_method(runs)), "lrrrrrl")
+    yield table(heading, map(_effort, group), "lrrrrrl")
 
 
-def methods_of(group: Sequence[Figures]) -> list[str]:
+def methods_of(group: Sequence[MethodRuns]) -> list[str]:
     """Return the methods of a table's columns: the paper's if it has this config, then ours."""
     in_paper = [name for config, _, name in paper_figures() if config == group[0].config]
     return list(dict.fromkeys([*in_paper, *(each.method for each in group)]))
 
 
-def compared(group: Sequence[Figures], methods: Sequence[str]) -> Iterator[list[str]]:
+def compared(group: Sequence[MethodRuns], methods: Sequence[str]) -> Iterator[list[str]]:
     """Yield the rows of a comparison: for each split SPL and SR, and the SR that the paper has."""
-    here = {(each.split, each.method): each for each in group}
+    here = {each.method: each.figures for each in group}
     paper = paper_figures()
     for split in EVALUATED_SPLITS:
-        ours = [here.get((split, method)) for method in methods]
+        ours = [here[method][split] if method in here else None for method in methods]
         cells = {
             "SPL": [each and percent_cell(each.spl, each.spl_interval) for each in ours],
             "SR": [each and percent_cell(each.sr, each.sr_interval) for each in ours],
@@ -116,7 +107,7 @@ def percent_cell(share: float, bounds: tuple[float, float]) -> str:
     return f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
 
 
-def aer_cell(figures: Figures | Standing) -> str:
+def aer_cell(figures: Figures) -> str:
     """Return AER, its standard deviation and its interval."""
     low, high = figures.aer_interval
     return f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{low:.2f}, {high:.2f}]"
@@ -128,13 +119,13 @@ def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]
         yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in found)]
 
 
-def _effort(group: Sequence[Results]) -> list[str]:
+def _effort(method: MethodRuns) -> list[str]:
     """Return a method's gap between train and test, and the effort of its runs."""
-    training = [run_of(each).training for each in group]
-    points, low, high = (100 * share for share in gap(group))
+    training = [run_of(each).training for each in method.runs]
+    points, low, high = (100 * share for share in gap(method.runs))
     return [
-        name_of(run_of(group[0]).method),
-        str(len(group)),
+        name_of(method.method),
+        str(len(method.runs)),
         f"{points:.1f} [{low:.1f}, {high:.1f}]",
         _listed(each["epochs"] for each in training),
         _listed(each["selected"]["epoch"] for each in training),
@@ -147,26 +138,25 @@ def _listed(values: Iterable[object]) -> str:
     return ", ".join(dict.fromkeys(map(str, values)))
 
 
-def as_csv(figures: Sequence[Figures], firsts: Sequence[Results] = ()) -> str:
+def as_csv(methods: Sequence[MethodRuns]) -> str:
     """Return all figures, one row each; shares, not percent.
 
     The paper's come first, then ours, then those of what needs no learning, as the first run of
-    each config and setup tells them (`firsts`).
+    each config and setup tells them.
     """
     rows: list[dict[str, object]] = [
         asdict(each) | {"config": config, "source": "paper", "possible": each.is_possible}
         for (config, _, _), each in paper_figures().items()
     ]
-    for figure in figures:
-        row = asdict(figure) | figure.failures | figure.averages
-        row |= {"source": "here", "possible": True}
-        for name in ("spl", "sr", "aer"):
-            row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval")
-        lengths = figure.by_distance.items()
-        row["by_distance"] = "; ".join(f"{moves}: {share}" for moves, share in lengths)
-        rows.append(row)
-    for results in firsts:
-        about = {"config": results.config, "setup": run_of(results).setup, "source": "no learning"}
+    firsts: dict[tuple[str, str], Results] = {}
+    for each in methods:
+        firsts.setdefault((each.config, each.setup), each.runs[0])
+        about = {"config": each.config, "setup": each.setup, "method": each.method}
+        here = about | {"source": "here", "possible": True, "seeds": len(each.runs)}
+        for split, figures in each.figures.items():
+            rows.append(here | {"split": split} | figures.columns())
+    for (config, setup), results in firsts.items():
+        about = {"config": config, "setup": setup, "source": "no learning"}
         for name in WITHOUT_LEARNING:
             for split, found in results.baselines.get(name, {}).items():
                 rows.append(about | {"method": name, "split": split} | dict(found))

@@ -8,7 +8,6 @@ from what is kept there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 
 from rich.table import Column, Table
@@ -18,7 +17,7 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, say
 from pipeline.machinery.markdown import count
-from pipeline.studies.results.figures import BY_METHOD, Figures, summarise
+from pipeline.studies.results.figures import MethodRuns, by_method
 from pipeline.studies.results.kept import AtHand, comparable, gather, read_all
 from pipeline.studies.results.leaderboard import boards, entries_of
 from pipeline.studies.results.leaderboard_tables import LEADERBOARD, write_leaderboard
@@ -53,14 +52,13 @@ def run(run: Run) -> None:
             "'stages=[train,evaluate]' makes some"
         )
     runs = comparable(runs)
-    of_runs = [each.results for each in runs]
-    figures = summarise(of_runs)
+    methods = by_method([each.results for each in runs])
     if runs:
-        write_tables(results_dir, of_runs, figures)
-        console.print(overview(figures))
+        write_tables(results_dir, methods)
+        console.print(overview(methods))
         say(WHY_SPL)
         say(f"{count(len(runs), 'run')}: {results_dir}")
-    entries = list(entries_of(runs, figures, submissions))
+    entries = list(entries_of(methods, [*runs, *submissions]))
     write_leaderboard(results_dir, boards(entries))
     for config, reason in at_hand.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
@@ -70,13 +68,12 @@ def run(run: Run) -> None:
         raise RefusedError("\n  ".join([left_out, *refused]))
 
 
-def overview(figures: Sequence[Figures]) -> Table:
+def overview(methods: Sequence[MethodRuns]) -> Table:
     """Return SPL as a table for the terminal."""
     numbers = (Column(heading, justify="right") for heading in ("seeds", *EVALUATED_SPLITS))
     table = Table("dataset", "setup", "method", *numbers, title="SPL in percent, mean over seeds")
-    for _, grouped in groupby(figures, BY_METHOD):
-        group = list(grouped)
-        name = METHODS.get(group[0].method, group[0].method)
-        rates = (f"{100 * each.spl:.1f}" for each in group if each.split in EVALUATED_SPLITS)
-        table.add_row(group[0].config, group[0].setup, name, str(group[0].seeds), *rates)
+    for each in methods:
+        name = METHODS.get(each.method, each.method)
+        rates = (f"{100 * each.figures[split].spl:.1f}" for split in EVALUATED_SPLITS)
+        table.add_row(each.config, each.setup, name, str(len(each.runs)), *rates)
     return table

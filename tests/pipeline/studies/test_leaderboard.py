@@ -20,7 +20,8 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.studies.results import results as stage
-from pipeline.studies.results.leaderboard import Entry, Standing, boards
+from pipeline.studies.results.figures import AVERAGED, Figures
+from pipeline.studies.results.leaderboard import Entry, boards
 from pipeline.studies.results.leaderboard_tables import MARK, csv_of, markdown
 from pipeline.studies.results.results import RefusedError
 
@@ -240,8 +241,8 @@ def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_ot
 
 
 def entry(name, spl=None, low=0.0, high=1.0, **changed):
-    others = (0.7, 0.9, (0.8, 1.0), -1.0, 2.0, (-2.0, 0.0), None)
-    standing = spl is not None and Standing(100, spl, (low, high), *others)
+    others = (0.7, 0.9, (0.8, 1.0), -1.0, 2.0, (-2.0, 0.0), {}, dict.fromkeys(AVERAGED), {})
+    figures = spl is not None and Figures(100, spl, (low, high), *others)
     about = {
         "config": "5x5",
         "fingerprint": "0" * 64,
@@ -250,7 +251,7 @@ def entry(name, spl=None, low=0.0, high=1.0, **changed):
         "episodes": 1,
         "version": "0.1.0",
         "compared": True,
-        "standings": {"test": standing} if standing else {},
+        "figures": {"test": figures} if figures else {},
     }
     return Entry(method=Description(name), **(about | changed))
 

@@ -18,6 +18,7 @@ from pipeline.studies.results.comparison import (
     pairs_of_methods,
     rates_of,
 )
+from pipeline.studies.results.figures import by_method
 
 PUBLISHED = Path(__file__).parents[3] / "docs/results/runs"
 
@@ -74,7 +75,10 @@ def published() -> list[Results]:
 
 
 def test_of_a_thousand_relabellings_at_most_one_in_twenty_tells_equal_methods_apart(published):
-    rates, rng = np.concatenate([*rates_of(published).values()]), np.random.default_rng(0)
+    rates, rng = (
+        np.concatenate([*rates_of(by_method(published)).values()]),
+        np.random.default_rng(0),
+    )
 
     def relabelled() -> dict[str, np.ndarray]:
         return dict(zip("abc", np.split(rng.permutation(rates), 3), strict=True))
@@ -97,22 +101,22 @@ def test_twenty_seeds_tell_four_points_apart_and_say_of_which_pairs():
 
 
 def test_three_seeds_are_said_to_be_too_few_for_six_methods(published):
-    *_, table, conclusion = pairs_of_methods(rates_of(published))
+    *_, table, conclusion = pairs_of_methods(rates_of(by_method(published)))
     assert "| BC | 7 (1.00) |" in table
     assert conclusion.startswith("With so few seeds no two methods can be told apart")
     assert conclusion.endswith("the least possible p-value is 1.00. There is no ranking.")
-    assert list(pairs_of_methods(rates_of(published[:3]))) == []
+    assert list(pairs_of_methods(rates_of(by_method(published[:3])))) == []
 
 
 def test_what_is_significant_is_said(published):
     runs = 2 * published[:3] + 2 * published[3:6]  # As if of six seeds.
-    *_, conclusion = pairs_of_methods(rates_of(runs))
+    *_, conclusion = pairs_of_methods(rates_of(by_method(runs)))
     assert conclusion.startswith("Better, at a level of 5%")
     assert conclusion.endswith(": BC than DAgger.")
 
 
 def test_sizes_are_put_together_where_there_are_several():
     runs = [Results.load(path) for path in sorted(PUBLISHED.glob("*/bc-cnn-seed[0-9].json"))]
-    (text,) = [part for part in across_sizes(runs) if part.startswith("| setup")]
+    (text,) = [part for part in across_sizes(by_method(runs)) if part.startswith("| setup")]
     assert "| cnn | BC | 3x3, 4x4, 5x5 | 9 | " in text
-    assert list(across_sizes(runs[:3])) == []
+    assert list(across_sizes(by_method(runs[:3]))) == []

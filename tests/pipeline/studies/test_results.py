@@ -18,7 +18,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.studies.results import results as stage
-from pipeline.studies.results.figures import summarise
+from pipeline.studies.results.figures import by_method
 from pipeline.studies.results.kept import read_runs
 from pipeline.studies.results.paper import METHODS, paper_figures
 from pipeline.studies.results.result_tables import MARK, write_tables
@@ -108,10 +108,11 @@ def test_the_file_of_results_is_json_with_a_line_for_each_part_of_a_split(evalua
 
 def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
     runs = [of(evaluated, f"bc-cnn-seed{seed}") for seed in (0, 1)]
-    figures = {each.split: each for each in summarise(runs)}
+    (method,) = by_method(runs)
+    assert method.runs == runs
+    figures = method.figures
     for split in EVALUATED_SPLITS:
         each = [run.splits[split] for run in runs]
-        assert figures[split].seeds == 2
         assert figures[split].sr == pytest.approx(np.mean([scores.sr for scores in each]))
         assert figures[split].aer == pytest.approx(np.mean([scores.aer for scores in each]))
         assert sum(figures[split].failures.values()) == pytest.approx(1 - figures[split].sr)
@@ -135,8 +136,7 @@ def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, 
     assert (
         "| split | random | majority | fixed path | oracle | route memory | local walls |\n" in text
     )
-    figures = {(each.method, each.split): each for each in summarise(read_runs(folder))}
-    ours = figures["bc", "test"]
+    ours = by_method(read_runs(folder))[0].figures["test"]
     for name, share, (low, high) in (
         ("SPL", ours.spl, ours.spl_interval),
         ("SR", ours.sr, ours.sr_interval),
@@ -286,7 +286,7 @@ def test_no_name_is_a_tag_or_a_formula_in_the_tables(evaluated, tmp_path):
     name = r"=\input{x}|<script>&_$%#~^*[a](b)`"
     run = of(evaluated, "dagger-cnn-seed0")
     runs = [replace(run, run=replace(run.run, method=name, encoder=name))]
-    write_tables(tmp_path, runs, summarise(runs))
+    write_tables(tmp_path, by_method(runs))
     text = (tmp_path / "README.md").read_text()
     assert not re.search(r"(?<!\\)[<|]script|(?<!\\)\|<|(?<!\\)[<`*]", text.split("## 3x3")[1])
     with (tmp_path / "results.csv").open(encoding="utf-8", newline="") as file:
