@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from generalise import policy_of
 from labyrinth_sets import labyrinth_sets, write_results
 from numpy.typing import NDArray
 
+from labyrinth_core import load_policy
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import solved_by
@@ -38,6 +38,7 @@ from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import as_input
 from labyrinth_core.policies.networks.planning import Bellman, Planner
+from labyrinth_core.policies.networks.symmetry import Averaged
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.training import IMAGE_SIZE
@@ -78,11 +79,19 @@ def main() -> None:
         looks_or_powers(given, folder, record["run"], about, kept)
 
 
+def in_one_view(folder: Path) -> NetworkPolicy:
+    """Return the policy of a run, which does not average over the symmetries of a picture."""
+    policy = load_policy(folder)
+    if isinstance(policy.network, Averaged):
+        policy.network.symmetries = (0,)
+    return policy
+
+
 def looks(
     given: argparse.Namespace, folder: Path, run: dict[str, Any], about: dict[str, Any], kept: Path
 ) -> None:
     """Show the labyrinths of test to a policy in each of the looks."""
-    policy, _ = policy_of(folder, run, once=True)
+    policy = in_one_view(folder)
     solved = {}
     for name in all_looks():
         shown = in_look(name, given.data_dir, run["config"])
@@ -150,7 +159,8 @@ def powers(
     given: argparse.Namespace, folder: Path, run: dict[str, Any], about: dict[str, Any], kept: Path
 ) -> None:
     """Let a planner plan with each of the powers, and with the one that each size needs."""
-    policy, trained_side = policy_of(folder, run, once=True)
+    policy = in_one_view(folder)
+    trained_side = int(run["config"].partition("x")[0])
     bellman = next(each for each in policy.network.modules() if isinstance(each, Bellman))
     margin = margin_of(policy, load_arrays(given.data_dir, run["config"], "validation"))
     sides = [trained_side, *given.sizes]
