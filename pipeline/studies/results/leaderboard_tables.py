@@ -29,13 +29,15 @@ Methods are ranked by SPL on `{RANKED_BY}`, structures that nobody learns on.
 {WHY_SPL}
 
 A rank is one more than the number of methods whose interval of SPL lies wholly above: methods with
-one rank tie, and where two intervals overlap, neither method is claimed to be better. The interval
-of 100% or 0% has no width, which is too narrow. SPL: for a solved labyrinth, moves on a shortest
-route divided by moves taken, else 0; the mean, in percent. SR: share of the episodes that reach the
-goal, in percent; *within n x n*, in as many steps as there are cells. AER: average episodic return,
-± its standard deviation. Path efficiency: moves on a shortest route divided by moves taken, in
-percent, over solved episodes. In brackets, 95% bootstrap intervals over labyrinths, and over seeds
-or episodes where there are several.
+one rank tie, and where two intervals overlap, neither method is claimed to be better. Ranks compare
+these policies: the intervals of a few seeds are too narrow to say how another seed would do.
+Whether methods differ over seeds is tested in `README.md`, by exchanging runs. The interval of 100%
+or 0% has no width, which is too narrow. SPL: for a solved labyrinth, moves on a shortest route
+divided by moves taken, else 0; the mean, in percent. SR: share of the episodes that reach the goal,
+in percent; *within n x n*, in as many steps as there are cells. AER: average episodic return, ± its
+standard deviation. Path efficiency: moves on a shortest route divided by moves taken, in percent,
+over solved episodes. In brackets, 95% bootstrap intervals over labyrinths, and over seeds or
+episodes where there are several.
 
 All figures are computed from the outcome and the moves of each episode. What a method has learnt
 from is as its authors state it; an empty cell is not stated. {MARK}: the dataset was not available
