@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -32,12 +32,17 @@ MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
 
 
 class Column(NamedTuple):
-    """One column of the dataset."""
+    """One column of a file of ours."""
 
     name: str
     feature: dict[str, Any]
     """The feature, as the library `datasets` describes it in Parquet files and cards."""
     meaning: str
+
+    @classmethod
+    def of(cls, name: str, dtype: str, meaning: str) -> Column:
+        """Return a column of plain values, such as `int32` or `string`."""
+        return cls(name, {"dtype": dtype, "_type": "Value"}, meaning)
 
 
 COLUMNS = (
@@ -47,21 +52,13 @@ COLUMNS = (
         {"names": [action.name.lower() for action in Action], "_type": "ClassLabel"},
         "action taken: 0 up, 1 right, 2 down, 3 left; -1 in the last row of an episode",
     ),
-    Column(
+    Column.of(
         "rewards",
-        {"dtype": "float32", "_type": "Value"},
+        "float32",
         "reward received for the action; 0 in the last row of an episode",
     ),
-    Column(
-        "episode_starts",
-        {"dtype": "bool", "_type": "Value"},
-        "whether the row is the first of an episode",
-    ),
-    Column(
-        "info",
-        {"dtype": "string", "_type": "Value"},
-        "the labyrinth, in the text language that loads it again",
-    ),
+    Column.of("episode_starts", "bool", "whether the row is the first of an episode"),
+    Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
 )
 
 
@@ -80,23 +77,26 @@ class Row(NamedTuple):
     """The digest of its pixels, which is not a column."""
 
 
-def arrow_schema() -> pyarrow.Schema:
-    """Return the Arrow schema of the files, with the metadata in which `datasets` keeps features.
+def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pyarrow.Schema:
+    """Return the Arrow schema of files, with the metadata in which `datasets` keeps features.
 
     It is written out, since importing `datasets` takes longer than building a small dataset.
     """
     import pyarrow as pa
 
     types = {
-        "obs": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
-        "actions": pa.int64(),
-        "rewards": pa.float32(),
-        "episode_starts": pa.bool_(),
-        "info": pa.string(),
+        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
+        "ClassLabel": pa.int64(),
+        "List": pa.list_(pa.string()),
+        "string": pa.string(),
+        "bool": pa.bool_(),
+        "float32": pa.float32(),
+        "int32": pa.int32(),
+        "int64": pa.int64(),
     }
-    features = {"info": {"features": {column.name: column.feature for column in COLUMNS}}}
+    features = {"info": {"features": {column.name: column.feature for column in columns}}}
     return pa.schema(
-        [(column.name, types[column.name]) for column in COLUMNS],
+        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
         metadata={"huggingface": json.dumps(features)},
     )
 

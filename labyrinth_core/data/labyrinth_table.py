@@ -6,19 +6,15 @@ such as `5x5-labyrinths`.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labyrinth_core.data.columns import Column
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
-
-if TYPE_CHECKING:
-    import pyarrow
 
 TABLE = "labyrinths.parquet"
 """The name of the file."""
@@ -30,49 +26,33 @@ MOST_ROUTES = 2**63 - 1
 """The largest number of routes in the table; it stands for all that are larger, too."""
 
 
-def _column(name: str, dtype: str, meaning: str) -> Column:
-    return Column(name, {"dtype": dtype, "_type": "Value"}, meaning)
-
-
 TABLE_COLUMNS = (
     # As text, since sixteen digits are more than the numbers of JSON and JavaScript can hold.
-    _column("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
-    _column("structure_id", "string", "hash of its structure, likewise"),
-    _column("split", "string", "split that it is in"),
-    _column("parent_id", "string", "labyrinth that it was derived from; null if from none"),
-    _column("height", "int32", "rows of cells"),
-    _column("width", "int32", "columns of cells"),
-    _column("task", "string", "task, such as navigation"),
-    _column("start", "int32", "cell of the start: row * width + column, row 0 at the bottom"),
-    _column("goal", "int32", "cell of the goal, likewise"),
-    _column("moves", "int32", "moves on a shortest route"),
-    _column("optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"),
-    _column("turns", "int32", "changes of direction on its first route; null in random"),
-    _column("loops", "int32", "passages beyond those of a tree"),
-    _column("branching", "int32", "cells with three or four passages"),
-    _column("dead_ends", "int32", "cells with one passage"),
-    _column("episodes", "int32", "episodes in the split"),
-    _column("first_row", "int64", "its first row in the split, counted from 0"),
-    _column("rows", "int32", "rows in the split, which follow one another"),
-    _column("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
+    Column.of("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
+    Column.of("structure_id", "string", "hash of its structure, likewise"),
+    Column.of("split", "string", "split that it is in"),
+    Column.of("parent_id", "string", "labyrinth that it was derived from; null if from none"),
+    Column.of("height", "int32", "rows of cells"),
+    Column.of("width", "int32", "columns of cells"),
+    Column.of("task", "string", "task, such as navigation"),
+    Column.of("start", "int32", "cell of the start: row * width + column, row 0 at the bottom"),
+    Column.of("goal", "int32", "cell of the goal, likewise"),
+    Column.of("moves", "int32", "moves on a shortest route"),
+    Column.of("optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"),
+    Column.of("turns", "int32", "changes of direction on its first route; null in random"),
+    Column.of("loops", "int32", "passages beyond those of a tree"),
+    Column.of("branching", "int32", "cells with three or four passages"),
+    Column.of("dead_ends", "int32", "cells with one passage"),
+    Column.of("episodes", "int32", "episodes in the split"),
+    Column.of("first_row", "int64", "its first row in the split, counted from 0"),
+    Column.of("rows", "int32", "rows in the split, which follow one another"),
+    Column.of("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
 )
 
 
 def table_config(config: str) -> str:
     """Return the name that the table of a config has on the Hub."""
     return f"{config}-{SPLIT}"
-
-
-def table_schema() -> pyarrow.Schema:
-    """Return the Arrow schema of the table, with metadata that `datasets` reads features from."""
-    import pyarrow as pa
-
-    types = {"string": pa.string(), "int32": pa.int32(), "int64": pa.int64()}
-    features = {"info": {"features": {column.name: column.feature for column in TABLE_COLUMNS}}}
-    return pa.schema(
-        [(column.name, types[column.feature["dtype"]]) for column in TABLE_COLUMNS],
-        metadata={"huggingface": json.dumps(features)},
-    )
 
 
 @contextmanager

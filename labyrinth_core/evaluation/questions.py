@@ -28,26 +28,24 @@ MOST_ROUTES = 1_000
 """The most shortest routes of a labyrinth that is asked about; 5x5 without walls has 70."""
 
 
-def _text(name: str, meaning: str) -> Column:
-    return Column(name, {"dtype": "string", "_type": "Value"}, meaning)
-
-
 QUESTION_COLUMNS = (
-    _text("labyrinth_id", "hash of the labyrinth, as in the table of labyrinths"),
+    Column.of("labyrinth_id", "string", "hash of the labyrinth, as in the table of labyrinths"),
     Column("image", {"_type": "Image"}, "picture of the first state, 600 x 600 RGB, PNG"),
     Column("image_300", {"_type": "Image"}, "the same at 300 x 300"),
-    _text("text", "drawing of the first state, the agent as @"),
-    _text("prompt", "question about the drawing, which is in it"),
-    _text("picture_prompt", "question about the picture"),
-    _text("image_url", "`image` as a data URL, for tools that take pictures as text"),
+    Column.of("text", "string", "drawing of the first state, the agent as @"),
+    Column.of("prompt", "string", "question about the drawing, which is in it"),
+    Column.of("picture_prompt", "string", "question about the picture"),
+    Column.of("image_url", "string", "`image` as a data URL, for tools that take pictures as text"),
     Column(
         "routes",
         {"feature": {"dtype": "string", "_type": "Value"}, "_type": "List"},
         "all shortest routes, each as words such as up right",
     ),
-    _text("answer", "first of `routes`: where two part, up comes before right, down, left"),
-    Column("moves", {"dtype": "int32", "_type": "Value"}, "moves of a shortest route"),
-    _text("info", "the labyrinth, in the text language that loads it again"),
+    Column.of(
+        "answer", "string", "first of `routes`: where two part, up comes before right, down, left"
+    ),
+    Column.of("moves", "int32", "moves of a shortest route"),
+    Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
 )
 
 _PROMPT = """{shown} Find a shortest route from the agent ({agent}) to the goal ({goal}). \

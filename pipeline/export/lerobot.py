@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.columns import NO_ACTION, arrow_schema
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import table_rows, table_schema
+from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS, table_rows
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.data.transitions import LoadedEpisode
 from pipeline.config.export import CODEBASE_VERSION
@@ -216,4 +216,4 @@ def _episode_schema() -> pa.Schema:
         ("meta/episodes/file_index", pa.int64()),
         ("info", pa.string()),
     ]
-    return pa.schema([*fields, *((each.name, each.type) for each in table_schema())])
+    return pa.schema([*fields, *((each.name, each.type) for each in arrow_schema(TABLE_COLUMNS))])

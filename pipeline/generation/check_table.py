@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.labyrinth_table import TABLE, table_schema
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from pipeline.generation.tabulate import Facts, facts_table
@@ -39,7 +40,7 @@ def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str],
     except (OSError, pa.ArrowException) as error:
         return [f"{TABLE} cannot be read: {one_line(error)}"], False
     expected_rows = sum(shard.labyrinths for shard in manifest.shards)
-    if not schema.equals(table_schema(), check_metadata=False):
+    if not schema.equals(arrow_schema(TABLE_COLUMNS), check_metadata=False):
         problems.append(f"{TABLE}: its columns are not those of a table of labyrinths")
     elif rows != expected_rows:
         problems.append(f"{TABLE}: {rows} rows, but the manifest has {expected_rows} labyrinths")

@@ -7,13 +7,12 @@ has its fingerprint, so that questions about other rows are told from those of t
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from labyrinth_core.data.columns import read_schema
+from labyrinth_core.data.columns import arrow_schema, read_schema
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.rows import check_file, check_footer, readable
@@ -34,7 +33,7 @@ from pipeline.machinery.folders import held
 from pipeline.machinery.worker import count_done
 
 if TYPE_CHECKING:
-    import pyarrow as pa
+    pass
 
 GROUP_ROWS = 256
 """The rows of a row group, some 3 MB."""
@@ -114,11 +113,11 @@ def _write(job: Job, scratch: AnyPath) -> Shard:
 
     rows = longest = 0
     with new_file(job.folder / job.shard.path, scratch) as path:
-        with pq.ParquetWriter(path, _schema(), **WRITER_OPTIONS) as writer:
-            writer.add_key_value_metadata(_schema().metadata)
+        with pq.ParquetWriter(path, arrow_schema(QUESTION_COLUMNS), **WRITER_OPTIONS) as writer:
+            writer.add_key_value_metadata(arrow_schema(QUESTION_COLUMNS).metadata)
             questions = _questions(job)
             while group := list(islice(questions, GROUP_ROWS)):
-                writer.write_table(pa.Table.from_pylist(group, _schema()))
+                writer.write_table(pa.Table.from_pylist(group, arrow_schema(QUESTION_COLUMNS)))
                 rows += len(group)
                 longest = max(longest, *(row["moves"] for row in group))
                 count_done(len(group))
@@ -178,7 +177,7 @@ def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
     try:
         with readable(path), local_copy(path) as local:
             check_file(local, shard, path)
-            if not read_schema(local).equals(_schema(), check_metadata=False):
+            if not read_schema(local).equals(arrow_schema(QUESTION_COLUMNS), check_metadata=False):
                 return [f"{path}: its columns are not those of questions"]
             with pq.ParquetFile(local) as file:
                 check_footer(file, shard, path)
@@ -193,23 +192,3 @@ def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
     except DatasetError as error:
         return [one_line(error)]
     return [f"{path} row {row} {name}: not what the labyrinth gives" for name, row in wrong.items()]
-
-
-def _schema() -> pa.Schema:
-    """Return the Arrow schema of the files, with metadata that `datasets` reads features from."""
-    import pyarrow as pa
-
-    types = {
-        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
-        "List": pa.list_(pa.string()),
-        "string": pa.string(),
-        "int32": pa.int32(),
-    }
-    features = {"info": {"features": {column.name: column.feature for column in QUESTION_COLUMNS}}}
-    return pa.schema(
-        [
-            (column.name, types[column.feature.get("dtype", column.feature["_type"])])
-            for column in QUESTION_COLUMNS
-        ],
-        metadata={"huggingface": json.dumps(features)},
-    )

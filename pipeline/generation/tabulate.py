@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import (
     MOST_ROUTES,
     TABLE_COLUMNS,
     table_file,
-    table_schema,
 )
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
@@ -176,7 +176,7 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
     """Return the rows of the table that facts give; the first of them has the row `first_row`."""
     import pyarrow as pa
 
-    count, schema = len(facts), table_schema()
+    count, schema = len(facts), arrow_schema(TABLE_COLUMNS)
     rows = facts["rows"].astype(np.int64)
     given: dict[str, Any] = {
         "split": split,
@@ -224,7 +224,7 @@ def write_table(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = table_schema()
+    schema = arrow_schema(TABLE_COLUMNS)
     words = ["split", "task", *(field.name for field in schema if field.type == pa.int32())]
     with pq.ParquetWriter(
         path, schema, compression="zstd", use_dictionary=words, store_schema=False

@@ -16,8 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
+from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file, table_schema
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
@@ -51,7 +52,7 @@ def write(folder: Path, table: pa.Table, *, agree: bool = True) -> None:
 def doctored(folder: Path, row: int, name: str, value: Any) -> pa.Table:
     rows = read_rows(folder / TABLE)
     rows[row][name] = value
-    return pa.Table.from_pylist(rows, schema=table_schema())
+    return pa.Table.from_pylist(rows, schema=arrow_schema(TABLE_COLUMNS))
 
 
 def test_a_table_that_is_right_has_no_problems_however_it_is_written(folder: Path) -> None:

@@ -26,12 +26,12 @@ from brute_force import (
 from datasets import load_dataset
 from tampering import Rows, read_rows
 
+from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.labyrinth_table import (
     MOST_ROUTES,
     TABLE,
     TABLE_COLUMNS,
     table_rows,
-    table_schema,
 )
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
@@ -141,7 +141,7 @@ def test_the_manifest_names_the_table_and_its_hash(small_dataset: Run) -> None:
     assert named is not None
     assert (named.bytes, named.sha256) == (path.stat().st_size, file_sha256(path))
     with pq.ParquetFile(path) as file:
-        assert file.schema_arrow.equals(table_schema())
+        assert file.schema_arrow.equals(arrow_schema(TABLE_COLUMNS))
         assert b"huggingface" in file.metadata.metadata
 
 
