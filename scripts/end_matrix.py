@@ -30,9 +30,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 RUN = Path(__file__).parents[1] / "run.py"
-DATASET = ("size=20", "labyrinths=150")
-BUILD = (*DATASET, "workers=2", "stages=build")
-DESCRIBE = (*DATASET, "workers=2", "stages=[validate,analyse,card]")
+BUILD = ("size=20", "workers=2", "stages=build")
+DESCRIBE = ("size=20", "workers=2", "stages=[validate,analyse,card]")
 
 LIMITS = (400, 500, 565, 590, 600, 610, 625, 650, 700, 800)
 """Megabytes; with fewer than 600 the program does not begin."""
@@ -118,7 +117,8 @@ def run_out_of_memory(made: Path, folder: Path, given: argparse.Namespace, ends:
         arguments = (BUILD, DESCRIBE)[number // len(given.megabytes) % 2]
         if arguments is DESCRIBE:
             shutil.copytree(made, folder / "data")
-        status, stderr = ended(folder, arguments, limit=megabytes * 1_000_000)
+        dataset = f"labyrinths={given.labyrinths}"
+        status, stderr = ended(folder, (*arguments, dataset), limit=megabytes * 1_000_000)
         lines = stderr.count("\n")
         right = (status, lines) in ((0, 0), (1, 1))
         what = f"{megabytes} MB, {arguments[-1]}"
@@ -141,7 +141,7 @@ def interrupt(made: Path, folder: Path, given: argparse.Namespace, ends: Ends) -
             with suppress(ProcessLookupError):
                 kill(process, signal.SIGINT)
 
-        status, stderr = ended(folder, arguments, act)
+        status, stderr = ended(folder, (*arguments, f"labyrinths={given.labyrinths}"), act)
         lines = len(stderr.splitlines())
         right = (status, lines) in ((0, 0), (130, 1))
         kind = kind_of(status, stderr)
@@ -159,6 +159,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=50, help="under limits of memory")
     parser.add_argument("--megabytes", type=int, nargs="+", default=LIMITS)
     parser.add_argument("--interruptions", type=int, default=200)
+    parser.add_argument("--labyrinths", type=int, default=150, help="in each split")
     parser.add_argument("--seconds", type=float, default=3.0, help="the latest interruption")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
@@ -167,7 +168,7 @@ def main() -> None:
         folder, other = Path(temporary, "work"), Path(temporary, "other")
         folder.mkdir()
         other.mkdir()
-        status, stderr = ended(other, (*DATASET, "stages=build"))
+        status, stderr = ended(other, (*BUILD, f"labyrinths={given.labyrinths}"))
         if status:
             raise SystemExit(stderr)
         run_out_of_memory(other / "data", folder, given, memory)

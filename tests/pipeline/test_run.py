@@ -408,6 +408,7 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one() -> None:
 def test_commands_short_of_memory_or_interrupted_end_with_one_line() -> None:
     script = RUN.parent / "scripts" / "end_matrix.py"
     given = ["--runs", "4", "--megabytes", "500", "650", "--interruptions", "4"]
+    given += ["--labyrinths", "20"]
     result = subprocess.run(
         [sys.executable, str(script), *given],
         env=os.environ | {"PYTHONPATH": str(RUN.parent)},
