@@ -8,9 +8,7 @@ reads a group of datasets, whose ids begin with the name of the repository, as
 from __future__ import annotations
 
 import json
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +25,7 @@ from pipeline.config.run import Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.markdown import table
-from pipeline.machinery.own_files import OwnFiles, list_all
+from pipeline.machinery.own_files import OwnFiles
 from pipeline.release.model import published_dataset
 from pipeline.release.plan import LEROBOT, MINARI
 from pipeline.release.provenance import code, command_lines
@@ -52,11 +50,13 @@ def loading(run: Run) -> str:
     return f"MINARI_REMOTE=hf://{owner} minari download {id_}"
 
 
-@contextmanager
-def staged_export(run: Run, api: HfApi) -> Iterator[Path]:
-    """Yield a folder with all that the repository of the export of a run is to hold.
+def stage_export(run: Run, folder: Path, api: HfApi) -> None:
+    """Write all that the repository of the export of a run is to hold, files of it as links.
 
-    Files of an export are links to it.
+    Args:
+        run: The run, which names the dataset, the format and the splits.
+        folder: Where to write it.
+        api: Says which dataset is on the Hub.
 
     Raises:
         ConfigError: The dataset has no such split.
@@ -68,20 +68,15 @@ def staged_export(run: Run, api: HfApi) -> Iterator[Path]:
     unknown = [name for name in splits if name not in manifest.config.splits]
     allowed = listed(manifest.config.splits)
     check(not unknown, f"export.splits={listed(asked.splits)}: choose from {allowed}")
-    with tempfile.TemporaryDirectory(prefix="labyrinth-export-") as temporary:
-        folder = Path(temporary)
-        if asked.format == "lerobot":
-            records = {split: _linked(run, manifest, split, folder) for split in splits}
-        else:
-            group = folder / run.dataset.name
-            records = {
-                split: _linked(run, manifest, split, group / f"{split}-v{VERSION}")
-                for split in splits
-            }
-            _group(folder, run, splits)
-        write_text(folder / "README.md", _card(run, manifest, records, commit))
-        list_all(folder)
-        yield folder
+    if asked.format == "lerobot":
+        records = {split: _linked(run, manifest, split, folder) for split in splits}
+    else:
+        group = folder / run.dataset.name
+        records = {
+            split: _linked(run, manifest, split, group / f"{split}-v{VERSION}") for split in splits
+        }
+        _group(folder, run, splits)
+    write_text(folder / "README.md", _card(run, manifest, records, commit))
 
 
 def _origin(run: Run, api: HfApi) -> tuple[str | None, Manifest]:

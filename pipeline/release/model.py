@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +33,6 @@ from labyrinth_core.policies.spec import (
 )
 from pipeline.config.run import Run
 from pipeline.machinery.markdown import count, plain, table, verbatim
-from pipeline.machinery.own_files import list_all
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import code
 from pipeline.release.remote import PublishError, Remote, explained
@@ -91,12 +87,12 @@ def published_dataset(run: Run, api: HfApi) -> tuple[str, Manifest]:
         return commit, Manifest.read(locate(repo_id, run.dataset.name, [], commit))
 
 
-@contextmanager
-def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
-    """Yield a folder with all that the repository of the policy of a run is to hold.
+def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> None:
+    """Write all that the repository of the policy of a run is to hold.
 
     Args:
         run: The run that trained and evaluated it.
+        folder: Where to write it.
         commit: The commit of the dataset on the Hub.
         manifest: The manifest of that dataset.
 
@@ -107,29 +103,25 @@ def staged_policy(run: Run, commit: str, manifest: Manifest) -> Iterator[Path]:
     source = run.training_folder
     dataset, revision = run.dataset_on_hub
     results, made = _results(run, _known(run, commit, manifest))
-    with tempfile.TemporaryDirectory(prefix="labyrinth-model-") as temporary:
-        folder = Path(temporary)
-        _copy_weights(source, folder, made)
-        policy = load_policy(source)
-        write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
-        trained = Trained(
-            model=run.options.publish.model,
-            version=run.options.publish.version,
-            spec=policy.spec,
-            weights=sum(each.numel() for each in policy.network.parameters()),
-            dataset=dataset,
-            revision=revision or commit,
-            commit=commit,
-            manifest=manifest,
-            results=results,
-            run=made,
-        )
-        write_text(folder / "README.md", _card(trained))
-        (folder / EVAL_RESULTS).mkdir()
-        name = f"{dataset.rpartition('/')[2]}.yaml"
-        write_text(folder / EVAL_RESULTS / name, _eval_results(trained))
-        list_all(folder)
-        yield folder
+    _copy_weights(source, folder, made)
+    policy = load_policy(source)
+    write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
+    trained = Trained(
+        model=run.options.publish.model,
+        version=run.options.publish.version,
+        spec=policy.spec,
+        weights=sum(each.numel() for each in policy.network.parameters()),
+        dataset=dataset,
+        revision=revision or commit,
+        commit=commit,
+        manifest=manifest,
+        results=results,
+        run=made,
+    )
+    write_text(folder / "README.md", _card(trained))
+    (folder / EVAL_RESULTS).mkdir()
+    name = f"{dataset.rpartition('/')[2]}.yaml"
+    write_text(folder / EVAL_RESULTS / name, _eval_results(trained))
 
 
 def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:

@@ -14,7 +14,7 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -28,13 +28,14 @@ from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
+from pipeline.machinery.own_files import list_all
 from pipeline.release.card import write_card
 from pipeline.release.changes import changes_since, parts
-from pipeline.release.environment import staged_environment
+from pipeline.release.environment import stage_environment
 from pipeline.release.export import KINDS as EXPORTS
-from pipeline.release.export import loading, staged_export
+from pipeline.release.export import loading, stage_export
 from pipeline.release.files import files_of, left_out
-from pipeline.release.model import published_dataset, staged_policy
+from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, SPACE, Kind, Plan, make_plan
 from pipeline.release.remote import (
     FAULTS,
@@ -45,7 +46,7 @@ from pipeline.release.remote import (
     reasons,
     repeated,
 )
-from pipeline.release.space import staged_report
+from pipeline.release.space import stage_report
 from pipeline.release.verify import verified
 
 
@@ -74,22 +75,27 @@ def run(run: Run) -> None:
                 config = front_matter.default_config(manifests)
                 say(f'load_dataset("{options.repo_id}", "{config}", {version})')
 
-    def release(repo_id: str, kind: Kind, staged: AbstractContextManager[Path], load: str) -> None:
-        """Release the files of a folder, and say how to load them."""
-        with explained(repo_id), staged as folder:
+    def release(repo_id: str, kind: Kind, stage: Callable[[Path], None], load: str) -> None:
+        """Release the files that a function writes into a folder, and say how to load them."""
+        with explained(repo_id), tempfile.TemporaryDirectory(prefix="labyrinth-release-") as place:
+            folder = Path(place)
+            stage(folder)
+            list_all(folder)
             if _release(Remote(api, repo_id, kind), options, folder, nullcontext(folder)):
                 say(load)
 
     if id_ := options.export:
-        release(id_, EXPORTS[run.options.export.format], staged_export(run, api), loading(run))
+        kind = EXPORTS[run.options.export.format]
+        release(id_, kind, lambda folder: stage_export(run, folder, api), loading(run))
     if id_ := options.env:
-        staged = staged_environment(run, *published_dataset(run, api))
-        release(id_, ENVIRONMENT, staged, f'make_env("{id_}", trust_remote_code=True)')
+        origin, load = published_dataset(run, api), f'make_env("{id_}", trust_remote_code=True)'
+        release(id_, ENVIRONMENT, lambda folder: stage_environment(run, folder, *origin), load)
     if id_ := options.model:
-        staged = staged_policy(run, *published_dataset(run, api))
-        release(id_, MODEL, staged, f'load_policy("{id_}", {version})')
+        origin, load = published_dataset(run, api), f'load_policy("{id_}", {version})'
+        release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
     if id_ := options.space:
-        release(id_, SPACE, staged_report(run), f"{constants.ENDPOINT}/spaces/{id_}")
+        load = f"{constants.ENDPOINT}/spaces/{id_}"
+        release(id_, SPACE, lambda folder: stage_report(run, folder), load)
 
 
 @contextmanager

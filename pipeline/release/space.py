@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import write_text
 from pipeline.config.run import Run
-from pipeline.machinery.own_files import OwnFiles, list_all
+from pipeline.machinery.own_files import OwnFiles
 from pipeline.release.provenance import code
 from pipeline.release.texts import fill
 
@@ -22,9 +20,8 @@ FOLDER, PAGE = "report", "index.html"
 """Where the stage `report` leaves its page, in the data_dir."""
 
 
-@contextmanager
-def staged_report(run: Run) -> Iterator[Path]:
-    """Yield a folder with the files of the Space of a run's report.
+def stage_report(run: Run, folder: Path) -> None:
+    """Write the files of the Space of a run's report into a folder.
 
     Raises:
         DatasetError: There is no report, or it is not as the stage `report` left it.
@@ -38,10 +35,5 @@ def staged_report(run: Run) -> Iterator[Path]:
             f"{source / PAGE} is not as stages=report left it: move it away, and run that again"
         )
     dataset, _ = run.dataset_on_hub
-    with tempfile.TemporaryDirectory(prefix="labyrinth-space-") as temporary:
-        folder = Path(temporary)
-        shutil.copyfile(source / PAGE, folder / PAGE)
-        card = fill("space.md", dataset=dataset, code=code())
-        (folder / "README.md").write_text(card, encoding="utf-8")
-        list_all(folder)
-        yield folder
+    shutil.copyfile(source / PAGE, folder / PAGE)
+    write_text(folder / "README.md", fill("space.md", dataset=dataset, code=code()))

@@ -94,11 +94,8 @@ class GraphPolicy:
         if len(inputs) != 1 or len(outputs) != 1:
             self._refuse(f"it has {len(inputs)} inputs and {len(outputs)} outputs, not one of each")
         (_, seen, shape), (_, answered, scores) = inputs[0], outputs[0]
-        pictures = len(shape) == 4 and shape[1:] == [shape[1], shape[1], 3]
-        fits = pictures and seen in ("tensor(uint8)", "tensor(float)")
-        fits &= pictures and type(shape[1]) is int and 1 <= shape[1] <= PICTURE_SIZE
-        fits |= len(shape) == 2 and seen in TYPES and seen != "tensor(uint8)"
-        if not fits or type(shape[0]) is int:
+        pictures, vectors = _are_pictures(seen, shape), _are_vectors(seen, shape)
+        if not (pictures or vectors) or type(shape[0]) is int:
             self._refuse(
                 f"its input is {seen} of shape {shape}: give uint8 or float of shape [batch, "
                 "pixels, pixels, 3], or vectors of shape [batch, length]"
@@ -148,7 +145,11 @@ class GraphPolicy:
             if len(header) < FRAME.size:
                 self._refuse_ended(late)
             found, length = FRAME.unpack(header)
-            if length > _LONGEST if size is None or found == ERROR else length != size:
+            if size is None or found == ERROR:
+                least, most = 0, _LONGEST
+            else:
+                least = most = size
+            if not least <= length <= most:
                 self._refuse(f"it answers {length} bytes")
             answer = self._process.stdout.read(length)
             if len(answer) < length:
@@ -168,3 +169,16 @@ class GraphPolicy:
 
     def _refuse(self, reason: str) -> NoReturn:
         raise PolicyError(f"{self._named} is refused: {reason:.300}")
+
+
+def _are_pictures(kind: str, shape: list[int | str | None]) -> bool:
+    """Return whether an input takes square pictures of a size that can be drawn."""
+    if kind not in ("tensor(uint8)", "tensor(float)") or len(shape) != 4:
+        return False
+    _, height, width, channels = shape
+    return type(height) is int and 1 <= height <= PICTURE_SIZE and (width, channels) == (height, 3)
+
+
+def _are_vectors(kind: str, shape: list[int | str | None]) -> bool:
+    """Return whether an input takes vectors."""
+    return kind in TYPES and kind != "tensor(uint8)" and len(shape) == 2

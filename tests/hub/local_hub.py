@@ -133,14 +133,6 @@ class LocalHub:
             tree = {**repository.find("main").tree, path: entry}
             return repository.commit(MAIN, tree, f"Change {path}")
 
-    def remove(self, name: str, *paths: str) -> Commit:
-        """Return a commit to `main` of a dataset by another user, without some files."""
-        with self._state.lock:
-            repository = self._repository(name, "dataset")
-            kept = repository.find("main").tree.items()
-            tree = {path: entry for path, entry in kept if path not in paths}
-            return repository.commit(MAIN, tree, "Remove files")
-
     def tag(self, name: str, tag: str, kind: str = "dataset") -> None:
         """Let a tag point at the head of `main`."""
         repository = self._repository(name, kind)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hub.local_hub import LocalHub
 from making import make
-from publishing import local_hub
+from publishing import local_hub, published
 
 from pipeline.config.run import Run, RunConfig, resolve
 
@@ -36,6 +37,32 @@ def built_to_release(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path
 def releasable(built_to_release: dict[str, Path], tmp_path: Path) -> Path:
     """A copy of one tiny dataset, without its card."""
     return Path(shutil.copytree(built_to_release["one"], tmp_path / "labyrinth"))
+
+
+@pytest.fixture(scope="session")
+def release(built_to_release: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a Hub on which one tiny dataset is released as 1.0.0; not to be changed."""
+    place = tmp_path_factory.mktemp("release")
+    shutil.copytree(built_to_release["one"], place / "labyrinth")
+    with LocalHub(place / "hub") as hub:
+        published(hub, place / "labyrinth")
+    return place
+
+
+@pytest.fixture
+def released(release: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset that is released as 1.0.0."""
+    return Path(shutil.copytree(release / "labyrinth", tmp_path / "released"))
+
+
+@pytest.fixture
+def released_hub(release: Path, tmp_path: Path) -> Iterator[LocalHub]:
+    """Yield a copy of the Hub on which it is released."""
+    copy = tmp_path / "released-hub"
+    shutil.copytree(release / "hub", copy, ignore=shutil.ignore_patterns("homes", "temporary"))
+    with LocalHub(copy) as hub:
+        yield hub
+    assert not hub.failures, "\n".join(hub.failures)
 
 
 @pytest.fixture(scope="session")

@@ -54,14 +54,16 @@ for config in get_dataset_config_names(repo, revision=revision):
         rows = pq.read_table(path).to_pylist()
         results[f"{config} labyrinths"] = [len(rows), list(table) == rows and len(rows) > 0]
         continue
+    ways = [
+        load_dataset(repo, config, revision=revision, streaming=streaming)
+        for streaming in (False, True)
+    ]
     for split in get_dataset_split_names(repo, config, revision=revision):
         paths = sorted((folder / config).glob(f"{split}-*.parquet"))
         rows = [row for path in paths for row in pq.read_table(path).to_pylist()]
         results[f"{config} {split}"] = [len(rows)]
-        for streaming in (False, True):
-            loaded = load_dataset(
-                repo, config, split=split, revision=revision, streaming=streaming
-            ).cast_column("obs", Image(decode=False))
+        for splits in ways:
+            loaded = splits[split].cast_column("obs", Image(decode=False))
             results[f"{config} {split}"].append(list(loaded) == rows and len(rows) > 0)
     there = load_transitions(repo, config, revision=revision, image_size=8)
     here = load_transitions(folder, config, image_size=8)
@@ -193,27 +195,26 @@ def test_the_command_that_releases_ends_at_the_first_failure(
 
 
 def test_a_release_that_adds_a_config_sends_it_alone_and_leaves_the_first_as_it_was(
-    local_hub: LocalHub, releasable: Path, with_one_more: Path, tmp_path: Path
+    released_hub: LocalHub, released: Path, with_one_more: Path, tmp_path: Path
 ) -> None:
-    local_hub.faults.set_page_size(3)
-    published(local_hub, releasable)
-    first, known, asked = held(local_hub, "1.0.0"), large(local_hub), len(local_hub.log)
-    assert first == built(releasable)
-    old = Path(shutil.copytree(releasable, tmp_path / "old"))
+    released_hub.faults.set_page_size(3)
+    first, known, asked = held(released_hub, "1.0.0"), large(released_hub), len(released_hub.log)
+    assert first == built(released)
+    old = Path(shutil.copytree(released, tmp_path / "old"))
 
-    shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
-    published(local_hub, releasable, "1.1.0")
-    assert held(local_hub) == held(local_hub, "1.1.0") == built(releasable)
-    sent = local_hub.log.uploaded(asked)
-    paths = [path for path, digest in held(local_hub).items() if digest in sent]
-    assert sorted(sent) == sorted(large(local_hub) - known)
+    shutil.copytree(with_one_more / "3x3-icy_floor", released / "3x3-icy_floor")
+    published(released_hub, released, "1.1.0")
+    assert held(released_hub) == held(released_hub, "1.1.0") == built(released)
+    sent = released_hub.log.uploaded(asked)
+    paths = [path for path, digest in held(released_hub).items() if digest in sent]
+    assert sorted(sent) == sorted(large(released_hub) - known)
     assert {Path(path).parent.name for path in paths} == {"3x3-icy_floor", "pictures"}
 
-    assert held(local_hub, "1.0.0") == first
-    before = loaded(local_hub, "1.0.0", old)
+    assert held(released_hub, "1.0.0") == first
+    before = loaded(released_hub, "1.0.0", old)
     assert "3x3-icy_floor" not in before
     assert all(all(values[1:]) for values in before.values())
-    changelog = local_hub.content(REPO, "CHANGELOG.md").decode()
+    changelog = released_hub.content(REPO, "CHANGELOG.md").decode()
     assert re.findall(r"^## (.*)$", changelog, re.MULTILINE) == ["1.1.0", "1.0.0"]
 
 
@@ -224,25 +225,24 @@ def labyrinths(folder: Path) -> set[str]:
 
 
 def test_the_changelog_counts_labyrinths_that_came_and_went_and_a_file_has_their_ids(
-    local_hub: LocalHub, releasable: Path, with_one_more: Path, build_dataset: Callable[..., Path]
+    released_hub: LocalHub, released: Path, with_one_more: Path, build_dataset: Callable[..., Path]
 ) -> None:
-    published(local_hub, releasable)
-    assert "changes.csv" not in held(local_hub)
-    before, added = labyrinths(releasable / "2x3"), "3x3-icy_floor"
-    shutil.copytree(with_one_more / added, releasable / added)
-    shutil.rmtree(releasable / "2x3")
-    build_dataset(releasable, "2x3", labyrinths=3, random_steps=5, seed=5)
-    published(local_hub, releasable, "1.1.0")
-    after, new = labyrinths(releasable / "2x3"), labyrinths(releasable / added)
+    assert "changes.csv" not in held(released_hub)
+    before, added = labyrinths(released / "2x3"), "3x3-icy_floor"
+    shutil.copytree(with_one_more / added, released / added)
+    shutil.rmtree(released / "2x3")
+    build_dataset(released, "2x3", labyrinths=3, random_steps=5, seed=5)
+    published(released_hub, released, "1.1.0")
+    after, new = labyrinths(released / "2x3"), labyrinths(released / added)
     came, went = len(after - before), len(before - after)
     assert came > 0
     assert went > 0
-    lines = local_hub.content(REPO, "CHANGELOG.md").decode().splitlines()
+    lines = released_hub.content(REPO, "CHANGELOG.md").decode().splitlines()
     assert [line for line in lines if "since 1.0.0" in line] == [
         f"- `2x3`: since 1.0.0 {came} labyrinths came and {went} went (changes.csv)",
         f"- `{added}`: since 1.0.0 {len(new)} labyrinths came and 0 went (changes.csv)",
     ]
-    head, *rows = local_hub.content(REPO, "changes.csv").decode().splitlines()
+    head, *rows = released_hub.content(REPO, "changes.csv").decode().splitlines()
     assert head == "config,split,labyrinth_id,change"
     assert {row for row in rows if row.endswith(",came")} == {
         f"{each},came" for each in (after - before) | new
@@ -253,30 +253,29 @@ def test_the_changelog_counts_labyrinths_that_came_and_went_and_a_file_has_their
 
 
 def test_a_version_is_published_once(
-    local_hub: LocalHub, releasable: Path, other_shard: Path
+    released_hub: LocalHub, released: Path, other_shard: Path
 ) -> None:
-    published(local_hub, releasable)
-    refs, asked = local_hub.refs(REPO), len(local_hub.log)
-    assert published(local_hub, releasable).splitlines()[0] == (
+    refs, asked = released_hub.refs(REPO), len(released_hub.log)
+    assert published(released_hub, released).splitlines()[0] == (
         f"1.0.0 is published already, at {refs['refs/tags/1.0.0'][:12]}."
     )
-    readme = releasable / "README.md"
+    readme = released / "README.md"
     readme.write_text(readme.read_text(encoding="utf-8") + "\nMine.\n", encoding="utf-8")
-    printed = published(local_hub, releasable)
+    printed = published(released_hub, released)
     assert printed.splitlines()[0].endswith(", with a card that was written otherwise.")
 
-    shutil.rmtree(releasable / "2x3")
-    shutil.copytree(other_shard / "2x3", releasable / "2x3")
-    before = built(releasable)
+    shutil.rmtree(released / "2x3")
+    shutil.copytree(other_shard / "2x3", released / "2x3")
+    before = built(released)
     for option in ("publish.dry_run=true", "publish.dry_run=false"):
-        error = error_of(publish(local_hub, releasable, "1.0.0", option))
+        error = error_of(publish(released_hub, released, "1.0.0", option))
         assert error == (
             f"the tag 1.0.0 of {REPO} is at {refs['refs/tags/1.0.0'][:12]}, with other data "
             "(2x3/manifest.json): choose another publish.version"
         )
-    assert local_hub.refs(REPO) == refs
-    assert changes(local_hub, asked) == []
-    assert built(releasable) == before
+    assert released_hub.refs(REPO) == refs
+    assert changes(released_hub, asked) == []
+    assert built(released) == before
 
 
 def stamps(folder: Path) -> dict[str, tuple[int, bytes]]:
@@ -333,21 +332,17 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
 
 
 def test_files_of_a_person_on_the_hub_stop_the_release_that_would_replace_them(
-    local_hub: LocalHub, releasable: Path
+    local_hub: LocalHub, releasable: Path, released_hub: LocalHub
 ) -> None:
     local_hub.create_repo(REPO)
     local_hub.commit(REPO, "3x3/manifest.json", b"mine")
-    local_hub.commit(REPO, "README.md", b"mine")
-    for version in ("1.0.0", "1.1.0"):
-        before = local_hub.history(REPO)
-        error = error_of(publish(local_hub, releasable, version))
+    for hub, version in ((local_hub, "1.0.0"), (released_hub, "1.1.0")):
+        hub.commit(REPO, "README.md", b"mine")
+        before = hub.history(REPO)
+        error = error_of(publish(hub, releasable, version))
         assert error.startswith(f"{REPO} holds README.md")
         assert "made or changed by somebody else, so not written over: rename or" in error
-        assert local_hub.history(REPO) == before
-        if version == "1.0.0":
-            local_hub.remove(REPO, "README.md", "3x3/manifest.json")
-            published(local_hub, releasable)
-            local_hub.commit(REPO, "README.md", b"mine")
+        assert hub.history(REPO) == before
 
 
 def test_files_of_a_person_are_not_published_and_are_named(
@@ -402,15 +397,15 @@ def test_a_pull_request_is_tagged_once_it_is_merged(local_hub: LocalHub, releasa
 
 
 def test_main_does_not_go_back_to_an_earlier_version_but_another_branch_may(
-    local_hub: LocalHub, releasable: Path
+    released_hub: LocalHub, released: Path
 ) -> None:
-    published(local_hub, releasable, "1.10.0")
-    before = len(local_hub.log)
+    released_hub.tag(REPO, "1.10.0")
+    before = len(released_hub.log)
     for options in ([], ["publish.dry_run=true"], ["publish.create_pr=true"]):
-        error = error_of(publish(local_hub, releasable, "1.9.0", *options))
+        error = error_of(publish(released_hub, released, "1.9.0", *options))
         assert f"publish.version=1.9.0: {REPO} has 1.10.0, and main does not go back" in error
-    assert not changes(local_hub, since=before)
-    published(local_hub, releasable, "1.9.0", "publish.branch=maintained")
+    assert not changes(released_hub, since=before)
+    published(released_hub, released, "1.9.0", "publish.branch=maintained")
 
 
 def test_a_release_on_a_branch_leaves_main_alone(local_hub: LocalHub, releasable: Path) -> None:

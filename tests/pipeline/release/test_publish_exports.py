@@ -29,7 +29,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.release.export import staged_export
+from pipeline.release.export import stage_export
 
 GROUP, LEROBOT = "user/labyrinth-minari", "user/labyrinth-lerobot"
 
@@ -137,10 +137,12 @@ def exported(small_dataset: Run, tmp_path_factory: pytest.TempPathFactory) -> Ru
     return resolve(replace(options, stages=("publish",), publish=publish, export=asked))
 
 
-def test_an_export_of_a_dataset_that_has_no_id_says_how_it_is_made(exported: Run) -> None:
-    with staged_export(exported, HfApi()) as folder:
-        files = {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
-        card = (folder / "README.md").read_text(encoding="utf-8")
+def test_an_export_of_a_dataset_that_has_no_id_says_how_it_is_made(
+    exported: Run, tmp_path: Path
+) -> None:
+    stage_export(exported, tmp_path, HfApi())
+    files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    card = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert {"meta/info.json", "data/chunk-000/file-000.parquet", "labyrinth.json"} < files
     front = yaml.safe_load(card.split("---\n")[1])
     assert "source_datasets" not in front
@@ -158,12 +160,12 @@ def test_an_export_of_a_dataset_that_has_no_id_says_how_it_is_made(exported: Run
     ],
 )
 def test_an_export_that_is_not_there_as_it_is_asked_for_is_not_published(
-    exported: Run, asked: dict[str, Any], message: str
+    exported: Run, tmp_path: Path, asked: dict[str, Any], message: str
 ) -> None:
     options = exported.options
     run = replace(exported, options=replace(options, export=replace(options.export, **asked)))
-    with pytest.raises((ConfigError, DatasetError)) as caught, staged_export(run, HfApi()):
-        pass
+    with pytest.raises((ConfigError, DatasetError)) as caught:
+        stage_export(run, tmp_path, HfApi())
     assert message in str(caught.value)
 
 

@@ -72,12 +72,13 @@ def test_a_fault_of_each_call_that_writes_is_got_over(
     assert len(local_hub.history(REPO)) == 2
 
 
-def test_a_fault_of_each_call_that_reads_is_got_over(local_hub: LocalHub, releasable: Path) -> None:
-    published(local_hub, releasable)
-    commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
-    rules = [local_hub.faults.drop(*call) for call in READING[::2]]
-    rules += [local_hub.faults.fail(*call) for call in READING[1::2]]
-    done = verify(local_hub, commit, releasable)
+def test_a_fault_of_each_call_that_reads_is_got_over(
+    released_hub: LocalHub, released: Path
+) -> None:
+    commit = released_hub.refs(REPO)["refs/tags/1.0.0"]
+    rules = [released_hub.faults.drop(*call) for call in READING[::2]]
+    rules += [released_hub.faults.fail(*call) for call in READING[1::2]]
+    done = verify(released_hub, commit, released)
     assert done.returncode == 0, done.stderr
     *progress, verdict = done.stdout.splitlines()
     assert verdict == (
@@ -119,15 +120,14 @@ def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
 
 
 def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
-    local_hub: LocalHub, releasable: Path, monkeypatch: pytest.MonkeyPatch
+    released_hub: LocalHub, released: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    published(local_hub, releasable)
-    commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
-    rule = local_hub.faults.hold("GET|HEAD", "/resolve/.*parquet", times=UNLIMITED)
-    for name, value in environment(local_hub).items():
+    commit = released_hub.refs(REPO)["refs/tags/1.0.0"]
+    rule = released_hub.faults.hold("GET|HEAD", "/resolve/.*parquet", times=UNLIMITED)
+    for name, value in environment(released_hub).items():
         monkeypatch.setenv(name, value)
     with pytest.raises(PublishError) as caught:
-        verified(REPO, commit, releasable, DATASET, patience=5)
+        verified(REPO, commit, released, DATASET, patience=5)
     assert rule.reached.is_set()
     assert str(caught.value) == (
         f"the verification of {commit[:12]} failed, so it is not tagged: nothing came from the Hub "

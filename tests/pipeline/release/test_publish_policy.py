@@ -38,9 +38,9 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.release.model import staged_policy
+from pipeline.release.model import stage_policy
 from pipeline.release.remote import PublishError
-from pipeline.release.space import staged_report
+from pipeline.release.space import stage_report
 from pipeline.report.report import write_report
 from pipeline.training import train
 
@@ -223,6 +223,14 @@ COMMIT = "0" * 40
 
 
 @pytest.fixture
+def staged(tmp_path: Path) -> Path:
+    """An empty folder for the files of a repository."""
+    folder = tmp_path / "staged"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def manifest(trained: Run) -> Manifest:
     """The manifest of the dataset that the policy was trained on."""
     return Manifest.read(trained.local_dir / "3x3")
@@ -234,18 +242,18 @@ def of_hub(run: Run, **options: Any) -> Run:
 
 
 def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
-    trained: Run, manifest: Manifest
+    trained: Run, manifest: Manifest, staged: Path
 ) -> None:
     first, *others = manifest.shards
     other = replace(manifest, shards=[replace(first, fingerprint="0" * 64), *others])
-    with pytest.raises(PublishError) as caught, staged_policy(of_hub(trained), COMMIT, other):
-        pass
+    with pytest.raises(PublishError) as caught:
+        stage_policy(of_hub(trained), staged, COMMIT, other)
     told = f"{trained.training_folder} was trained on another dataset than {REPO}: their finger"
     assert str(caught.value).startswith(told)
 
 
 def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
-    trained: Run, manifest: Manifest, tmp_path: Path
+    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
     runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     run = of_hub(trained, run_dir=str(runs))
@@ -253,9 +261,9 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     part = replace(run, options=replace(run.options, train_labyrinths=5))
     shutil.copytree(run.training_folder, part.training_folder)
     few.save(part.training_folder / "results.json", name=part.run_name.name)
-    with staged_policy(part, COMMIT, manifest) as folder:
-        card = (folder / "README.md").read_text(encoding="utf-8")
-        entries = yaml.safe_load((folder / ".eval_results" / "labyrinth.yaml").read_bytes())
+    stage_policy(part, staged, COMMIT, manifest)
+    card = (staged / "README.md").read_text(encoding="utf-8")
+    entries = yaml.safe_load((staged / ".eval_results" / "labyrinth.yaml").read_bytes())
     assert "| learnt from | 5 labyrinths of `train`, the first of 6 |" in card
     assert re.search(r"\| `s0` \|.*\| 5 \|", card)
     tasks = [entry.task_id for entry in parse_eval_result_entries(entries)]
@@ -277,7 +285,13 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     ],
 )
 def test_results_that_cannot_be_or_are_not_of_the_record_are_not_published(
-    trained: Run, manifest: Manifest, tmp_path: Path, place: tuple[str, ...], value: Any, why: str
+    trained: Run,
+    manifest: Manifest,
+    staged: Path,
+    tmp_path: Path,
+    place: tuple[str, ...],
+    value: Any,
+    why: str,
 ) -> None:
     run = of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     path = run.training_folder / "results.json"
@@ -290,21 +304,21 @@ def test_results_that_cannot_be_or_are_not_of_the_record_are_not_published(
     if value is None:
         del inner[last]
     path.write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(DatasetError) as caught, staged_policy(run, COMMIT, manifest):
-        pass
+    with pytest.raises(DatasetError) as caught:
+        stage_policy(run, staged, COMMIT, manifest)
     assert re.fullmatch(rf"{path} (is refused: )?{why}.*", str(caught.value)), str(caught.value)
 
 
 def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_table(
-    trained: Run, manifest: Manifest, tmp_path: Path
+    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
     run = of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     for name in ("results.json", "run.json"):
         content = json.loads((run.training_folder / name).read_bytes())
         content["run"]["settings"] |= {"a": "<b>|", "b": "`<img src=x>\n## Mine`"}
         (run.training_folder / name).write_text(json.dumps(content), encoding="utf-8")
-    with staged_policy(run, COMMIT, manifest) as folder:
-        card = (folder / "README.md").read_text(encoding="utf-8")
+    stage_policy(run, staged, COMMIT, manifest)
+    card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
     assert settings.endswith(r"`a=<b>\|`, b=\`\<img src=x\> \#\# Mine\`")
     assert WHY_SPL in card
@@ -313,16 +327,16 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
 
 @pytest.mark.slow
 def test_a_mapper_is_published_and_loaded_as_it_was_trained(
-    trained: Run, manifest: Manifest, tmp_path: Path
+    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
     method = {"name": "mapper", "epochs": 2, "batch_size": 3, "channels": 8}
     run = replace(trained, options=replace(trained.options, method=method, run_dir=str(tmp_path)))
     train.run(run)
     evaluate_stage.run(run)
     content = json.loads((run.training_folder / "results.json").read_bytes())
-    with staged_policy(of_hub(run), COMMIT, manifest) as folder:
-        card = (folder / "README.md").read_text(encoding="utf-8")
-        results = evaluate(load_policy(folder), run.source, "3x3", image_size=600)
+    stage_policy(of_hub(run), staged, COMMIT, manifest)
+    card = (staged / "README.md").read_text(encoding="utf-8")
+    results = evaluate(load_policy(staged), run.source, "3x3", image_size=600)
     for split, scores in content["splits"].items():
         assert results.splits[split].episodes.moves.tolist() == scores["moves"]
         assert results.splits[split].episodes.solved.mean() == scores["sr"]
@@ -332,11 +346,11 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
 
 
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
-    trained: Run, manifest: Manifest, tmp_path: Path
+    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
     def refused(run: Run) -> str:
-        with pytest.raises(DatasetError) as caught, staged_policy(run, COMMIT, manifest):
-            pass
+        with pytest.raises(DatasetError) as caught:
+            stage_policy(run, staged, COMMIT, manifest)
         return str(caught.value)
 
     runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
@@ -361,11 +375,11 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
 
 
 def test_a_report_that_is_not_there_or_was_changed_is_not_published(
-    trained: Run, tmp_path: Path
+    trained: Run, staged: Path, tmp_path: Path
 ) -> None:
     def refused() -> str:
-        with pytest.raises(DatasetError) as caught, staged_report(run):
-            pass
+        with pytest.raises(DatasetError) as caught:
+            stage_report(run, staged)
         return str(caught.value)
 
     run = replace(trained, data_dir=tmp_path)
