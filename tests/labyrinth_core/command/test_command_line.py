@@ -332,6 +332,7 @@ def test_play_ends_on_ice():
     assert "The episode ends: the ice broke." in shown
 
 
+@pytest.mark.slow
 def test_play_counts_bumps_starts_again_and_quits():
     status, shown = play(NAVIGATION, b"\x1bOD", b"r", b"xq")
     assert status == 0

@@ -160,6 +160,7 @@ def test_some_labyrinths_are_a_part_of_all(run):
         np.testing.assert_array_equal(part.observations, whole.observations[kept])
 
 
+@pytest.mark.slow
 def test_texts_that_are_not_canonical_are_read_too(run, tmp_path):
     """Such as those of another writer: they describe the same labyrinths, with other words."""
     folder = shutil.copytree(run.folder, tmp_path / run.folder.name)

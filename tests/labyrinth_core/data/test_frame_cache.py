@@ -153,6 +153,7 @@ DAMAGE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_file_that_is_not_right_is_made_again(data_dir, cache, damage):
     whole = load_transitions(data_dir, "3x3", image_size=8, cache_dir=False)

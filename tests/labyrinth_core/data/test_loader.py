@@ -207,6 +207,7 @@ def python(program, **environment):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_importing_the_loader_imports_no_heavy_library():
     heavy = "{'torch', 'datasets', 'huggingface_hub', 'pyarrow', 'pandas', 'PIL'}"
     program = f"import sys, labyrinth_core.data.loader; print(sorted({heavy} & set(sys.modules)))"
@@ -465,6 +466,7 @@ def assert_refused(folder, message):
         load_transitions(folder, "3x3", image_size=8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("edit", "message"), ROWS.values(), ids=ROWS)
 def test_rows_that_make_no_episodes_are_refused(data_dir, tmp_path, edit, message):
     folder = edited(data_dir, tmp_path / "damaged", edit)

@@ -90,6 +90,7 @@ def test_an_edited_manifest_is_read_as_one_or_refused(
     assert Manifest.read(scratch) == manifest
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode) | anything)
 def test_other_content_is_no_manifest(scratch: Path, other: Any) -> None:
     raw = other if isinstance(other, bytes) else json.dumps(other).encode()

@@ -58,6 +58,7 @@ def filtered_by_hand(data_dir, split, keep):
 # The first so many.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observation", ["image", "vector"])
 @pytest.mark.parametrize("split", ["train", "random"])
 @pytest.mark.parametrize("count", [1, 3, 4, 8, 9])
@@ -113,6 +114,7 @@ def test_other_labyrinths_have_another_cache_file_and_all_have_the_one_without(d
 # A filter.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", ["train", "s0_and_g"])
 @pytest.mark.parametrize(
     ("where", "keep"),

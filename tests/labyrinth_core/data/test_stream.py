@@ -119,6 +119,7 @@ def test_all_ranks_and_workers_together_get_every_item_once_an_epoch(
     assert met == expected
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(PLACES, ORDERS, st.integers(0, 2), st.integers(0, 2), st.data())
 def test_after_a_state_is_loaded_the_rest_is_the_rest(folders, place, shuffle, epoch, number, data):
@@ -162,6 +163,7 @@ def test_the_order_follows_from_seed_and_epoch(folders, rows, buffer, seed):
     assert order(seed, 1) != order(seed + 10, 1)
 
 
+@pytest.mark.slow
 def test_without_shuffle_all_come_in_order(folders):
     for folder in folders.values():
         for options in ({"image_size": 8}, VECTOR):

@@ -109,6 +109,7 @@ def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(tas
             both(envs, lambda env, options=options: env.reset(seed=9, options=dict(options)))
 
 
+@pytest.mark.slow
 def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkeypatch):
     tried = 0
 
@@ -127,6 +128,7 @@ def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkey
     assert 128 < tried <= begun + 128
 
 
+@pytest.mark.slow
 def test_labyrinths_that_are_drawn_together_are_drawn_into_pictures():
     envs = pair(128, "SameStep", size=3, image_size=8, max_episode_steps=5, reward="normalised")
     both(envs, lambda env: env.reset(seed=0))

@@ -283,6 +283,7 @@ class Raising:
     __len__ = fail
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
@@ -348,6 +349,7 @@ def test_what_is_remembered_may_be_a_tensor_or_lists(arrays_of):
         assert told(stepped(policy, arrays)) == expected
 
 
+@pytest.mark.slow
 def test_a_policy_that_is_random_in_one_of_fifty_answers_is_refused(small_dataset):
     rng = np.random.default_rng(0)
 

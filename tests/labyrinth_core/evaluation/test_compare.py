@@ -93,6 +93,7 @@ def test_fresh_labyrinths_are_on_structures_of_test_alone_and_follow_from_the_se
     assert not {int(labyrinth_id(each), 16) for each in drawn} & {*train.labyrinth_ids.tolist()}
 
 
+@pytest.mark.slow
 def test_the_better_policy_is_found_either_way_round_and_again(datasets):
     options = {"observation": ("vector", "image"), "image_size": 8, "within": "limit"}
     found = compare(chance, right, datasets, "3x4", **options)

@@ -29,6 +29,7 @@ def parts(cells):
     return {tuple(cells[a : b + 1]) for a in places for b in places if a < b}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", CONFIGS.values())
 @pytest.mark.parametrize("split", EVALUATED_SPLITS)
 def test_a_route_is_known_where_a_shortest_one_is_part_of_a_demonstrated_one(

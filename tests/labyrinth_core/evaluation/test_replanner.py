@@ -67,6 +67,7 @@ def test_with_memory_it_solves_every_labyrinth_and_each_in_the_batch_by_itself(d
     assert (together.moves >= arrays.distance).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 def test_it_stands_beside_the_results_under_partial_observability_alone(datasets, task):
     config = CONFIGS[task]

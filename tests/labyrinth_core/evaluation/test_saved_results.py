@@ -92,6 +92,7 @@ def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
         assert found.to_json(found.method) == results.to_json(found.method)
 
 
+@pytest.mark.slow
 def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(results, known, read):
     some = content_of(of_few(of_run(results), 3))
     assert len(read(some, known).splits["s0"].distance) == 3
@@ -251,6 +252,7 @@ def easier(told):
     told["distance"] = [2 - moves % 2 for moves in told["distance"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("forge", "why", "without_dataset"),
     [

@@ -124,6 +124,7 @@ def test_long_ways_and_failures_count_less_weighted_by_path_length():
     assert {unasked[name] for name in ("sr_known_route", "sr_new_route", "known_route")} == {None}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
     arrays = load_arrays(datasets, config, "train", image_size=8)

@@ -29,6 +29,7 @@ def decoded(data):
     return np.stack(frames), durations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", Task)
 def test_a_gif_holds_the_pictures_of_every_state_to_the_pixel(task):
     frames = frames_of(episode(task))

@@ -80,6 +80,7 @@ def inflate(data):
     return inflated
 
 
+@pytest.mark.slow
 @given(pictures())
 @example(large_picture())
 @example(([((BLACK, 1),)], 1))
@@ -131,6 +132,7 @@ def test_chromium_decodes_the_pixels_that_were_given(tmp_path):
     assert f'data-sums="{sums}"' in browser.stdout, browser.stderr
 
 
+@pytest.mark.slow
 @given(pictures())
 @example(large_picture())
 def test_a_file_is_a_truecolour_header_one_data_chunk_and_an_end(picture):
@@ -145,6 +147,7 @@ def test_a_file_is_a_truecolour_header_one_data_chunk_and_an_end(picture):
     )
 
 
+@pytest.mark.slow
 @given(pictures())
 @example(large_picture())
 def test_each_line_is_a_row_as_it_is_or_the_difference_to_the_row_above(picture):

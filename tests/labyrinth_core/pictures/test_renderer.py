@@ -183,6 +183,7 @@ def test_the_pictures_are_the_ones_they_have_always_been(text, state):
     assert hashes == GOLDEN[text, state]
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(labyrinths(), st.data())
 def test_the_png_holds_the_very_pixels_of_the_array(labyrinth, data):
@@ -475,6 +476,7 @@ def exact_average(picture, size):
     return averaged
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(1, 9), st.integers(1, 9), st.data())
 def test_the_average_is_exact_for_any_two_sizes(side, size, data):

@@ -38,6 +38,7 @@ def test_any_size_may_be_asked_for_larger_ones_too(image_size):
     np.testing.assert_array_equal(small, render(labyrinth, initial(labyrinth), image_size))
 
 
+@pytest.mark.slow
 def test_what_is_remembered_takes_no_more_than_a_fixed_space():
     random = Random(0)
     tracemalloc.start()

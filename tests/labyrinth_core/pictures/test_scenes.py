@@ -128,6 +128,7 @@ def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
     assert vanished(2, "area") == vanished(None, "bilinear") == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("image_size", [1, 7, 64, 600])
 @pytest.mark.parametrize("most", [2, 3, 5, 12, 25, 74, 100, 151, 299])
 def test_a_window_holds_the_whole_agent_whatever_the_walls(most, image_size):

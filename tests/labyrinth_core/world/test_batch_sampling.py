@@ -9,6 +9,7 @@ from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.sampling import sample_structures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(2, 2), (3, 3), (5, 5), (4, 7), (8, 8)])
 def test_each_generator_gives_the_structure_that_it_gives_alone(shape):
     generators, alone = ([np.random.default_rng(seed) for seed in range(400)] for _ in "ab")

@@ -62,6 +62,7 @@ def state_of(world, situation):
 # Properties.
 
 
+@pytest.mark.slow
 @given(labyrinths(), actions)
 def test_walking_gives_the_situations_and_rewards_that_the_rules_say(labyrinth, route):
     world = world_of(labyrinth)

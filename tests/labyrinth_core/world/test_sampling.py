@@ -87,6 +87,7 @@ def test_a_seed_gives_the_same_structure_on_every_machine(algorithm, structure_i
     assert structure.structure_id == structure_id
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
 @pytest.mark.parametrize(("height", "width"), [(100, 100), (2, 1000), (1000, 2)])
 def test_large_and_long_structures_are_drawn_without_recursion(algorithm, height, width):
@@ -98,6 +99,7 @@ def test_large_and_long_structures_are_drawn_without_recursion(algorithm, height
 # How often each comes up.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "width", "trees"), [(3, 3, 192), (2, 4, 56), (4, 2, 56)])
 def test_wilson_gives_every_tree_the_same_probability(height, width, trees):
     counts = Counter(draw(100 * trees, height, width, 11, algorithm="wilson", open_walls=0))

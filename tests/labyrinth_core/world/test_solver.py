@@ -101,6 +101,7 @@ def assert_routes_of_brute_force(labyrinth):
 # Every structure of three by three, random labyrinths, and tiles wherever they may lie.
 
 
+@pytest.mark.slow
 def test_every_state_and_route_of_every_structure_of_three_by_three_is_found():
     everything = [each for each in all_structures(3, 3) if is_connected(3, 3, passages_of(each))]
     assert len(everything) == 431

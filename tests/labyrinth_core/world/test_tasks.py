@@ -123,6 +123,7 @@ def test_key_and_door_are_placed_by_the_rules_wherever_they_allow_it(where, seed
     assert tiles_matter(labyrinth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tile", ["key", "door"])
 @given(ends(), seeds, st.data())
 def test_a_tile_that_is_given_stays_and_gets_the_other_if_one_fits(tile, where, seed, data):

@@ -255,6 +255,7 @@ def test_all_shifts_are_those_that_make_sense(options: dict[str, Any], left_out:
     assert set(SHIFTS) - set(dataset(size="5", shifts=("all",), **options).shifts) == left_out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["foo", "buckets.foo", "publish.foo"])
 def test_an_option_that_was_added_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match=f"^{name} is no option: choose from"):
@@ -351,6 +352,7 @@ def test_options_are_frozen_as_are_their_groups() -> None:
     assert isinstance(options.analysis.environments, tuple)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", list(Task))
 def test_hydra_composes_what_resolve_takes(task: Task) -> None:
     run = composed(f"task={task}", "size=4x6", "seed=3")
@@ -417,6 +419,7 @@ def test_json_with_other_fields_is_no_dataset_config() -> None:
             DatasetConfig.from_json(changed)
 
 
+@pytest.mark.slow
 @given(
     st.text(st.sampled_from("ab'\",\\\\ =(){}[]#$*:~;&|é"), min_size=1).map(lambda text: f"x{text}")
 )

@@ -105,6 +105,7 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     assert content["method"] == unsaid | {"name": f"strange:{name}", "details": {}}
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_run_is_a_policy_whose_results_lie_beside_it(run_of, folder):
     made = Path(shutil.copytree(RELEASED, folder / "runs" / "3x3" / "planner"))
     before = {path.name: path.read_bytes() for path in made.iterdir()}
@@ -114,6 +115,7 @@ def test_the_folder_of_a_run_is_a_policy_whose_results_lie_beside_it(run_of, fol
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folder, capsys):
     stage.run(run_of("strange:right", gifs=3))
     results = folder / "runs" / "3x3" / "strange-right"

@@ -32,12 +32,14 @@ def content_of(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 def test_all_splits_are_exported_unless_some_are_named(small_dataset: Run, tmp_path):
     folder = export(small_dataset, tmp_path, "lerobot")
     splits = [f"{split}-v0" for split in small_dataset.dataset.splits]
     assert sorted(path.name for path in folder.iterdir()) == sorted(splits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format_", FORMATS)
 def test_a_finished_export_is_kept_and_made_alike_where_it_is_missing(
     small_dataset: Run, tmp_path, capsys, format_
@@ -156,6 +158,7 @@ def files_of_at_most(size: int):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format_", FORMATS)
 @pytest.mark.parametrize("size", [300, 2_000])
 def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(

@@ -100,6 +100,7 @@ def test_two_workers_make_the_bytes_that_one_makes(
     assert problems == []
 
 
+@pytest.mark.slow
 def test_several_shards_hold_the_rows_that_one_holds(
     build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -364,6 +365,7 @@ def test_all_solutions_are_each_simple_route_exactly_once(
     assert all(shard.cut == 0 for shard in Manifest.read(folder).shards)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solutions", ["shortest", "all_shortest"])
 def test_shortest_solutions_are_the_shortest_of_all(
     build: Build, tmp_path: Path, solutions: str
@@ -468,6 +470,7 @@ def test_a_damaged_shard_is_made_again(
     assert identity(folder / other.name) == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"seed": 1}, {"labyrinths": 7}, {"random_steps": 99}], ids=str)
 def test_what_another_configuration_left_is_discarded(
     build: Build,

@@ -45,6 +45,7 @@ def of_chunks(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
     return build(tmp_path_factory.mktemp("chunks") / "labyrinth", **OF_CHUNKS)
 
 
+@pytest.mark.slow
 def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetConfig) -> None:
     def drawn(counts: list[int]) -> Records:
         candidates, found = Candidates(config, cells=CHUNKS), candidates_of_none
@@ -112,6 +113,7 @@ def test_a_shorter_dataset_of_chunks_is_the_beginning_of_a_longer_one(
         assert len(set(records["id"].tolist())) == 60
 
 
+@pytest.mark.slow
 def test_only_a_dataset_that_one_chunk_does_not_suffice_for_has_the_newer_format(
     build: Build, tmp_path: Path, of_chunks: Run, small_dataset: Run
 ) -> None:
@@ -140,6 +142,7 @@ def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [None, cut, Path.unlink])
 def test_a_build_that_goes_on_draws_only_the_chunks_that_are_missing(
     build: Build, tmp_path: Path, of_chunks: Run, damage: Callable[[Path], None] | None

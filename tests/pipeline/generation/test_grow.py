@@ -80,6 +80,7 @@ def change_versions(folder: Path) -> None:
         content["versions"]["numpy"] = "0.1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("happens", [damage_shard, change_versions])
 def test_a_shard_that_cannot_be_kept_is_made(
     build: Build, tmp_path: Path, short: Path, long: Path, happens: Callable[[Path], None]
@@ -90,6 +91,7 @@ def test_a_shard_that_cannot_be_kept_is_made(
     assert content_of(data_dir) == content_of(long)
 
 
+@pytest.mark.slow
 def test_the_shorter_dataset_stays_until_the_longer_one_is_whole(
     build: Build, tmp_path: Path, short: Path, long: Path
 ) -> None:

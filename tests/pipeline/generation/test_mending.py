@@ -44,6 +44,7 @@ def change(path: Path) -> None:
 DAMAGES = (truncate, empty, change, Path.unlink)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda each: each.__name__)
 def test_a_build_makes_damaged_shards_anew_and_no_others(
     build: Build,
@@ -135,6 +136,7 @@ def test_files_of_a_person_where_there_is_no_dataset_stop_a_build(
     assert content_of(tmp_path) == {place: b"years of work"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [".3x3.tmp", ".3x3.x.tmp", ".README.md.0123456789ab.tmp", ".3x3.replaced"]
 )

@@ -71,6 +71,7 @@ def test_a_part_makes_the_shards_whose_numbers_leave_its_number(
     assert made == {name for number, name in enumerate(names) if number % 5 == 4}
 
 
+@pytest.mark.slow
 def test_parts_that_are_missing_are_named_with_what_makes_them(
     build: Build, tmp_path: Path, whole: Run
 ) -> None:
@@ -93,6 +94,7 @@ def test_parts_that_are_missing_are_named_with_what_makes_them(
     assert content_of(build(tmp_path, **SHARDS).data_dir) == content_of(whole.data_dir)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -163,6 +163,7 @@ def test_the_table_differs_in_episodes_and_rows_alone(both: tuple[Run, Run]) -> 
         assert sum(row["rows"] for row in of_split) == len(rows)
 
 
+@pytest.mark.slow
 def test_counts_and_arrays_are_of_labyrinths_from_their_start(both: tuple[Run, Run]) -> None:
     mine, its = (count_dataset(run.folder, Manifest.read(run.folder)) for run in both)
     assert mine.certificate == its.certificate
@@ -283,6 +284,7 @@ def test_an_agent_that_begins_elsewhere_is_found_where_routes_are_whole(
     assert f"{TRAIN} row 0 info: the agent begins in (0, 1), not in (0, 0)" in found
 
 
+@pytest.mark.slow
 def test_an_episode_that_begins_where_no_way_leads_is_refused(build: Build, tmp_path: Path) -> None:
     """Behind the closed door without the key: the goal can be reached, but nobody comes there."""
     run = built(build, tmp_path, STEPS, task=Task.KEY_AND_DOOR)

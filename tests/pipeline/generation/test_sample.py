@@ -130,6 +130,7 @@ def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
         assert split_of(image, buckets) == split_of(structure, buckets)
 
 
+@pytest.mark.slow
 def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure]) -> None:
     rng = np.random.default_rng(0)
     structures = [s for s, _ in zip(sample_structures(6, 6, rng), range(4_000), strict=False)]

@@ -103,10 +103,12 @@ def test_the_splits_of_every_dataset_stay_as_they_are(
     assert {shard.split for shard in found.shards} == set(found.config.splits)
 
 
+@pytest.mark.slow
 def test_what_was_built_is_valid(shifted: Run) -> None:
     assert problems(shifted.folder) == []
 
 
+@pytest.mark.slow
 def test_the_stage_that_validates_has_a_line_for_each_shift(
     plain: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -337,6 +339,7 @@ def test_a_route_of_train_is_found_where_routes_are_new(folder: Path, plain: Run
     assert says(found, "test_new_routes", "train demonstrates one of its shortest routes")
 
 
+@pytest.mark.slow
 def test_another_route_in_the_look_is_found(build: Build, tmp_path: Path) -> None:
     """A labyrinth with all walls open has many shortest routes."""
     run = build(tmp_path, size="4", labyrinths=4, open_walls=0.6, shifts=("recoloured",))

@@ -340,6 +340,7 @@ def test_a_longer_route_with_the_right_pictures_is_found(folder: Path) -> None:
     assert f"routes of {len(route) + 2} moves, instead of one of {len(route)}" in found[0]
 
 
+@pytest.mark.slow
 def test_a_missing_and_a_repeated_route_are_found(build: Build, tmp_path: Path) -> None:
     options = {"size": "4", "solutions": "all_shortest", "open_walls": 0.6, "labyrinths": 2}
     folder = build(tmp_path, **options, random_steps=5).folder
@@ -409,6 +410,7 @@ def test_a_structure_in_two_shards_of_a_split_is_found(build: Build, tmp_path: P
     assert f"{second} row 0 info: the structure is also in {first} row 0" in problems(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", ["random", "s0", "s0_and_g"])
 def test_a_structure_that_is_not_one_of_train_is_found(folder: Path, split: str) -> None:
     test = read_rows(folder / "test-00000-of-00001.parquet")
@@ -421,6 +423,7 @@ def test_a_structure_that_is_not_one_of_train_is_found(folder: Path, split: str)
     assert f"{file} row 0 info: its structure is not that of its parent in train" in found
 
 
+@pytest.mark.slow
 def test_a_start_or_goal_that_is_not_the_splits_is_found(folder: Path) -> None:
     labyrinth = parse(read_rows(folder / TRAIN)[0]["info"])
     moved = {
@@ -452,6 +455,7 @@ def test_a_flipped_bit_anywhere_in_a_picture_is_found(folder: Path) -> None:
         assert names(problems(folder), 2, "obs")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("picture", "count"),
     [(saved_by_pillow(compress_level=1), 0), (with_a_wrong_pixel, 1), (saved_by_pillow("P"), 1)],
@@ -520,6 +524,7 @@ def test_a_flipped_bit_anywhere_in_a_file_is_found(folder: Path) -> None:
         assert any(problem.startswith(TRAIN) for problem in problems(folder))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -543,6 +548,7 @@ def test_a_manifest_that_says_something_else_of_a_shard_is_found(
     assert any(TRAIN in problem and name in problem for problem in found)
 
 
+@pytest.mark.slow
 def test_a_dataset_of_another_configuration_is_found(folder: Path) -> None:
     for name, value in [
         ("labyrinths", 4),

@@ -117,6 +117,7 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
     assert identities(folder) == made  # Nothing was written again.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", ["before the move", "after the move", MANIFEST, "README.md"])
 def test_a_crash_costs_no_shard_and_leaves_nothing_in_the_end(
     build: Build, tmp_path: Path, small_dataset: Run, moment: str

@@ -252,6 +252,7 @@ def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     assert str(caught.value).startswith(told)
 
 
+@pytest.mark.slow
 def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
     trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
@@ -270,6 +271,7 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     assert tasks == ["3x3-validation", "3x3-test"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "value", "why"),
     [
@@ -345,6 +347,7 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     assert "It plans once, in the first picture of an episode" in card
 
 
+@pytest.mark.slow
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:

@@ -123,6 +123,7 @@ def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
         assert sum(int(count) for _, count in counts) == 16
 
 
+@pytest.mark.slow
 def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, run_of, capsys):
     run = run_of(evaluated)
     stage.run(run)
@@ -154,6 +155,7 @@ def test_the_stage_keeps_the_runs_and_writes_tables_beside_the_paper(evaluated, 
     assert float(found["no learning", "oracle", "test"]["aer"]) == oracle["aer"]
 
 
+@pytest.mark.slow
 def test_the_tables_are_made_of_the_kept_runs_alone_and_stay_the_same(evaluated, run_of, tmp_path):
     run = run_of(evaluated)
     stage.run(run)

@@ -52,6 +52,7 @@ def test_a_loss_that_is_not_finite_ends_the_run_and_leaves_the_checkpoint_before
     assert path.read_bytes() == kept[-1]
 
 
+@pytest.mark.slow
 def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better_one(
     problem_of: Callable[..., Problem], tmp_path: Path
 ) -> None:
