@@ -23,6 +23,8 @@ from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
 
+pytestmark = pytest.mark.slow
+
 ROW = 7
 """A row of the table in the middle: the second of `validation`, after six of train."""
 
@@ -61,7 +63,6 @@ def test_a_table_that_is_right_has_no_problems_however_it_is_written(folder: Pat
     assert problems(folder) == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, ROW, 35])
 @pytest.mark.parametrize("column", [column.name for column in TABLE_COLUMNS])
 def test_a_value_that_was_changed_is_named_with_its_row(

@@ -33,6 +33,8 @@ from pipeline.generation import validate as validation
 from pipeline.inspection.statistics import count_dataset
 from pipeline.release.provenance import command
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 
 STEPS = 3
@@ -70,7 +72,6 @@ def problems(run: Run) -> list[str]:
     return validation.validate(run.folder, Manifest.read(run.folder))
 
 
-@pytest.mark.slow
 def test_a_dataset_in_pieces_is_valid(both: tuple[Run, Run]) -> None:
     parts, whole = both
     assert problems(parts) == problems(whole) == []
@@ -78,7 +79,6 @@ def test_a_dataset_in_pieces_is_valid(both: tuple[Run, Run]) -> None:
     assert random[0] == random[1]
 
 
-@pytest.mark.slow
 def test_the_transitions_are_those_of_whole_routes(both: tuple[Run, Run]) -> None:
     for split in both[0].dataset.splits:
         mine, its = (
@@ -163,7 +163,6 @@ def test_the_table_differs_in_episodes_and_rows_alone(both: tuple[Run, Run]) -> 
         assert sum(row["rows"] for row in of_split) == len(rows)
 
 
-@pytest.mark.slow
 def test_counts_and_arrays_are_of_labyrinths_from_their_start(both: tuple[Run, Run]) -> None:
     mine, its = (count_dataset(run.folder, Manifest.read(run.folder)) for run in both)
     assert mine.certificate == its.certificate
@@ -256,7 +255,6 @@ def joined(rows: Rows, second: range) -> str:
     return f"{TRAIN} row 0 actions: a route in pieces of {begin - 1 + len(second) - 1}, "
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", [elsewhere, on_the_start, in_no_order, of_no_cell, left_out, without_an_end, joined]
 )
@@ -284,7 +282,6 @@ def test_an_agent_that_begins_elsewhere_is_found_where_routes_are_whole(
     assert f"{TRAIN} row 0 info: the agent begins in (0, 1), not in (0, 0)" in found
 
 
-@pytest.mark.slow
 def test_an_episode_that_begins_where_no_way_leads_is_refused(build: Build, tmp_path: Path) -> None:
     """Behind the closed door without the key: the goal can be reached, but nobody comes there."""
     run = built(build, tmp_path, STEPS, task=Task.KEY_AND_DOOR)

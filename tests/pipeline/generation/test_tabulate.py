@@ -42,6 +42,8 @@ from labyrinth_core.world.solver import moves_and_routes
 from pipeline.config.run import Run
 from pipeline.generation import tabulate
 
+pytestmark = pytest.mark.slow
+
 Build = Callable[..., Run]
 CONFIGS = ["3x4", "3x4-partial_observability", "3x4-key_and_door", "3x4-icy_floor"]
 

@@ -21,6 +21,8 @@ from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances
 from pipeline.inspection.statistics import count_dataset, read_counts, statistics_of
 
+pytestmark = pytest.mark.slow
+
 
 def measured(folder):
     return count_dataset(folder, Manifest.read(folder))
@@ -39,7 +41,6 @@ def episodes(folder, split):
     ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("split", BASE_SPLITS)
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
@@ -93,7 +94,6 @@ def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded)
         assert list(measured(carded / OTHER).splits[split].examples) == list(first.values())[:5]
 
 
-@pytest.mark.slow
 def test_shards_and_workers_change_nothing(carded, tmp_path):
     folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)
@@ -231,7 +231,6 @@ def test_counts_that_are_there_are_not_counted_again_but_the_files_are_compared(
         statistics_of(folder, "card")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

@@ -44,6 +44,8 @@ from pipeline.release.space import stage_report
 from pipeline.report.report import write_report
 from pipeline.training import train
 
+pytestmark = pytest.mark.slow
+
 MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
 
 FOUR_WAYS = """
@@ -98,7 +100,6 @@ def of_dataset(local_hub: LocalHub, trained: Run) -> tuple[str, ...]:
     return (*of_run(trained), f"publish.model={MODEL}", f"dataset={REPO}")
 
 
-@pytest.mark.slow
 def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_to_each_other(
     local_hub: LocalHub, trained: Run, tmp_path: Path
 ) -> None:
@@ -174,7 +175,6 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     assert changes(local_hub, asked) == []
 
 
-@pytest.mark.slow
 def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
     local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
 ) -> None:
@@ -193,7 +193,6 @@ def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
     assert len(local_hub.history(MODEL, kind="model")) == 2
 
 
-@pytest.mark.slow
 def test_a_version_of_a_policy_is_published_once_and_a_dry_run_changes_nothing(
     local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
 ) -> None:
@@ -252,7 +251,6 @@ def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     assert str(caught.value).startswith(told)
 
 
-@pytest.mark.slow
 def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
     trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
@@ -271,7 +269,6 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     assert tasks == ["3x3-validation", "3x3-test"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "value", "why"),
     [
@@ -327,7 +324,6 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
     assert "| split | holds | labyrinths | SPL | SR in n x n | SR | 95% |" in card
 
 
-@pytest.mark.slow
 def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
@@ -347,7 +343,6 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     assert "It plans once, in the first picture of an episode" in card
 
 
-@pytest.mark.slow
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:

@@ -20,6 +20,8 @@ from pipeline.studies.results.comparison import (
 )
 from pipeline.studies.results.figures import by_method
 
+pytestmark = pytest.mark.slow
+
 PUBLISHED = Path(__file__).parents[3] / "docs/results/runs"
 
 
@@ -74,7 +76,6 @@ def published() -> list[Results]:
     ]
 
 
-@pytest.mark.slow
 def test_of_a_thousand_relabellings_at_most_one_in_twenty_tells_equal_methods_apart(published):
     rates, rng = (
         np.concatenate([*rates_of(by_method(published)).values()]),
@@ -101,7 +102,6 @@ def test_twenty_seeds_tell_four_points_apart_and_say_of_which_pairs():
     assert all(found[pair] >= alone[pair] for pair in found)
 
 
-@pytest.mark.slow
 def test_three_seeds_are_said_to_be_too_few_for_six_methods(published):
     *_, table, conclusion = pairs_of_methods(rates_of(by_method(published)))
     assert "| BC | 7 (1.00) |" in table
@@ -117,7 +117,6 @@ def test_what_is_significant_is_said(published):
     assert conclusion.endswith(": BC than DAgger.")
 
 
-@pytest.mark.slow
 def test_sizes_are_put_together_where_there_are_several():
     runs = [Results.load(path) for path in sorted(PUBLISHED.glob("*/bc-cnn-seed[0-9].json"))]
     (text,) = [part for part in across_sizes(by_method(runs)) if part.startswith("| setup")]
