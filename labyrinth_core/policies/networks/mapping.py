@@ -83,7 +83,7 @@ class Mapper(nn.Module):
             nn.Linear(2 * channels, channels), nn.ReLU(), nn.Linear(channels, 2 + looks)
         )
         self.passing = nn.Sequential(
-            nn.Linear(CELL**2 * looks, 2 * channels), nn.ReLU(), nn.Linear(2 * channels, 1)
+            nn.Linear(CELL * looks, 2 * channels), nn.ReLU(), nn.Linear(2 * channels, 1)
         )
         self.effects = nn.Parameter(torch.zeros(ACTIONS, len(AROUND) + 1))
 
@@ -106,16 +106,18 @@ class Mapper(nn.Module):
         return Roles(moves, ends, looks)
 
     def passable(self, seen: Tensor) -> Tensor:
-        """Return the logits that what moves can pass from cells to those around them.
+        """Return the logits that what moves can pass from each cell to those around it.
+
+        A way is as passable as the least passable line of blocks across it.
 
         Args:
-            seen: What `Surroundings.on_ways` shows of N cells in the directions of `AROUND`.
+            seen: What `Surroundings.on_ways` shows of N pictures in the directions of `AROUND`.
 
         Returns:
-            Shape (N, 8).
+            Shape (N, cells, 8).
         """
-        logits: Tensor = self.passing(seen.flatten(2))
-        return logits[..., 0]
+        logits: Tensor = self.passing(seen.transpose(3, 4).flatten(4))
+        return logits[..., 0].amin(3)
 
     def outcomes(self, passable: Tensor) -> Tensor:
         """Return the logarithms of the probabilities of where each action leads.
@@ -139,13 +141,11 @@ class Mapper(nn.Module):
         movers = roles.moves.argmax(1)
         ends = torch.einsum("nk,nkc->nc", roles.ends.softmax(1), places).argmax(1)
         surroundings = Surroundings.of(masks, movers)
-        cells = torch.arange(places.shape[2], device=masks.device)
         plans = []
         for picture, end in enumerate(ends):
             around = Surroundings(*(each[picture, None] for each in surroundings))
-            looks = roles.looks[picture, None]
-            seen = around.on_ways(looks, AROUND, torch.zeros_like(cells), cells)
-            outcomes = self.outcomes(self.passable(seen))
+            seen = around.on_ways(roles.looks[picture, None], AROUND)
+            outcomes = self.outcomes(self.passable(seen)[0])
             steps, actions = (-outcomes[:, :, :STAY].double()).exp().min(1)
             best = _quickest(steps.T.unflatten(1, surroundings.grid), int(end))
             plans.append(actions.gather(1, best[:, None])[:, 0])

@@ -75,15 +75,16 @@ def _different(lines: NDArray[Any]) -> NDArray[np.bool_]:
     return new
 
 
-def scene_of(slots: Slots, height: int, width: int) -> Scene:
+def scene_of(slots: Slots, height: int, width: int, cell: int = CELL) -> Scene:
     """Return which slots each block shows.
 
     Args:
         slots: The slots of a picture.
         height: The number of rows of the labyrinth, whose cells are square and in the middle.
         width: The number of columns.
+        cell: The number of blocks on each side of a cell.
     """
-    blocks, side = CELL * max(height, width), len(slots.rows)
+    blocks, side = cell * max(height, width), len(slots.rows)
     bounds = np.arange(blocks + 1) * side // blocks
     ends = np.maximum(bounds[1:] - 1, bounds[:-1])  # Blocks may be smaller than a pixel.
     scene = np.zeros([length + 1 for length in slots.grid.shape], np.uint16)
@@ -93,15 +94,8 @@ def scene_of(slots: Slots, height: int, width: int) -> Scene:
         for lines in (slots.rows, slots.columns)
     )
     scene = np.bitwise_or.reduceat(np.bitwise_or.reduceat(scene, rows, 0)[::2], columns, 1)[:, ::2]
-    top, left = (blocks // 2 - CELL * cells // 2 for cells in (height, width))
-    return scene[top : top + CELL * height, left : left + CELL * width]
-
-
-def coarsened(scene: Scene, side: int) -> Scene:
-    """Return which slots each square of `side` blocks on a side shows."""
-    rows, columns = (np.arange(0, length, side) for length in scene.shape)
-    found: Scene = np.bitwise_or.reduceat(np.bitwise_or.reduceat(scene, rows, 0), columns, 1)
-    return found
+    top, left = (blocks // 2 - cell * cells // 2 for cells in (height, width))
+    return scene[top : top + cell * height, left : left + cell * width]
 
 
 def cell_of_colour(slots: Slots, colour: int, height: int, width: int) -> int:
@@ -144,7 +138,9 @@ def grown(slots: Slots, slot: int, by: int) -> Slots:
     between = before[below] - before[above]
     covered = between[:, right] > between[:, left]
     grid = np.where(covered, np.uint8(slot), slots.grid[down[:, None], along])
-    return slots._replace(grid=grid, rows=rows, columns=columns)
+    tall, wide = _different(grid), _different(grid.T)
+    rows, columns = (tall.cumsum() - 1)[rows], (wide.cumsum() - 1)[columns]
+    return slots._replace(grid=grid[tall][:, wide], rows=rows, columns=columns)
 
 
 def _within(lines: NDArray[np.int64], by: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -214,28 +210,28 @@ class Surroundings(NamedTuple):
         rows, columns = (blocks // CELL - 2 for blocks in self.others.shape[2:])
         return rows, columns
 
-    def on_ways(
-        self, looks: Tensor, ways: Sequence[tuple[int, int]], pictures: Tensor, cells: Tensor
-    ) -> Tensor:
-        """Return what is between the middles of cells and those of their neighbours.
+    def on_ways(self, looks: Tensor, ways: Sequence[tuple[int, int]]) -> Tensor:
+        """Return what is between the middle of each cell and those of its neighbours.
+
+        What moves is taken to be in the cell.
 
         Args:
             looks: What each slot counts as, shape (N, K, L).
             ways: The rows down and columns right to a neighbour, W of them. Those that follow one
                 another are shown turned by a quarter more.
-            pictures: The number of a picture for each cell, shape (M,).
-            cells: The cells, in each of which what moves is taken to be, shape (M,).
 
         Returns:
-            The sum of what counts in each block, shape (M, W, L, CELL, CELL).
+            The most that any slot in a block counts as, and 0 in a block without any, shape
+            (N, cells, W, L, CELL, CELL). A thin wall counts alike with whatever is beside it.
         """
-        scene = torch.einsum("nkyx,nkl->nlyx", self.others, looks)
+        shown = self.others[:, :, None] > 0
+        counts = looks[..., None, None].where(shown, looks.new_tensor(-torch.inf)).amax(1)
+        scene = counts.where(shown.any(1), looks.new_zeros(()))
         height, width = (CELL * cells for cells in self.grid)
         shown = []
         for turns, (down, right) in enumerate(ways):
             top, left = CELL + CELL // 2 * down, CELL + CELL // 2 * right
             window = patches_of(scene[:, :, top : top + height, left : left + width])
             free = self.free[:, top : top + CELL, left : left + CELL]
-            seen = window[pictures, :, cells] * free[pictures, None]
-            shown.append(torch.rot90(seen, turns % 4, (2, 3)))
-        return torch.stack(shown, 1)
+            shown.append(torch.rot90(window * free[:, None, None], turns % 4, (3, 4)))
+        return torch.stack(shown, 3).permute(0, 2, 3, 1, 4, 5)

@@ -14,10 +14,13 @@ what it has learnt. All labels come from the pictures of the splits `train` and 
 
 Pictures are drawn as in the column `obs`, 600 pixels wide, and a little shifted. Then each slot
 grows over the others, one after the other in random order, as long as no slot vanishes anywhere.
+First pictures are shown once more, in which slots grow further, as long as none vanishes
+everywhere: walls may close or go there, so they teach nothing about steps, only what slots are.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,12 +37,10 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import (
-    CELL,
     Scene,
     Slots,
     Surroundings,
     cell_of_colour,
-    coarsened,
     grown,
     masks_of,
     places_of,
@@ -64,6 +65,11 @@ class Settings(MapperSpec, BaseSettings):
     explore: bool = setting("whether it learns from the split random as well")
     shift: int = setting("most pixels by which pictures are shifted", at_least=0, at_most=60)
     grow: int = setting("most pixels by which a colour grows over others", at_least=0, at_most=60)
+    overgrow: int = setting(
+        "most pixels by which a colour grows in pictures that teach nothing about steps",
+        at_least=0,
+        at_most=60,
+    )
 
 
 class Method(Learner):
@@ -93,6 +99,7 @@ class Method(Learner):
             for action in route.tolist():
                 last[episode] = arrays.next_state[last[episode], action]
         self.ends = self.cells[last]
+        self.done = 0  # Epochs.
 
     @property
     def size(self) -> tuple[int, int]:
@@ -141,32 +148,51 @@ class Method(Learner):
             found.append(slots_of(spec.look([view])[0]))
         return found
 
-    def draw(self, states: NDArray[np.int64]) -> tuple[Tensor, Tensor]:
-        """Return varied pictures as masks, and the slot that moves in each."""
+    def draw(self, states: NDArray[np.int64], overgrown: int) -> tuple[Tensor, Tensor]:
+        """Return varied pictures as masks, and the slot that moves in each.
+
+        Args:
+            states: What the pictures show.
+            overgrown: The number of pictures, the first ones, that teach nothing about steps.
+        """
         colours = self.colours[self.problem.arrays.labyrinth[states]]
         slots = self.look(states)
-        scenes = [self.vary(each) for each in slots]
+        scenes = [self.vary(each, number < overgrown) for number, each in enumerate(slots)]
         movers = [
             int(np.flatnonzero(each.colours == colour)[0])
             for each, colour in zip(slots, colours, strict=True)
         ]
         return masks_of(np.stack(scenes)).to(self.problem.device), self.tensor(np.array(movers))
 
-    def vary(self, slots: Slots) -> Scene:
+    def vary(self, slots: Slots, overgrown: bool) -> Scene:
         """Return a picture a little shifted, in which one slot after the other has grown."""
         settings, rng = self.settings, self.problem.rng
+        most = settings.overgrow if overgrown else settings.grow
+
+        def shown(slots: Slots) -> Scene:
+            """Return the slots in the middle, at each side and corner of cells, or anywhere."""
+            scene = scene_of(slots, *self.size, 4)
+            for axis, count in enumerate(scene.shape):
+                starts = [0] if overgrown else [0, *range(1, count, 2)]
+                scene = np.bitwise_or.reduceat(scene, starts, axis)
+            return scene
+
         down, right = rng.integers(-settings.shift, settings.shift, 2, endpoint=True).tolist()
         slots = shifted(slots, down, right)
-        scene = scene_of(slots, *self.size)
+        before = shown(slots)
         for slot in rng.permutation(len(slots.colours)).tolist():
-            larger = grown(slots, slot, int(rng.integers(settings.grow, endpoint=True)))
-            after = scene_of(larger, *self.size)
-            if not (coarsened(scene, CELL // 2) & ~coarsened(after, CELL // 2)).any():
-                slots, scene = larger, after
-        return scene
+            larger = grown(slots, slot, int(rng.integers(most, endpoint=True)))
+            after = shown(larger)
+            if not (before & ~after).any():
+                slots, before = larger, after
+        return scene_of(slots, *self.size)
 
     def epoch(self) -> dict[str, float]:
         self.policy.train()
+        # The rate falls to nothing: what a constant one leaves to chance differs between seeds.
+        left = (1 + math.cos(math.pi * self.done / self.settings.epochs)) / 2
+        self.optimizer.param_groups[0]["lr"] = self.settings.learning_rate * left
+        self.done += 1
         batches = self.batches(len(self.first))
         moves, ends, does = torch.stack([self.learn(batch) for batch in batches]).mean(0).tolist()
         return {"loss": moves + ends + does, "moves": moves, "ends": ends, "does": does}
@@ -174,24 +200,26 @@ class Method(Learner):
     def learn(self, episodes: NDArray[np.int64]) -> Tensor:
         """Take a gradient step; return the three losses.
 
-        Of the labyrinth of each demonstration, there is its first picture, and one of any state
-        that is known. In both, steps from any cell are learnt from, as if the agent were there.
+        Of the labyrinth of each demonstration, there is its first picture, twice, and one of any
+        state that is known. Where demonstrations end is learnt from first pictures, what moves
+        from all, and what steps do from the others and from first ones that are not overgrown:
+        from any cell, as if the agent were there.
         """
-        labyrinths = self.problem.arrays.labyrinth[self.first[episodes]]
+        count, first = len(episodes), self.first[episodes]
+        labyrinths = self.problem.arrays.labyrinth[first]
         others = self.states[self.some_steps(labyrinths, 1)[:, 0]]
-        labyrinths = np.concatenate([labyrinths, labyrinths])
-        masks, movers = self.draw(np.concatenate([self.first[episodes], others]))
+        masks, movers = self.draw(np.concatenate([first, first, others]), count)
         roles = self.policy.roles(masks)
         moves = functional.cross_entropy(roles.moves, movers)
-        places = places_of(masks)[range(len(episodes)), :, self.ends[episodes]]
-        chosen = roles.ends[: len(episodes)].log_softmax(1)
-        ends = -(chosen + places.log()).logsumexp(1).mean()
-        steps = self.some_steps(labyrinths, self.settings.steps)
-        pictures = torch.arange(len(masks)).repeat_interleave(steps.shape[1])
+        cells = np.tile(self.ends[episodes], 2)
+        places = places_of(masks)[range(2 * count), :, cells]
+        ends = -(roles.ends[: 2 * count].log_softmax(1) + places.log()).logsumexp(1).mean()
+        steps = self.some_steps(np.tile(labyrinths, 2), self.settings.steps)
+        pictures = torch.arange(len(steps)).repeat_interleave(steps.shape[1])
         steps = steps.reshape(-1)
-        cells = self.tensor(self.cells[self.states[steps]])
-        seen = Surroundings.of(masks, movers).on_ways(roles.looks, AROUND, pictures, cells)
-        outcomes = self.policy.outcomes(self.policy.passable(seen))
+        around = Surroundings.of(masks[count:], movers[count:])
+        passable = self.policy.passable(around.on_ways(roles.looks[count:], AROUND))
+        outcomes = self.policy.outcomes(passable[pictures, self.cells[self.states[steps]]])
         does = -outcomes[range(len(steps)), self.actions[steps], self.outcomes[steps]].mean()
         self.descend(self.optimizer, moves + ends + does)
         return torch.stack([moves, ends, does]).detach()
@@ -212,7 +240,7 @@ def moving_colour(pictures: Sequence[Slots], height: int, width: int) -> int | N
     """
     places = []
     for slots in pictures:
-        cells = coarsened(scene_of(slots, height, width), CELL)
+        cells = scene_of(slots, height, width, 1)
         numbers = enumerate(slots.colours.tolist())
         places.append({colour: (cells >> number & 1).tobytes() for number, colour in numbers})
     before, after = places

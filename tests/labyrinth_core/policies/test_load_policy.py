@@ -185,6 +185,7 @@ def test_a_mapper_with_a_wrong_value_is_refused_in_one_line(tmp_path: Path) -> N
     for changed, message in (
         ({"mapper": {"channels": 4, "looks": 65}}, "mapper.looks is 65, not a whole number from"),
         ({"mapper": None}, "mapper is None, not an object with channels, looks"),
+        ({"format": 1}, "format is 1, not 2"),
         ({"image_size": 64}, "image_size is 64, not 600"),
         ({"average": True}, "average is True, but a mapper looks at a picture in one way"),
     ):

@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
 from labyrinth_core.policies.networks.slots import (
-    CELL,
     Slots,
     cell_of_colour,
-    coarsened,
     grown,
     scene_of,
     shifted,
@@ -68,7 +66,7 @@ def test_the_agent_is_in_its_cell(labyrinth: Labyrinth, style: Style) -> None:
         size = structure.height, structure.width
         assert cell_of_colour(slots, number_of(style.agent), *size) == cell
         number = int(np.flatnonzero(slots.colours == number_of(style.agent))[0])
-        there = coarsened(scene_of(slots, *size), CELL) >> number & 1
+        there = scene_of(slots, *size, 1) >> number & 1
         assert np.array_equal(np.flatnonzero(there), [cell])
 
 

@@ -39,7 +39,7 @@ pytestmark = pytest.mark.slow
 
 Problems = Callable[..., Problem]
 
-TOY: dict[str, Any] = {"epochs": 60, "batch_size": 4}
+TOY: dict[str, Any] = {"epochs": 100, "batch_size": 4}
 
 
 def toy(problem: Problem, **settings: Any) -> mapper.Method:
