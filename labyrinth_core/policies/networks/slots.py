@@ -228,10 +228,10 @@ class Surroundings(NamedTuple):
         counts = looks[..., None, None].where(shown, looks.new_tensor(-torch.inf)).amax(1)
         scene = counts.where(shown.any(1), looks.new_zeros(()))
         height, width = (CELL * cells for cells in self.grid)
-        shown = []
+        windows = []
         for turns, (down, right) in enumerate(ways):
             top, left = CELL + CELL // 2 * down, CELL + CELL // 2 * right
             window = patches_of(scene[:, :, top : top + height, left : left + width])
             free = self.free[:, top : top + CELL, left : left + CELL]
-            shown.append(torch.rot90(window * free[:, None, None], turns % 4, (3, 4)))
-        return torch.stack(shown, 3).permute(0, 2, 3, 1, 4, 5)
+            windows.append(torch.rot90(window * free[:, None, None], turns % 4, (3, 4)))
+        return torch.stack(windows, 3).permute(0, 2, 3, 1, 4, 5)
