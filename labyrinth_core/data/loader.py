@@ -147,16 +147,12 @@ def _cached(request: TransitionsRequest, part: Part, spec: ObservationSpec) -> T
         key = _key(part, spec)
         path = folder / frame_cache.name_of(part.config, request.split, spec.image_size, key)
         size = len(part) * 3 * spec.image_size**2
-        return frame_cache.load(path, key, size, lambda: _frames(part, spec))
+        rows = part.rows(pictures=spec.decodes)
+        return frame_cache.load(path, key, size, lambda: _observed(_parts(rows, spec), spec))
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
         warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=4)
         return None
-
-
-def _frames(part: Part, spec: ObservationSpec) -> Iterator[tuple[NDArray[Any], Columns]]:
-    """Yield the observations of all states, with the columns of their transitions."""
-    return _observed(_parts(part.rows(pictures=spec.decodes), spec), spec)
 
 
 def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:

@@ -18,7 +18,7 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.schema import COUNT, Text, check_shape, read_json
+from labyrinth_core.data.schema import COUNT, Exactly, Text, check_shape, read_json
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
@@ -56,7 +56,7 @@ class Shard:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Shard:
-        """Return the shard that `asdict` described; raise one of `MALFORMED` for anything else."""
+        """Return the shard that `asdict` described; raise ValueError for anything else."""
         check_shape(values, _SHARD, "a shard")
         shard = cls(**values)
         if shard.split not in SPLITS or not re.fullmatch(
@@ -67,7 +67,7 @@ class Shard:
 
 
 _TEXT = Text("(?s).*")
-_SHARD = {each.name: _TEXT if each.type == "str" else COUNT for each in fields(Shard)}
+_SHARD = Exactly({each.name: _TEXT if each.type == "str" else COUNT for each in fields(Shard)})
 """The shape of a `Shard`."""
 
 
@@ -81,8 +81,8 @@ class TableFile:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> TableFile:
-        """Return the table that `asdict` described; raise one of `MALFORMED` for anything else."""
-        check_shape(values, {"bytes": COUNT, "sha256": _TEXT}, "a table")
+        """Return the table that `asdict` described; raise ValueError for anything else."""
+        check_shape(values, Exactly({"bytes": COUNT, "sha256": _TEXT}), "a table")
         return cls(**values)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -59,6 +60,14 @@ class Each:
 
 
 @dataclass(frozen=True)
+class Exactly:
+    """An object with these names and no others."""
+
+    of: Mapping[str, Any]
+    """Name -> shape of what it names."""
+
+
+@dataclass(frozen=True)
 class Named:
     """An object with any number of names, which have a shape, as what they name has."""
 
@@ -103,10 +112,9 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
     wanted = _unmet(value, shape)
     if wanted is not None:
         raise ValueError(f"{place} is {value!r:.60}, not {wanted}")
-    if isinstance(shape, dict):
-        for name, of in shape.items():
-            if name in value:
-                check_shape(value[name], of, f"{place}.{name}")
+    if isinstance(shape, dict | Exactly):
+        for name, of in (shape if isinstance(shape, dict) else shape.of).items():
+            check_shape(value[name], of, f"{place}.{name}")
     elif isinstance(shape, tuple):
         for number, (item, of) in enumerate(zip(value, shape, strict=True)):
             check_shape(item, of, f"{place}[{number}]")
@@ -129,7 +137,7 @@ def _unmet(value: Any, shape: Any) -> str | None:
         return None
     if isinstance(shape, OneOf):
         allowed = [each for each in shape.values if type(each) is type(value)]
-        return None if value in allowed else f"one of {shape.values}"
+        return None if value in allowed else f"one of {', '.join(map(str, shape.values))}"
     if isinstance(shape, Number):
         number = type(value) is int or (type(value) is float and not shape.whole)
         kind = "a whole number" if shape.whole else "a number"
@@ -141,6 +149,9 @@ def _unmet(value: Any, shape: Any) -> str | None:
     if isinstance(shape, dict):
         holds = isinstance(value, dict) and shape.keys() <= value.keys()
         return None if holds else f"an object with {', '.join(shape)}"
+    if isinstance(shape, Exactly):
+        holds = isinstance(value, dict) and shape.of.keys() == value.keys()
+        return None if holds else f"an object with {', '.join(shape.of)}"
     if isinstance(shape, Named):
         return None if isinstance(value, dict) else "an object"
     if isinstance(shape, tuple):

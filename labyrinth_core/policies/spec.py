@@ -10,6 +10,7 @@ from dataclasses import Field, asdict, dataclass, field, fields
 from math import inf
 from typing import Any, TypeVar
 
+from labyrinth_core.data.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
 from labyrinth_core.world.labyrinth import Task
@@ -101,7 +102,7 @@ class PolicySpec:
     """What a policy's network is made from."""
 
     network: NetworkSpec
-    average: bool = checked()
+    average: bool
     """Whether it is averaged over the symmetries of the picture."""
     own: PlannerSpec | MapperSpec | None = None
     """The settings of a network without an encoder."""
@@ -153,18 +154,16 @@ class PolicySpec:
         Raises:
             ValueError: It has another form, or a value that is not allowed.
         """
-        needed = ("network", "average")
-        if not isinstance(content, dict) or not content.keys() >= set(needed):
-            raise ValueError(f"it is {content!r:.60}, not an object with {', '.join(needed)}")
+        check_shape(content, {"network": None, "average": None})
         network = _read(NetworkSpec, content["network"], "network")
         name, average = network.encoder, content["average"]
-        _check("average", average, next(each for each in fields(cls) if each.name == "average"))
+        check_shape(average, _BOOLEAN, "average")
         own = _read(OWN[name], content.get(name), name) if name in OWN else None
         if average and name == MAPPER:
             raise ValueError("average is True, but a mapper looks at a picture in one way")
         spec = cls(network, average, own)
         expected = spec.to_json()
-        _check_names("it", content, list(expected))
+        check_shape(content, Exactly(dict.fromkeys(expected)))
         for name, value in expected.items():
             if content[name] != value:
                 raise ValueError(f"{name} is {content[name]!r:.60}, not {value!r}")
@@ -175,29 +174,17 @@ Spec = TypeVar("Spec")
 
 
 def _read(cls: type[Spec], values: Any, place: str) -> Spec:
-    allowed = {each.name: each for each in fields(cls)}  # type: ignore[arg-type]
-    _check_names(place, values, list(allowed))
-    for name, value in values.items():
-        _check(f"{place}.{name}", value, allowed[name])
+    declared = fields(cls)  # type: ignore[arg-type]
+    check_shape(values, Exactly({each.name: _shape_of(each) for each in declared}), place)
     return cls(**values)
 
 
-def _check_names(place: str, values: Any, names: list[str]) -> None:
-    if not isinstance(values, dict) or set(values) != set(names):
-        raise ValueError(f"{place} is {values!r:.60}, not an object with {', '.join(names)}")
+_BOOLEAN = OneOf((True, False))
 
 
-_TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}
-"""Annotation of a field -> the types of its values; in Python, True is also the number 1."""
-
-
-def _check(place: str, value: Any, declared: Field[Any]) -> None:
+def _shape_of(declared: Field[Any]) -> Any:
+    """Return the shape of the values of a field that `checked` declared."""
     least, most, one_of, _ = declared.metadata["checks"]
-    one_of = [True, False] if declared.type == "bool" else one_of
-    typed = type(value) in _TYPES[str(declared.type)]
-    if typed and (value in one_of if one_of else least <= value <= most):
-        return
-    number = "a number" if declared.type == "float" else "a whole number"
-    choices = ", ".join(map(str, one_of))
-    allowed = f"one of {choices}" if one_of else f"{number} from {least} to {most}"
-    raise ValueError(f"{place} is {value!r:.60}, not {allowed}")
+    if declared.type == "bool":
+        return _BOOLEAN
+    return OneOf(tuple(one_of)) if one_of else Number(least, most, whole=declared.type == "int")
