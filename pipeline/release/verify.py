@@ -119,9 +119,10 @@ def _last_line(output: Path) -> str:
 
 def _bytes_in(folder: Path) -> int:
     size = 0
-    for path in folder.rglob("*"):
-        with suppress(FileNotFoundError):  # Renamed or removed meanwhile.
-            size += path.lstat().st_size
+    for place, _, names in os.walk(folder):  # Which passes over a folder that has gone meanwhile.
+        for name in names:
+            with suppress(FileNotFoundError):
+                size += Path(place, name).lstat().st_size
     return size
 
 
