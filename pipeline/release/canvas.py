@@ -32,10 +32,10 @@ _FINER = 4
 
 
 class Sheet:
-    """A white picture to draw on; x to the right and y downwards, in pixels."""
+    """A white picture to draw on, `WIDTH` wide; x to the right and y downwards, in pixels."""
 
-    def __init__(self, height: int, width: int = WIDTH) -> None:
-        self.image = Image.new("RGB", (width, height), PAPER)
+    def __init__(self, height: int) -> None:
+        self.image = Image.new("RGB", (WIDTH, height), PAPER)
         self._draw = ImageDraw.Draw(self.image)
 
     def text(
@@ -81,9 +81,9 @@ class Sheet:
         return file.getvalue()
 
 
-def text_width(text: str, size: int = TEXT) -> float:
-    """Return the width of a line of text in pixels."""
-    return ImageFont.load_default(size).getlength(text)
+def text_width(text: str) -> float:
+    """Return the width of a line of small text, in pixels."""
+    return ImageFont.load_default(SMALL).getlength(text)
 
 
 def mixed(first: Colour, second: Colour, part: float) -> Colour:

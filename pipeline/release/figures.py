@@ -139,7 +139,7 @@ def actions(splits: Splits) -> Sheet:
     for action, colour in ACTION_COLOURS.items():
         sheet.box(left, 30, left + 34, 64, colour)
         sheet.text((left + 48, 60), action.name.lower(), SMALL)
-        left += 100 + text_width(action.name.lower(), SMALL)
+        left += 100 + text_width(action.name.lower())
     top = legend
     for name, split in splits.items():
         _heading(sheet, top - 8, name, count(int(split.actions.sum()), "action"))
@@ -155,7 +155,7 @@ def _divided_bar(sheet: Sheet, top: float, height: float, split: SplitCounts) ->
     for place, (share, colour) in enumerate(zip(shares, ACTION_COLOURS.values(), strict=True)):
         left, right = ends[place], ends[place + 1]
         sheet.box(left, top, right - (place < len(shares) - 1) * 2, top + height, colour)
-        if right - left >= text_width(f"{share:.0%}", SMALL) + 12:
+        if right - left >= text_width(f"{share:.0%}") + 12:
             ink = INK if sum(colour) > 420 else PAPER
             middle = ((left + right) / 2, top + height / 2)
             sheet.text(middle, f"{share:.0%}", SMALL, ink, "mm")
@@ -221,7 +221,7 @@ class _Bars(NamedTuple):
 def _axis(sheet: Sheet, top: float, bars: _Bars) -> None:
     """Label the axis under the lowest histogram, as densely as there is room for."""
     last = bars.first + (bars.number - 1) * bars.together
-    room = text_width(f"  {last:,}", SMALL)
+    room = text_width(f"  {last:,}")
     every = next(n for n in (1, 2, 5, 10, bars.number) if n * bars.step >= room)
     for place in range(0, bars.number, every):
         moves = bars.first + place * bars.together

@@ -108,7 +108,8 @@ def _watch(process: subprocess.Popen[bytes], output: Path, total: int, patience:
                 waiting = f"nothing came from the Hub in {patience:g} seconds"
                 raise TimeoutError(f"{waiting}, waiting for {what}")
             bars.update(bar, completed=min(downloaded, total), description=f"verify {what}")
-            time.sleep(REFRESH)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(REFRESH)
         if process.returncode == 0:
             bars.update(bar, completed=total, description="verify")
 

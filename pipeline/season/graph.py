@@ -44,16 +44,13 @@ _LONGEST = 1 << 20
 
 
 @contextmanager
-def computed(
-    content: bytes, named: str, *, seconds: float = SECONDS, memory: int = MEMORY
-) -> Iterator[GraphPolicy]:
+def computed(content: bytes, named: str, *, seconds: float = SECONDS) -> Iterator[GraphPolicy]:
     """Lend the policy that an ONNX graph is; its process ends at the end.
 
     Args:
         content: The graph.
         named: What it is called in messages.
         seconds: The most seconds to load it, and to answer to a batch of observations.
-        memory: The most bytes of memory of its process.
 
     Raises:
         DatasetError: Onnxruntime is not installed, or this is not Linux.
@@ -64,7 +61,7 @@ def computed(
     if find_spec("onnxruntime") is None:
         needed = "pip install 'labyrinth-datasets[onnx]'"
         raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
-    command = [sys.executable, "-m", "pipeline.season.graph_process", str(memory)]
+    command = [sys.executable, "-m", "pipeline.season.graph_process", str(MEMORY)]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,

@@ -34,7 +34,7 @@ def local_hub(tmp_path: Path) -> Iterator[LocalHub]:
 
 def command(data_dir: Path, version: str, *options: str, repo: str = REPO) -> list[str]:
     return [
-        *(python(), *STRICT, str(ROOT / "run.py"), "stages=[publish]"),
+        *(*STRICT, str(ROOT / "run.py"), "stages=[publish]"),
         *(f"data_dir={data_dir}", f"publish.repo_id={repo}", f"publish.version={version}"),
         *options,
     ]
@@ -51,18 +51,12 @@ def environment(hub: LocalHub, token: str | None = "write", **more: str) -> dict
     return variables | {"XDG_CACHE_HOME": variables["HF_HOME"]} | more
 
 
-def publish(
-    hub: LocalHub,
-    data_dir: Path,
-    version: str = "1.0.0",
-    *options: str,
-    token: str | None = "write",
-    repo: str = REPO,
-    **more: str,
+def run_python(
+    hub: LocalHub, *arguments: str | Path, token: str | None = "write", **more: str
 ) -> subprocess.CompletedProcess[str]:
-    """Return what became of a release; `more` are variables of its environment."""
+    """Return what became of a Python with these arguments; `more` is in its environment."""
     return subprocess.run(
-        command(data_dir, version, *options, repo=repo),
+        [python(), *map(str, arguments)],
         env=environment(hub, token, **more),
         cwd=hub.folder,
         capture_output=True,
@@ -73,19 +67,24 @@ def publish(
     )
 
 
+def publish(
+    hub: LocalHub,
+    data_dir: Path,
+    version: str = "1.0.0",
+    *options: str,
+    token: str | None = "write",
+    repo: str = REPO,
+    **more: str,
+) -> subprocess.CompletedProcess[str]:
+    """Return what became of a release; `more` are variables of its environment."""
+    return run_python(hub, *command(data_dir, version, *options, repo=repo), token=token, **more)
+
+
 def run_script(
     hub: LocalHub, script: str, *arguments: str | Path, token: str | None = None, **more: str
 ) -> subprocess.CompletedProcess[str]:
     """Return what a Python script against a Hub prints, in a process whose caches are empty."""
-    done = subprocess.run(
-        [python(), "-c", script, *map(str, arguments)],
-        env=environment(hub, token, **more),
-        cwd=hub.folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=SECONDS,
-    )
+    done = run_python(hub, "-c", script, *arguments, token=token, **more)
     assert done.returncode == 0, done.stdout + done.stderr
     return done
 
@@ -121,7 +120,7 @@ def publishing(
 ) -> Iterator[subprocess.Popen[str]]:
     """Publish in a process that is killed in the end, with all that it has started."""
     with subprocess.Popen(
-        command(data_dir, version, *options, repo=repo),
+        [python(), *command(data_dir, version, *options, repo=repo)],
         env=environment(hub, **more),
         cwd=hub.folder,
         stdout=subprocess.PIPE,

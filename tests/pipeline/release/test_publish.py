@@ -17,18 +17,16 @@ from hub.local_hub import LocalHub
 from publishing import (
     REPO,
     ROOT,
-    SECONDS,
     built,
     changes,
-    environment,
     error_of,
     held,
     large,
     publish,
     published,
+    run_python,
     run_script,
 )
-from quick_python import python
 
 from labyrinth_core.data.splits import BASE_SPLITS
 from pipeline.config.errors import ConfigError
@@ -128,15 +126,7 @@ def front(text: str) -> dict[str, Any]:
 
 def release(hub: LocalHub, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """Return what became of `scripts/release`."""
-    return subprocess.run(
-        [python(), ROOT / "scripts" / "release", *map(str, arguments)],
-        env=environment(hub),
-        cwd=hub.folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=SECONDS,
-    )
+    return run_python(hub, ROOT / "scripts" / "release", *arguments)
 
 
 def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_built(

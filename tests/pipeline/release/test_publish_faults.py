@@ -12,7 +12,6 @@ from hub.local_hub import LocalHub
 from hub.state import ID_TOKEN
 from publishing import (
     REPO,
-    ROOT,
     built,
     changes,
     environment,
@@ -21,10 +20,10 @@ from publishing import (
     publish,
     published,
     publishing,
+    run_python,
     run_script,
     wait_for,
 )
-from quick_python import python
 
 from pipeline.release.plan import DATASET
 from pipeline.release.remote import PublishError
@@ -91,14 +90,8 @@ def test_a_fault_of_each_call_that_reads_is_got_over(
 
 def verify(hub: LocalHub, commit: str, data_dir: Path) -> subprocess.CompletedProcess[str]:
     """Return what the verification alone comes to."""
-    return subprocess.run(
-        [python(), "-m", "pipeline.release.verify", REPO, commit, str(data_dir), "dataset"],
-        env=environment(hub, USE_TORCH="0"),
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    arguments = (REPO, commit, data_dir, "dataset")
+    return run_python(hub, "-m", "pipeline.release.verify", *arguments, USE_TORCH="0")
 
 
 def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
