@@ -11,8 +11,9 @@ def test_only_what_a_release_has_left_on_the_hub_is_replaced_or_deleted(tmp_path
     here = {name: tmp_path / name for name in ("README.md", "eval.yaml", "croissant.json")}
     for path in here.values():
         path.write_text("ours")
-    plan = make_plan(DATASET, here, there, lambda _: {"CITATION.cff", "README.md"})
+    ours = {"CITATION.cff", "README.md", "2x2/train-00000-of-00001.parquet"}
+    plan = make_plan(DATASET, here, there, lambda _: ours)
     assert plan.add == list(here)
-    assert plan.delete == ["CITATION.cff"]
+    assert plan.delete == ["2x2/train-00000-of-00001.parquet", "CITATION.cff"]
     assert plan.others == ["eval.yaml"]
     assert make_plan(DATASET, here, there).others == ["README.md", "eval.yaml"]

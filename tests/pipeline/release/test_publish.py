@@ -280,44 +280,52 @@ def stamps(folder: Path) -> dict[str, tuple[int, bytes]]:
 
 
 def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs(
-    local_hub: LocalHub, releasable: Path, with_one_more: Path
+    local_hub: LocalHub,
+    releasable: Path,
+    released_hub: LocalHub,
+    released: Path,
+    other_shard: Path,
 ) -> None:
-    def dry() -> list[str]:
-        before, asked = stamps(releasable), len(local_hub.log)
-        printed = published(local_hub, releasable, "1.1.0", "publish.dry_run=true")
-        assert stamps(releasable) == before
-        assert changes(local_hub, asked) == []
-        assert list((local_hub.folder / "temporary").iterdir()) == []
+    def dry(hub: LocalHub, folder: Path) -> list[str]:
+        before, asked = stamps(folder), len(hub.log)
+        printed = published(hub, folder, "1.1.0", "publish.dry_run=true")
+        assert stamps(folder) == before
+        assert changes(hub, asked) == []
+        assert list((hub.folder / "temporary").iterdir()) == []
         return printed.splitlines()
 
     def plan(lines: list[str], word: str) -> list[str]:
         return sorted(line.split()[1] for line in lines if line.startswith(f"  {word:6} "))
 
-    lines = dry()
+    lines = dry(local_hub, releasable)
     assert not local_hub.has(REPO)
     assert lines[-1].startswith(f"{REPO} (to be created), branch main: 20 files to add (0.3")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
     assert len(plan(lines, "add")) == 20
 
-    shutil.copytree(with_one_more / "3x3-icy_floor", releasable / "3x3-icy_floor")
-    published(local_hub, releasable)
     names = ("notes.txt", "3x3/data-00000-of-00009.parquet")
-    theirs = [local_hub.commit(REPO, path, b"mine") for path in names]
-    old = held(local_hub)
-    shutil.rmtree(releasable / "3x3-icy_floor")
-    lines = dry()
-    published(local_hub, releasable, "1.1.0")
-    assert local_hub.history(REPO)[1] == theirs[1]
-    new = held(local_hub)
+    theirs = [released_hub.commit(REPO, path, b"mine") for path in names]
+    old = held(released_hub)
+    shutil.rmtree(released / "2x3")
+    shutil.copytree(other_shard / "2x3", released / "2x3")
+    (released / "CITATION.cff").write_bytes(b"mine")
+    lines = dry(released_hub, released)
+    published(released_hub, released, "1.1.0")
+    assert released_hub.history(REPO)[1] == theirs[1]
+    new = held(released_hub)
     assert new.pop(names[0]) == new.pop(names[1]) == old.pop(names[0])
     del old[names[1]]
-    assert new == built(releasable)
+    here = built(released)
+    del here["CITATION.cff"]
+    assert new == here
+    assert plan(lines, "delete") == ["CITATION.cff"] == sorted(old.keys() - new)
     assert plan(lines, "add") == sorted(path for path in new if old.get(path) != new[path])
     assert plan(lines, "keep") == sorted(p for p in new if old.get(p) == new[p])
-    assert plan(lines, "delete") == sorted(old.keys() - new)
-    size = sum((releasable / path).stat().st_size for path in plan(lines, "add"))
+    assert "2x3/random-00000-of-00001.parquet" in plan(lines, "add")
+    assert "2x3/train-00000-of-00001.parquet" in plan(lines, "keep")
+    size = sum((released / path).stat().st_size for path in plan(lines, "add"))
     assert f"{len(plan(lines, 'add'))} files to add ({size / 1e6:.2f} MB)" in lines[-1]
-    (line,) = dry()
+    (line,) = dry(released_hub, released)
     assert line.startswith("1.1.0 is published already, at ")
 
 
