@@ -49,8 +49,8 @@ def main() -> None:
     for config, runs in found.items():
         print(f"\n## {config}, labyrinths solved in percent\n")
         usual = usual_rates(given.results, config)
-        heading = ["method", "split", "printed", "authors", "usual", "what fits"]
-        print(table(heading, [row for each in runs for row in cells(each, usual)], "llrrrl"))
+        heading = ["method", "seed", "split", "printed", "authors", "usual", "what fits"]
+        print(table(heading, [row for each in runs for row in cells(each, usual)], "lrlrrrl"))
 
 
 def sizes_of(results: Path) -> list[str]:
@@ -79,15 +79,16 @@ def beside(results: Path) -> str:
     rows = []
     for config in sizes_of(results):
         usual = usual_rates(results, config)
-        for run in runs_of(results, config):
-            method, epochs = run["run"]["method"], run["run"]["settings"]["epochs"]
+        for group in by_method(runs_of(results, config)).values():
+            runs = [each["run"] for each in group]
+            method, epochs = runs[0]["method"], runs[0]["settings"]["epochs"]
             found = []
             for split in EVALUATED_SPLITS:
-                theirs = whole(run["run"]["as_tried"][split]["sr"])
+                theirs = ", ".join(whole(each["as_tried"][split]["sr"]) for each in runs)
                 figure = paper_figures()[config, split, method]
                 found.append(f"{printed_in(figure)} / {theirs} / {whole(usual[split, method])}")
             rows.append([f"{config}, {METHODS[method]}, {epochs} epochs", *found])
-    heading = "% solved: printed / authors' protocol / ours"
+    heading = "% solved: printed / authors' protocol, each seed / ours"
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows)
 
 
@@ -139,6 +140,7 @@ def cells(kept: Run, usual: Rates) -> list[list[str]]:
         rows.append(
             [
                 METHODS[run["method"]],
+                str(run["seed"]),
                 f"`{split}`",
                 whole(printed.sr) + " †" * (not printed.is_possible),
                 *map(whole, (theirs, ours)),
