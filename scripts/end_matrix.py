@@ -145,7 +145,8 @@ def interrupt(made: Path, folder: Path, given: argparse.Namespace, ends: Ends) -
         lines = len(stderr.splitlines())
         right = (status, lines) in ((0, 0), (130, 1))
         kind = kind_of(status, stderr)
-        if status in (-signal.SIGINT, 1) and str(RUN.parent) not in stderr:
+        reached = stderr.replace(f'"{RUN}", line 0', "")  # So Python names what it has only loaded.
+        if status in (-signal.SIGINT, 1) and str(RUN.parent) not in reached:
             right, kind = True, "ended by Python before the first line of the program"
         whole = "group" if kill is os.killpg else "process"
         what = f"{whole} after {moment:.3f} s, {arguments[-1]}"
