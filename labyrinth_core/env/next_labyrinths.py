@@ -78,12 +78,12 @@ class NextLabyrinths:
     def _draw(
         self, places: NDArray[np.int64], generator: Callable[[int], np.random.Generator]
     ) -> None:
-        height, width, task = self._shape
+        height, width, _ = self._shape
         drawn = sample_each(height, width, [generator(place) for place in places.tolist()])
         ends = default_start_and_goal(height, width)
         tables = tabulate_many(drawn.structures, *ends, normalised=self._normalised)
         filled = places[drawn.numbers]
-        self._stack.load_many(filled, tables, task)
+        self._stack.load_many(filled, drawn.structures, ends, tables)
         self._left_out[places] = True
         self._left_out[filled] = False
         self._there[filled] = True

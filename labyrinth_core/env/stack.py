@@ -20,8 +20,9 @@ from labyrinth_core.pictures.vector import (
     show_states,
     tile_count,
 )
+from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
-from labyrinth_core.world.state_tables import BatchTables, LabyrinthTables
+from labyrinth_core.world.state_tables import Tables
 from labyrinth_core.world.visibility import seen_together
 
 LOOKS = tuple(Look)
@@ -55,39 +56,41 @@ class Stack:
         self.looks = np.zeros(count, np.intp)
         """The look of each labyrinth, by its place in `LOOKS`."""
 
-    def load(self, place: int, tables: LabyrinthTables) -> None:
+    def load(self, place: int, labyrinth: Labyrinth, tables: Tables) -> None:
         """Put a labyrinth into a place."""
-        first = self._first[place]
-        self.labyrinths[place] = tables.labyrinth
-        self._initial[place] = first + tables.initial
-        np.add(tables.transitions, first, out=self._transitions[place])
-        self._rewards[place] = tables.rewards
-        self._terminal[place] = tables.terminal
-        self._distances[place] = tables.distances
-        self._optimal[place] = tables.optimal_actions
-        text = dump(tables.labyrinth)
-        self._names[0, place] = labyrinth_id(text)
-        self._names[1, place] = text
-        self._shared_names = None
-        self.initial_vectors[place] = initial_vector(tables.labyrinth)
-        self.looks[place] = LOOKS.index(tables.labyrinth.look)
+        vector, look = initial_vector(labyrinth), labyrinth.look
+        self._load(np.array([place]), tables, [dump(labyrinth)], vector, look)
+        self.labyrinths[place] = labyrinth
 
-    def load_many(self, places: NDArray[np.int64], tables: BatchTables, task: Task) -> None:
-        """Put labyrinths of a task without tiles into as many places."""
-        structures, start, goal = tables.structures, tables.start, tables.goal
+    def load_many(
+        self,
+        places: NDArray[np.int64],
+        structures: Structures,
+        ends: tuple[int, int],
+        tables: Tables,
+    ) -> None:
+        """Put labyrinths without tiles, which share start and goal, into as many places."""
+        vectors = initial_vectors(structures, np.tile(ends, (len(places), 1)))
+        self._load(places, tables, dump_many(structures, *ends, self._task), vectors, Look.PLAIN)
+
+    def _load(
+        self,
+        places: NDArray[np.int64],
+        tables: Tables,
+        texts: list[str],
+        vectors: VectorArray,
+        look: Look,
+    ) -> None:
         first = self._first[places]
-        self._initial[places] = first + start
+        self._initial[places] = first + tables.initial
         self._transitions[places] = tables.transitions + first[:, None, None]
         self._rewards[places] = tables.rewards
         self._terminal[places] = tables.terminal
         self._distances[places] = tables.distances
         self._optimal[places] = tables.optimal_actions
-        texts = dump_many(structures, start, goal, task)
-        self._names[0, places] = [labyrinth_id(text) for text in texts]
-        self._names[1, places] = texts
-        tiles = np.tile((start, goal), (len(places), 1))
-        self.initial_vectors[places] = initial_vectors(structures, tiles)
-        self.looks[places] = LOOKS.index(Look.PLAIN)
+        self._names[:, places] = [labyrinth_id(text) for text in texts], texts
+        self.initial_vectors[places] = vectors
+        self.looks[places] = LOOKS.index(look)
         self._changed(places)
 
     def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:

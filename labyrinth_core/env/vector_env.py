@@ -36,7 +36,7 @@ from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
+from labyrinth_core.world.state_tables import Tables, tabulate
 
 Mask = NDArray[np.bool_]
 Batch = NDArray[Any]
@@ -198,12 +198,12 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         drawn = [self._draw(place, options) for place in places]
         if self._turns is not None:
             self._turns[mask] += self.num_envs
-        tables: dict[Labyrinth, LabyrinthTables] = {}
+        tables: dict[Labyrinth, Tables] = {}
         same: list[int] = []
         for place, labyrinth in zip(places, drawn, strict=True):
             if labyrinth is not self._stack.labyrinths[place]:
                 made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
-                self._stack.load(place, tables.setdefault(labyrinth, made))
+                self._stack.load(place, labyrinth, tables.setdefault(labyrinth, made))
             else:
                 same.append(place)
         if self._gallery is not None:

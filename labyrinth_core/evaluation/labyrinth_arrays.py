@@ -23,7 +23,7 @@ from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state_tables import LabyrinthTables, tabulate
+from labyrinth_core.world.state_tables import Tables, tabulate
 
 Place = tuple[int, int]
 """The id of a labyrinth, and the number of a state in it as in `dynamics`."""
@@ -186,7 +186,7 @@ def _stack(
         places |= {(number, state): count + place for place, state in enumerate(states)}
         views += [(labyrinth, state_at(labyrinth, state)) for state in states]
         first.append(count + states.index(each.initial))
-        part = _columns(each, states, count)
+        part = _columns(each, labyrinth.structure.cells, states, count)
         parts.append(part | {"labyrinth": np.full(len(states), len(parts))})
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     after, demonstrated = joined["next_state"].tolist(), np.zeros((len(views), 4), np.int64)
@@ -211,7 +211,7 @@ def _stack(
     )
 
 
-def _visitable(tables: LabyrinthTables) -> list[int]:
+def _visitable(tables: Tables) -> list[int]:
     """Return the numbers of the states that an episode can visit, in ascending order."""
     transitions, terminal = tables.transitions.tolist(), tables.terminal.tolist()
     found, queue = {tables.initial}, [tables.initial]
@@ -223,13 +223,13 @@ def _visitable(tables: LabyrinthTables) -> list[int]:
     return sorted(found)
 
 
-def _columns(tables: LabyrinthTables, states: list[int], first: int) -> dict[str, NDArray[Any]]:
+def _columns(tables: Tables, cells: int, states: list[int], first: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of one labyrinth, whose states have the numbers from `first` on."""
     place = np.full(len(tables.terminal), -1)
     place[states] = np.arange(first, first + len(states))
     after, ends = tables.transitions[states], tables.terminal[states, None]
     return {
-        "position": np.array(states) % tables.labyrinth.structure.cells,
+        "position": np.array(states) % cells,
         "terminal": ends[:, 0],
         "goal": tables.distances[states] == 0,
         "next_state": np.where(ends, place[states, None], place[after]),

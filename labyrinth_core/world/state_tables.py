@@ -24,10 +24,12 @@ from labyrinth_core.world.solver import distances, optimal_actions
 
 
 @dataclass(frozen=True, eq=False)
-class LabyrinthTables:
-    """All that an environment says of a labyrinth, computed once; arrays are read-only."""
+class Tables:
+    """All that an environment says of a labyrinth, or of several, computed once.
 
-    labyrinth: Labyrinth
+    Of several, each array has the labyrinths as another first axis.
+    """
+
     initial: int
     """Number of the state an episode begins in."""
     transitions: NDArray[np.int32]
@@ -42,8 +44,8 @@ class LabyrinthTables:
     """Which actions begin a shortest route, shape (states, 4)."""
 
 
-def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> LabyrinthTables:
-    """Return the tables of a labyrinth.
+def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
+    """Return the tables of a labyrinth; arrays are read-only.
 
     Args:
         labyrinth: The labyrinth to tabulate.
@@ -70,33 +72,16 @@ def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> LabyrinthTabl
     )
     for array in arrays:
         array.setflags(write=False)
-    return LabyrinthTables(labyrinth, start, *arrays)
-
-
-@dataclass(frozen=True, eq=False)
-class BatchTables:
-    """The tables of n labyrinths without tiles that share start and goal; a state is a cell.
-
-    Each array has the labyrinths as its first axis, and is otherwise as in `LabyrinthTables`.
-    """
-
-    structures: Structures
-    start: int
-    goal: int
-    transitions: NDArray[np.int32]
-    rewards: NDArray[np.float64]
-    terminal: NDArray[np.bool_]
-    distances: NDArray[np.int64]
-    optimal_actions: NDArray[np.bool_]
+    return Tables(start, *arrays)
 
 
 def tabulate_many(
     structures: Structures, start: int, goal: int, *, normalised: bool = False
-) -> BatchTables:
-    """Return the tables of connected structures with a start and a goal.
+) -> Tables:
+    """Return the tables of labyrinths without tiles, in which a state is a cell.
 
     Args:
-        structures: The structures to tabulate.
+        structures: Their structures, which are connected.
         start: Cell of the start of each.
         goal: Cell of the goal of each.
         normalised: As for `tabulate`.
@@ -114,7 +99,7 @@ def tabulate_many(
     terminal = np.zeros((count, cells), np.bool_)
     terminal[:, goal] = True
     optimal = after == distances[:, :, None] - 1
-    return BatchTables(structures, start, goal, transitions, rewards, terminal, distances, optimal)
+    return Tables(start, transitions, rewards, terminal, distances, optimal)
 
 
 def distances_from(
