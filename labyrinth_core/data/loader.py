@@ -28,7 +28,7 @@ from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import Episodes, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.row_groups import Part
+from labyrinth_core.data.part import Part
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.data.source import Wanted, find_part
 from labyrinth_core.data.transitions import (

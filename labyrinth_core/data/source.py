@@ -16,7 +16,7 @@ from labyrinth_core.data.dataset_config import QUESTIONS
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.row_groups import Part
+from labyrinth_core.data.part import Part
 from labyrinth_core.data.rows import numbered
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 

@@ -155,7 +155,7 @@ def compare(
         within: The number of steps that solve a labyrinth: "cells" for as many as it has cells,
             "limit" for the step limit of the benchmark, within which random steps solve most.
         most: The number of labyrinths after which to stop undecided.
-        error: The probability of an error, above 0 and below 1.
+        error: The largest probability of an error, above 0 and below 1.
         seed: Determines the labyrinths, and what policies draw.
         revision: Branch, tag or commit on the Hub; not for folders.
 
