@@ -85,11 +85,8 @@ def run(run: Run) -> None:
 
 def write_card(
     data_dir: AnyPath,
-    repo_id: str | None = None,
-    version: str | None = None,
+    release: Release | None = None,
     *,
-    space: str | None = None,
-    exports: Sequence[str] = (),
     changes: Changes | None = None,
     workers: int = 1,
 ) -> list[DatasetStatistics]:
@@ -100,10 +97,7 @@ def write_card(
 
     Args:
         data_dir: The folder.
-        repo_id: The id of the dataset on the Hub, such as `user/labyrinth`, if it is known.
-        version: The version of the release, if it is one.
-        space: The id of the Space with the report, if there is one.
-        exports: The ids on the Hub of its exports.
+        release: What is known of the release, if it is one.
         changes: The labyrinths that came and went since the version before, if there was one.
         workers: The number of processes that read shards.
 
@@ -113,8 +107,7 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        release = Release(repo_id, version, space=space, exports=exports)
-        return _write_card(data_dir, release, changes, workers)
+        return _write_card(data_dir, release or Release(), changes, workers)
 
 
 def _write_card(

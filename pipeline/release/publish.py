@@ -37,6 +37,7 @@ from pipeline.release.export import loading, stage_export
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, SPACE, Kind, Plan, make_plan
+from pipeline.release.provenance import Release
 from pipeline.release.remote import (
     FAULTS,
     VERSION,
@@ -105,15 +106,9 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
 
     def card(folder: Path) -> None:
         changes = changes_since(remote, options.version, folder, front_matter.finished(folder))
-        write_card(
-            folder,
-            options.repo_id,
-            options.version,
-            space=options.space or None,
-            exports=sorted({*remote.exports(), *filter(None, [options.export])}),
-            changes=changes,
-            workers=run.options.workers,
-        )
+        exports = sorted({*remote.exports(), *filter(None, [options.export])})
+        release = Release(options.repo_id, options.version, options.space or None, exports)
+        write_card(folder, release, changes=changes, workers=run.options.workers)
 
     if not options.dry_run:
         card(run.local_dir)

@@ -47,6 +47,7 @@ from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
 from pipeline.release.files import files_of
 from pipeline.release.plan import DATASET
+from pipeline.release.provenance import Release
 from pipeline.release.side_files import changelog, evaluation_task
 
 pytestmark = pytest.mark.slow
@@ -218,7 +219,7 @@ def test_every_python_block_runs_on_the_folder(carded, tmp_path):
 
 
 def test_a_release_is_loaded_by_its_id_and_version(folder):
-    card.write_card(folder, "somebody/mazes", "1.0.0")
+    card.write_card(folder, Release("somebody/mazes", "1.0.0"))
     assert "user/labyrinth" not in text(folder)
     blocks = re.findall(r"```python\n(.*?)```", text(folder), re.DOTALL)
     assert len(blocks) == 3
@@ -416,7 +417,7 @@ def test_the_card_of_an_earlier_version_is_written_anew_and_a_picture_in_it_is_n
     digest = hashlib.sha256(b"mine").hexdigest()
     lines = f"{lines}{digest}  pictures/my-photo.png\n"  # As earlier versions listed it.
     (folder / "SHA256SUMS").write_text(lines, encoding="utf-8")
-    card.write_card(folder, "user/labyrinth", "1.0.0")
+    card.write_card(folder, Release("user/labyrinth", "1.0.0"))
     assert photo.read_bytes() == b"mine"
     assert "user/labyrinth" in (folder / "croissant.json").read_text(encoding="utf-8")
     assert "my-photo" not in (folder / "SHA256SUMS").read_text(encoding="utf-8")

@@ -18,6 +18,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
 from pipeline.release import card
+from pipeline.release.provenance import Release
 
 pytestmark = [
     pytest.mark.slow,
@@ -124,7 +125,7 @@ def test_what_is_not_released_points_at_nothing_on_the_hub(carded):
 
 def test_a_release_is_named_with_its_version_and_is_read_from_a_copy(folder):
     rows = len(list(read(folder).records(OTHER)))
-    card.write_card(folder, "somebody/mazes", "1.2.0")
+    card.write_card(folder, Release("somebody/mazes", "1.2.0"))
     assert content(folder)["distribution"][0]["contentUrl"].endswith("/datasets/somebody/mazes")
     assert len(list(read(folder).records(OTHER))) == rows
     metadata = read(folder).metadata
