@@ -33,9 +33,10 @@ from labyrinth_core.policies.spec import (
 )
 from pipeline.config.run import Run
 from pipeline.machinery.markdown import count, plain, table, verbatim
+from pipeline.release.faults import PublishError, explained
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import code
-from pipeline.release.remote import PublishError, Remote, explained
+from pipeline.release.remote import Remote
 from pipeline.release.side_files import evaluation_task
 from pipeline.release.texts import citation, fill, paragraph
 

@@ -1,105 +1,30 @@
-"""A repository on the Hugging Face Hub: its files, who may change it, what the Hub's errors mean.
-
-The client repeats some of its calls after a fault of the Hub, others not; those are repeated here.
-"""
+"""A repository on the Hugging Face Hub: its files, its tags, and who may change it."""
 
 from __future__ import annotations
 
-import os
 import re
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from json import JSONDecodeError
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from huggingface_hub import DatasetCardData, HfApi, RepoFile, constants, errors, get_token
-from huggingface_hub.errors import (  # type: ignore[attr-defined]
-    EntryNotFoundError,
-    HfHubHTTPError,
-    HTTPError,
-    RevisionNotFoundError,
-)
+from huggingface_hub import DatasetCardData, HfApi, RepoFile, constants, get_token
+from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.hub import SilentHubError
+from labyrinth_core.data.errors import DatasetError
 from pipeline.machinery.console import say
 from pipeline.machinery.own_files import HASHES, OwnFiles
+from pipeline.release.faults import PublishError, allowed, reasons, repeated, status_of
 from pipeline.release.plan import SPACE, Kind
-
-WAITS = (0.2, 1.0, 3.0)
-"""Seconds before each repetition of a call, after a fault of the Hub or of the line."""
-
-FAULTS = (HTTPError, JSONDecodeError)
-"""What the client raises for a fault; the second where it takes an error page for JSON."""
-
-REFUSED = (401, 403)
-"""What the Hub answers if a token may not do something. A token for one repository, such as a
-trusted publisher gets, gets the first for all that is not in that repository."""
-
-NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
-"""What the client raises, since version 1.19, if a job cannot prove to the Hub what it is."""
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
 """What a tag of a release looks like."""
 
 SOURCES = "source_datasets"
 """The key of a card's front matter under which an export names its dataset."""
-
-Result = TypeVar("Result")
-
-
-class PublishError(DatasetError):
-    """A release that could not be made, in one line."""
-
-
-def is_passing(error: Exception) -> bool:
-    """Return whether the same call may succeed later: after a fault of the line or the server."""
-    status = status_of(error)
-    return status is None or status >= 500 or status in (408, 429)
-
-
-def repeated(
-    call: Callable[[], Result],
-    faults: tuple[type[Exception], ...] = FAULTS,
-    may_pass: Callable[[Exception], bool] = is_passing,
-) -> Result:
-    """Return the result of a call that may be made twice, after faults that may pass."""
-    for seconds in WAITS:
-        try:
-            return call()
-        except faults as error:
-            if silence(error) or not may_pass(error):
-                raise
-        time.sleep(seconds)
-    return call()
-
-
-def allowed(call: Callable[[], Result]) -> Result | None:
-    """Return the result of a call that may be made twice, None if the token may not make it."""
-    try:
-        return repeated(call)
-    except HfHubHTTPError as error:
-        if status_of(error) not in REFUSED:
-            raise
-        return None
-
-
-def silence(error: Exception) -> SilentHubError | None:
-    """Return the error, or its cause, that says that the Hub was silent for long, twice."""
-    cause = error.__cause__ or error
-    return cause if isinstance(cause, SilentHubError) else None
-
-
-def status_of(error: Exception) -> int | None:
-    """Return the status of the Hub's answer, None if there was no answer."""
-    response = getattr(error, "response", None)
-    status: int | None = getattr(response, "status_code", None)
-    return status
 
 
 @dataclass(frozen=True)
@@ -302,48 +227,3 @@ class Remote:
                 f"left out: joining the collection {collection}, which this token may not; add "
                 f"{self.repo_id} to it on the Hub."
             )
-
-
-@contextmanager
-def explained(repo_id: str) -> Iterator[None]:
-    """Turn an error of the client into one line that says what to do.
-
-    Raises:
-        PublishError: In place of the error of the client.
-    """
-    try:
-        yield
-    except DatasetError:
-        raise
-    except (HTTPError, ValueError, ConnectionError, RuntimeError, NO_TOKEN) as error:
-        # What fails while contents are sent comes as a RuntimeError or a ConnectionError.
-        raise PublishError(_explanation(error, repo_id)) from error
-
-
-def _explanation(error: Exception, repo_id: str) -> str:
-    if silent := silence(error):
-        return str(silent)
-    if isinstance(error, NO_TOKEN) or (
-        isinstance(error, HfHubHTTPError) and error.response.url.path == "/oauth/token"
-    ):
-        resource = os.environ.get("HF_OIDC_RESOURCE", "")
-        return f"HF_OIDC_RESOURCE={resource}: the Hub gives this job no token: {one_line(error)}"
-    if isinstance(error, HfHubHTTPError):
-        status = status_of(error)
-        return reasons(repo_id).get(status, f"the Hub answers {status}: {one_line(error)}")
-    if isinstance(error, ValueError):
-        return f"the Hub's client refuses: {one_line(error)}"
-    reason = one_line(error.__cause__ or error)
-    return f"{constants.ENDPOINT} does not answer as it should: {reason}"
-
-
-def reasons(repo_id: str) -> dict[int | None, str]:
-    """Return what to tell a person for each status of an answer."""
-    return {
-        401: "the Hub rejects the token: make a new one, and set HF_TOKEN or run `hf auth login`",
-        403: f"the token may not write to {repo_id}: use one with write access",
-        404: f"{repo_id} does not exist, or this token may not see it",
-        409: f"the Hub reports a conflict for {repo_id}: publish again",
-        412: f"somebody else committed to {repo_id} meanwhile, and nothing was changed: "
-        "look at what they did, and publish again",
-    }

@@ -33,9 +33,10 @@ from labyrinth_core.policies.load import load_policy
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.worker import end_with_parent
+from pipeline.release.faults import PublishError, repeated
 from pipeline.release.files import files_of
 from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan
-from pipeline.release.remote import PublishError, Remote, repeated
+from pipeline.release.remote import Remote
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
 """The names of environment variables that move the caches of the Hub's clients."""

@@ -32,7 +32,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import RunConfig, resolve
-from pipeline.release.remote import reasons
+from pipeline.release.faults import reasons
 
 pytestmark = pytest.mark.slow
 

@@ -25,8 +25,8 @@ from publishing import (
     wait_for,
 )
 
+from pipeline.release.faults import PublishError
 from pipeline.release.plan import DATASET
-from pipeline.release.remote import PublishError
 from pipeline.release.verify import verified
 
 pytestmark = pytest.mark.slow
