@@ -68,7 +68,8 @@ def python() -> str:
     address, launcher = Path(folder, "socket"), Path(folder, "python")
     launcher.write_text(LAUNCHER.format(python=sys.executable, address=str(address)))
     launcher.chmod(0o755)
-    server = subprocess.Popen([sys.executable, "-I", __file__, str(address), str(launcher)])
+    command = [sys.executable, "-I", __file__, str(address), str(launcher)]
+    server = subprocess.Popen(command, start_new_session=True)  # Out of reach of Ctrl-C.
 
     def stop() -> None:
         server.terminate()
@@ -102,10 +103,17 @@ def serve(address: str, launcher: str) -> socket.socket:
                     continue
             with suppress(TimeoutError):
                 connection, _ = listening.accept()
-                if os.fork() == 0:
+                if _fork() == 0:
                     return connection
                 connection.close()
     sys.exit()
+
+
+def _fork() -> int:
+    with warnings.catch_warnings():
+        # From Python 3.12 on, about threads of numerical libraries, which are idle.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
 
 
 def begin(connection: socket.socket) -> None:
@@ -115,7 +123,7 @@ def begin(connection: socket.socket) -> None:
     with connection.makefile("rb") as incoming:
         size = int.from_bytes(incoming.read(8), "little")
         arguments, environment, folder = json.loads(incoming.read(size))
-    if (child := os.fork()) != 0:
+    if (child := _fork()) != 0:
         _wait_for(child, connection)
     os.setpgid(0, 0)
     connection.close()
