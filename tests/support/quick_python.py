@@ -19,6 +19,7 @@ import os
 import re
 import runpy
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -74,9 +75,7 @@ def python() -> str:
     def stop() -> None:
         server.terminate()
         server.wait()
-        for path in (address, launcher):
-            path.unlink(missing_ok=True)
-        Path(folder).rmdir()
+        shutil.rmtree(folder)
 
     atexit.register(stop)
     while not address.exists():
@@ -106,6 +105,7 @@ def serve(address: str, launcher: str) -> socket.socket:
                 if _fork() == 0:
                     return connection
                 connection.close()
+    shutil.rmtree(Path(address).parent)  # For a parent that was killed, as xdist's may be.
     sys.exit()
 
 
