@@ -46,7 +46,7 @@ def render(
             part = slice(first, first + at_once)
             pngs: Sequence[bytes]
             digests: Sequence[bytes]
-            if drawn_once:
+            if drawn_once:  # 4-5% faster than one by one, at 5x5 and at 25x25.
                 pngs, digests = pictures.draw(states[part])
             else:
                 pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)

@@ -28,7 +28,7 @@ from pipeline.inspection.leakage import NEAR, Leakage, find_leakage
 from pipeline.inspection.measures import MeasuredShift, compare
 from pipeline.inspection.shift import PERMUTATIONS
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
-from pipeline.machinery.console import console, progress, say
+from pipeline.machinery.console import console, say
 from pipeline.machinery.own_files import leave
 
 FORMAT = 1
@@ -89,15 +89,13 @@ def read_contents(
         DatasetError: A shard is missing or damaged, or differs from the manifest.
     """
     parts: dict[str, list[Content]] = {}
-    with progress() as bars:
-        bar = bars.add_task("analyse", total=sum(shard.rows for shard in manifest.shards))
-        statistics = count_dataset(
-            folder,
-            manifest,
-            workers,
-            advance=lambda rows: bars.advance(bar, rows),
-            keep=lambda split, content: parts.setdefault(split, []).append(content),
-        )
+    statistics = count_dataset(
+        folder,
+        manifest,
+        workers,
+        "analyse",
+        keep=lambda split, content: parts.setdefault(split, []).append(content),
+    )
     return statistics, {split: Content.joined(of_split) for split, of_split in parts.items()}
 
 

@@ -19,6 +19,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, identity
 from pipeline.inspection.near_twins import passage_table
 from pipeline.inspection.symmetry import canonical_keys
+from pipeline.machinery.markdown import count
 
 Hashes = NDArray[np.int64]
 """One hash of each labyrinth, shape (labyrinths,)."""
@@ -162,25 +163,21 @@ class Certificate:
         for pair in self.pairs:
             if pair.mirrored:
                 yield (
-                    f"{pair.first} and {pair.second} share {_structures(len(pair.equal))}, "
+                    f"{pair.first} and {pair.second} share {count(len(pair.equal), 'structure')}, "
                     f"{len(pair.mirrored)} when mirror images count"
                 )
         yield from self.problems_of_splits()
 
     def problems_of_splits(self) -> Iterator[str]:
         """Yield a line for each split that repeats structures or has others than its parent."""
-        for split, count in self.repeated.items():
+        for split, copies in self.repeated.items():
             made_from_others = split in SHIFTS and SPLITS[split].parent is not None
-            if count and split not in self.strangers and not made_from_others:
-                yield f"{split} repeats {_structures(count)}"
+            if copies and split not in self.strangers and not made_from_others:
+                yield f"{split} repeats {count(copies, 'structure')}"
         for split, ids in self.strangers.items():
             if ids:
-                others = _structures(len(ids))
+                others = count(len(ids), "structure")
                 yield f"{split} has {others} not found in {SPLITS[split].parent}"
-
-
-def _structures(count: int) -> str:
-    return f"{count:,} structure{'s' * (count != 1)}"
 
 
 def certify(splits: Mapping[str, Keys]) -> Certificate:

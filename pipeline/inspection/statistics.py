@@ -33,7 +33,7 @@ from labyrinth_core.world.grid import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
-from pipeline.machinery.console import progress
+from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.own_files import OwnFiles, leave
 
@@ -143,22 +143,15 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
     if not manifests:
         raise DatasetError(f"{data_dir} holds no finished dataset: stages=build makes one")
     datasets = []
-    with progress() as bars:
-        rows = sum(shard.rows for manifest in manifests for shard in manifest.shards)
-        bar = bars.add_task(stage, total=rows)
-
-        def advance(rows: int) -> None:
-            bars.advance(bar, rows)
-
-        for manifest in manifests:
-            folder = data_dir / manifest.config.name
-            analysis = read_analysis(folder, manifest)
-            known = read_counts(folder, manifest)
-            if known is None:
-                known = count_dataset(folder, manifest, workers, advance)
-            else:
-                _check_shards(folder, manifest, advance)
-            datasets.append(replace(known, analysis=analysis))
+    for manifest in manifests:
+        folder = data_dir / manifest.config.name
+        analysis = read_analysis(folder, manifest)
+        known = read_counts(folder, manifest)
+        if known is None:
+            known = count_dataset(folder, manifest, workers, stage)
+        else:
+            _check_shards(folder, manifest, stage)
+        datasets.append(replace(known, analysis=analysis))
     return datasets
 
 
@@ -166,7 +159,7 @@ def count_dataset(
     folder: AnyPath,
     manifest: Manifest,
     workers: int = 1,
-    advance: Callable[[int], None] = lambda _: None,
+    stage: str = "count",
     keep: Callable[[str, Content], None] = lambda *_: None,
 ) -> DatasetStatistics:
     """Return the statistics of a dataset, counted in its shards, without the analysis.
@@ -175,7 +168,7 @@ def count_dataset(
         folder: The folder of the dataset.
         manifest: Its manifest.
         workers: The number of processes.
-        advance: Called after each shard with the number of its rows.
+        stage: The stage that counts, named beside the progress bar.
         keep: Called after each shard with the name of its split and its content.
 
     Raises:
@@ -186,12 +179,12 @@ def count_dataset(
     splits: dict[str, SplitCounts] = {}
     keys: dict[str, list[Keys]] = {}
     done = ordered_map(partial(count_shard, folder, size), shards, workers)
-    for shard, counted in zip(shards, done, strict=True):
+    pairs = ((shard.rows, (shard, counted)) for shard, counted in zip(shards, done, strict=True))
+    for shard, counted in tracked(pairs, stage, sum(shard.rows for shard in shards)):
         before = splits.get(shard.split)
         splits[shard.split] = counted.counts if before is None else before + counted.counts
         keys.setdefault(shard.split, []).append(counted.keys)
         keep(shard.split, counted.content)
-        advance(shard.rows)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
     return DatasetStatistics(manifest, splits, certificate)
 
@@ -222,15 +215,15 @@ def read_counts(folder: AnyPath, manifest: Manifest) -> DatasetStatistics | None
         return None
 
 
-def _check_shards(folder: AnyPath, manifest: Manifest, advance: Callable[[int], None]) -> None:
+def _check_shards(folder: AnyPath, manifest: Manifest, stage: str) -> None:
     """Raise DatasetError if a shard is missing, or differs from the manifest."""
-    for shard in manifest.shards:
+    shards = ((shard.rows, shard) for shard in manifest.shards)
+    for shard in tracked(shards, stage, sum(shard.rows for shard in manifest.shards)):
         path = folder / shard.path
         try:
             check_file(path, shard, path)
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
-        advance(shard.rows)
 
 
 def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:

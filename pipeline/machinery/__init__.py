@@ -1,1 +1,1 @@
-"""What several stages stand on: executor, locks, console, front matter, counts."""
+"""What several stages stand on: executor, locks, folders, files of their own, console."""

@@ -27,6 +27,9 @@ from pipeline.machinery.worker import begin_worker, shared_count
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+LOSSES = 3
+"""The number of times in a row that workers may be lost."""
+
 Losses = tuple[type[Exception], ...]
 """The errors that a backend raises when a worker is lost."""
 
@@ -169,11 +172,7 @@ def _check_listened_at(address: str, is_greeting: Callable[[bytes], bool]) -> No
 
 
 def ordered_map(
-    function: Callable[[Item], Result],
-    items: Iterable[Item],
-    workers: int,
-    *,
-    losses: int = 3,
+    function: Callable[[Item], Result], items: Iterable[Item], workers: int
 ) -> Iterator[Result]:
     """Yield `function(item)` for each item, in their order, as they become ready.
 
@@ -184,10 +183,9 @@ def ordered_map(
         items: Its arguments; each is taken when a worker is free.
         workers: Processes, of which no more are used than there are items in a list; with 1, and
             no cluster, everything happens in this one.
-        losses: The number of times in a row that workers may be lost.
 
     Raises:
-        DatasetError: Workers were lost more often.
+        DatasetError: Workers were lost more than `LOSSES` times in a row.
     """
     if isinstance(items, Sized):
         workers = min(workers, len(items))
@@ -225,7 +223,7 @@ def ordered_map(
             break
         except lost as error:
             lost_in_a_row += 1
-            if lost_in_a_row > losses:
+            if lost_in_a_row > LOSSES:
                 raise DatasetError(
                     f"workers were lost {lost_in_a_row} times in a row, killed perhaps for want of "
                     "memory: the same command goes on from what is finished; try fewer workers"

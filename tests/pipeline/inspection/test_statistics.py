@@ -98,9 +98,7 @@ def test_shards_and_workers_change_nothing(carded, tmp_path):
     folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
-    seen = []
-    cut, whole = count_dataset(folder, manifest, 2, seen.append), measured(carded / DEFAULT)
-    assert sum(seen) == sum(of.rows for of in cut.splits.values())
+    cut, whole = count_dataset(folder, manifest, 2), measured(carded / DEFAULT)
     assert cut.certificate == whole.certificate
     for split, one in cut.splits.items():
         other = whole.splits[split]

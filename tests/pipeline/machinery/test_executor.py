@@ -137,8 +137,8 @@ def test_what_a_lost_worker_had_to_do_is_done_by_another(tmp_path: Path) -> None
 
 
 def test_workers_that_are_lost_again_and_again_are_answered_with_one_line() -> None:
-    with pytest.raises(DatasetError, match="lost 2 times in a row") as caught:
-        list(ordered_map(always_die, range(4), 2, losses=1))
+    with pytest.raises(DatasetError, match="lost 4 times in a row") as caught:
+        list(ordered_map(always_die, range(4), 2))
     assert "\n" not in str(caught.value)
 
 
