@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exporting import export
+from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
@@ -26,10 +27,6 @@ from pipeline.export import stage
 from pipeline.machinery.own_files import HASHES
 
 FORMATS = tuple(EXPORTS)
-
-
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What a build leaves on disk: bytes, rows, names, the card's front matter; and how it goes on."""
+"""What a build leaves on disk: bytes, rows, names; and how it goes on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import yaml
 from brute_force import simple_routes, world_of
 from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
@@ -40,7 +39,6 @@ from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
 from pipeline.generation.validate import validate
 from pipeline.generation.variants import labyrinth_of
-from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import count_dataset
 
 Build = Callable[..., Run]
@@ -529,96 +527,7 @@ def test_an_empty_folder_in_its_place_is_used(build: Build, tmp_path: Path) -> N
     assert Manifest.read(build(tmp_path, labyrinths=1).folder).config.labyrinths == 1
 
 
-# The front matter of the card.
-
-
-def front_of(data_dir: Path) -> dict[str, Any]:
-    _, front, _ = (data_dir / "README.md").read_text().split("---\n", 2)
-    return yaml.safe_load(front)
-
-
-@pytest.mark.slow
-def test_the_card_lists_every_finished_config_with_true_counts(
-    build: Build, tmp_path: Path
-) -> None:
-    options = {"labyrinths": 1, "random_steps": 3}
-    for other in ({"size": "4x3"}, {"size": "3", "task": "key_and_door"}, {"size": "3"}):
-        build(tmp_path, **options | other)
-    front = front_of(tmp_path)
-    names = ["3x3-key_and_door", "3x3", "4x3"]
-    tables = [f"{name}-labyrinths" for name in names]
-    assert sorted(config["config_name"] for config in front["configs"]) == sorted(names + tables)
-    assert [c["config_name"] for c in front["configs"]] == [
-        i["config_name"] for i in front["dataset_info"]
-    ]
-    assert front["configs"][0]["default"] is True
-    assert not any("default" in config for config in front["configs"][1:])
-    for config, info in zip(front["configs"][3:], front["dataset_info"][3:], strict=True):
-        path = f"{config['config_name'].removesuffix('-labyrinths')}/{TABLE}"
-        assert config["data_files"] == [{"split": "labyrinths", "path": path}]
-        size = (tmp_path / path).stat().st_size
-        counted = {"name": "labyrinths", "num_bytes": size, "num_examples": len(BASE_SPLITS)}
-        assert (info["splits"], info["download_size"]) == ([counted], size)
-    for config, info in zip(front["configs"][:3], front["dataset_info"][:3], strict=True):
-        name = config["config_name"]
-        assert config["data_files"] == [
-            {"split": split, "path": f"{name}/{split}-*-of-00001.parquet"} for split in BASE_SPLITS
-        ]
-        files = {s: tmp_path / name / f"{s}-00000-of-00001.parquet" for s in BASE_SPLITS}
-        assert info["splits"] == [
-            {
-                "name": split,
-                "num_bytes": path.stat().st_size,
-                "num_examples": pq.read_metadata(path).num_rows,
-            }
-            for split, path in files.items()
-        ]
-        total = sum(path.stat().st_size for path in files.values())
-        assert info["download_size"] == info["dataset_size"] == total
-        assert load_dataset(str(tmp_path), name, split="random").num_rows >= 3
-
-
-def test_5x5_is_the_default_wherever_it_is(build: Build, tmp_path: Path) -> None:
-    for size in ("3", "5", "6"):
-        build(tmp_path, size=size, labyrinths=1, random_steps=1)
-    assert [c["config_name"] for c in front_of(tmp_path)["configs"] if c.get("default")] == ["5x5"]
-
-
-def test_other_keys_and_the_text_below_stay(build: Build, tmp_path: Path) -> None:
-    build(tmp_path, labyrinths=1)
-    path = tmp_path / "README.md"
-    fence, front, _ = path.read_text().split("---\n", 2)
-    mine = "\n# Mine\n\n---\n\nAn encyclopaedia of mazes: naïve, 迷路.\n"
-    path.write_text(f"---\n{front}tags:\n- maze\nlicense: apache-2.0\n---\n{mine}", "utf-8")
-    assert fence == ""
-    build(tmp_path, size="2x3", labyrinths=1)
-    text = path.read_text("utf-8")
-    assert text.endswith(f"---\n{mine}")
-    after = front_of(tmp_path)
-    assert (after["tags"], after["license"]) == (["maze"], "apache-2.0")
-    assert [config["config_name"] for config in after["configs"][:2]] == ["2x3", "3x3"]
-
-
-def test_a_text_of_ones_own_that_is_no_card_stops_the_build(build: Build, tmp_path: Path) -> None:
-    for text in (b"# My notes\n", b"", b"---\ntitle: Mine\n---\n", b"---\n- 1\n---\n", b"\xff\xfe"):
-        (tmp_path / "README.md").write_bytes(text)
-        with pytest.raises(DatasetError, match="choose another data_dir"):
-            build(tmp_path)
-        assert content_of(tmp_path) == {"README.md": text}
-
-
-def test_leftovers_and_copies_of_datasets_are_no_configs(build: Build, tmp_path: Path) -> None:
-    run = build(tmp_path, labyrinths=1)
-    for name in (".4x4.building", ".3x3.replaced", "backup", "9x9"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / MANIFEST).write_bytes((run.folder / MANIFEST).read_bytes())
-    (tmp_path / "web").mkdir()
-    (tmp_path / "web" / MANIFEST).write_text('{"short_name": "an app"}')
-    front_matter.update(tmp_path)
-    assert [config["config_name"] for config in front_of(tmp_path)["configs"]] == [
-        "3x3",
-        "3x3-labyrinths",
-    ]
+# What is printed.
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from labyrinth_core import LabyrinthEnv, load_transitions
 from labyrinth_core.data.buckets import bucket_of, split_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
@@ -71,13 +71,6 @@ def ends(each: Shown) -> tuple[Place, Place]:
 
 def apart(each: Shown) -> int:
     return sum(abs(a - b) for a, b in zip(*ends(each), strict=True))
-
-
-def texts(folder: Path) -> dict[str, list[tuple[str, list[int]]]]:
-    """Return the labyrinths of each split with what is done in them first."""
-    return {
-        split: [(each.text, each.actions) for each in shown(folder, split)] for split in BASE_SPLITS
-    }
 
 
 # What the option says, from the texts alone.
@@ -166,25 +159,6 @@ def test_a_structure_is_where_it_would_be_with_fixed_goals(tiny: Run) -> None:
             assert split_of(parse(each.text).structure, tiny.dataset.buckets) == split
 
 
-# Independent of length, shards and workers.
-
-
-def test_a_longer_dataset_begins_with_a_shorter_one(
-    build: Build, tmp_path: Path, tiny: Run
-) -> None:
-    shorter = build(tmp_path, labyrinths=9, random_steps=5, goals="varied")
-    longer = texts(tiny.folder)
-    assert texts(shorter.folder) == {split: longer[split][:9] for split in longer}
-
-
-def test_shards_make_no_difference(build: Build, tmp_path: Path, tiny: Run) -> None:
-    options = {"labyrinths": 32, "random_steps": 5, "goals": "varied"}
-    in_shards = build(tmp_path, **options, cells_per_shard=99)
-    assert len(Manifest.read(in_shards.folder).of("train")) == 3
-    assert texts(in_shards.folder) == texts(tiny.folder)
-    assert problems(in_shards.folder) == []
-
-
 def test_another_seed_draws_other_ends(build: Build, tmp_path: Path, tiny: Run) -> None:
     other = build(tmp_path, labyrinths=32, random_steps=5, goals="varied", seed=1)
     first = {each.labyrinth.passages: ends(each) for each in shown(tiny.folder, "train")}
@@ -194,14 +168,6 @@ def test_another_seed_draws_other_ends(build: Build, tmp_path: Path, tiny: Run) 
 
 
 # With the option as it was, all is as it was.
-
-
-def test_a_folder_with_fixed_goals_is_not_taken_for_one_with_varied(
-    build: Build, make_run: MakeRun, tmp_path: Path
-) -> None:
-    build(tmp_path, labyrinths=4)
-    with pytest.raises(DatasetError, match=r"holds a dataset with goals=fixed, not goals=varied: "):
-        generation.run(make_run(tmp_path, labyrinths=4, goals="varied"))
 
 
 def test_what_differs_from_the_dataset_that_is_there_is_said_as_it_is_typed(
@@ -236,35 +202,6 @@ def replaced(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth])
 def test_ends_of_another_seed_are_found(folder: Path, split: str, words: str) -> None:
     found = replaced(folder, split, lambda its: replace(its, start=its.goal, goal=its.start))
     assert f"start and goal are {words}" in found
-
-
-@pytest.mark.parametrize("split", ["s0", "g", "s0_and_g"])
-def test_ends_that_have_not_moved_are_found(folder: Path, split: str) -> None:
-    parent = parse(shown(folder, "train")[0].text)
-    found = replaced(folder, split, lambda its: replace(its, start=parent.start, goal=parent.goal))
-    assert "start and goal are not changed as the split says" in found
-
-
-def test_ends_that_are_too_near_are_found(folder: Path) -> None:
-    parent = parse(shown(folder, "train")[0].text)
-
-    def near(its: Labyrinth) -> Labyrinth:
-        start, goal = next(
-            (a, a + 1) for a in range(24) if a % 5 < 4 and parent.start != a != parent.goal - 1
-        )
-        return replace(its, start=start, goal=goal)
-
-    found = replaced(folder, "s0_and_g", near)
-    assert found == ["start and goal are less than 5 moves apart"]
-
-
-def test_another_goal_where_only_the_walls_may_change_is_found(folder: Path) -> None:
-    def moved(its: Labyrinth) -> Labyrinth:
-        goal = next(cell for cell in range(25) if cell not in (its.start, its.goal))
-        return replace(its, goal=goal)
-
-    found = replaced(folder, "one_wall", moved)
-    assert found == ["its goal is not that of its parent"]
 
 
 def test_a_structure_that_no_split_may_have_is_found(folder: Path, navigation: Run) -> None:

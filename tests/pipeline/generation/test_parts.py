@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import random
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -139,47 +134,3 @@ def test_only_builds_have_parts(make_run: Callable[..., Run], tmp_path: Path) ->
     assert run.options.stages == ("build",)
     with pytest.raises(ConfigError, match="part=1/2: only stages=build has parts"):
         make_run(tmp_path, part="1/2", stages=["validate"])
-
-
-ONE_PART = """
-import sys
-from pathlib import Path
-from pipeline.config.run import RunConfig, resolve
-from pipeline.generation import build
-
-data_dir, part = sys.argv[1:]
-options = dict(stages=["build"], size="4", labyrinths=10, random_steps=20, data_dir=data_dir)
-build.run(
-    resolve(RunConfig(**options, part=part)), cells_per_shard=16 * 4, cells_per_chunk=(192, 128)
-)
-"""
-
-
-@pytest.mark.slow
-def test_four_processes_killed_at_random_and_begun_again_make_the_same_bytes(
-    build: Build, tmp_path: Path, whole: Run
-) -> None:
-    rng, kills, left = random.Random(0), 0, [1, 2, 3, 4]
-    path = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    while left:
-        command = [sys.executable, "-c", ONE_PART, str(tmp_path)]
-        processes = {
-            part: subprocess.Popen([*command, f"{part}/4"], env=path, stdout=subprocess.DEVNULL)
-            for part in left
-        }
-        building = tmp_path / ".4x4.building"
-        shards = len(list(building.glob("*.json")))
-        # Until something happens, or all have ended; then a random time.
-        while len(list(building.glob("*.json"))) == shards and None in {
-            process.poll() for process in processes.values()
-        }:
-            time.sleep(0.005)
-        time.sleep(rng.uniform(0, 0.2))
-        for process in processes.values():
-            process.send_signal(signal.SIGKILL)
-        ended = {part: process.wait() for part, process in processes.items()}
-        assert set(ended.values()) <= {0, -signal.SIGKILL}
-        kills += list(ended.values()).count(-signal.SIGKILL)
-        left = [part for part, status in ended.items() if status]
-    assert kills > 4
-    assert content_of(build(tmp_path, **SHARDS).data_dir) == content_of(whole.data_dir)

@@ -19,6 +19,7 @@ import pytest
 import ray
 from joblib.externals.loky import get_reusable_executor
 from ray import cluster_utils as ray_cluster
+from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, Shard
@@ -39,10 +40,6 @@ Build = Callable[..., Run]
 def _no_workers_stay() -> Iterator[None]:
     yield
     get_reusable_executor().shutdown(wait=True)
-
-
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def die_once(marker: Path) -> None:
@@ -171,11 +168,6 @@ def test_what_workers_have_counted_is_known_before_they_return(tmp_path: Path) -
     assert list(ordered_map(CountsThenWaits(marker), [1, 2], 2)) == [1, 2]
     thread.join()
     assert seen[-1] == 10
-
-
-def test_no_more_workers_are_started_than_there_are_items() -> None:
-    assert list(ordered_map(abs, [-1, -2], 60)) == [1, 2]
-    assert get_reusable_executor(reuse=True)._max_workers == 2
 
 
 def test_no_more_workers_are_started_than_a_build_has_shards(build: Build, tmp_path: Path) -> None:

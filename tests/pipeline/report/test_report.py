@@ -7,11 +7,11 @@ import json
 import re
 import shutil
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
 from reporting import METHOD, analyse, evaluate, evaluate_own
+from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
@@ -45,12 +45,6 @@ def data_dir(small_dataset, tmp_path):
 def data_of(text: str):
     """Return the data that a page holds."""
     return json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
-
-
-def content_of(folder):
-    return {
-        path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()
-    }
 
 
 def test_the_counts_are_those_of_the_episodes(small_dataset):
@@ -113,7 +107,7 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
     shutil.rmtree(first)
     write_report(data_dir, tmp_path / "runs", workers=2)
     assert content_of(first) == before
-    assert set(before) == {Path(PAGE), Path(HASHES)}
+    assert set(before) == {PAGE, HASHES}
 
 
 def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
@@ -124,7 +118,7 @@ def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
     after = content_of(data_dir)
     assert {name: after[name] for name in before} == before
     written = {path, path.with_name(HASHES)}
-    assert set(after) - set(before) == {each.relative_to(data_dir) for each in written}
+    assert set(after) - set(before) == {str(each.relative_to(data_dir)) for each in written}
     assert files_of(DATASET, data_dir) == published
 
 
