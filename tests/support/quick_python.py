@@ -38,6 +38,7 @@ LIBRARIES = (
     *("hydra", "hydra.core.hydra_config", "omegaconf", "yaml", "rich.console", "rich.progress"),
     *("asyncio", "dill", "fsspec", "httpx2", "multiprocess.pool", "xxhash", "tqdm.auto"),
     *("filelock", "joblib", "unittest.mock", "rich._emoji_codes", "rich.table", "gymnasium"),
+    *("torch", "safetensors.torch"),
 )
 """What takes long to be imported, and reads nothing then that a test sets in the environment."""
 
