@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ from publishing import (
     run_script,
     wait_for,
 )
+from quick_python import python
 
 from pipeline.release.faults import PublishError
 from pipeline.release.plan import DATASET
@@ -119,6 +121,7 @@ def test_a_hub_that_falls_silent_in_the_verification_is_given_up(
     rule = released_hub.faults.hold("GET|HEAD", "/resolve/.*parquet", times=UNLIMITED)
     for name, value in environment(released_hub).items():
         monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "executable", python())  # The patience begins when it starts.
     with pytest.raises(PublishError) as caught:
         verified(REPO, commit, released, DATASET, patience=5)
     assert rule.reached.is_set()
