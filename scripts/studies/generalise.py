@@ -157,13 +157,13 @@ class Drawing:
         pairs = zip(labyrinths, styles, strict=True)
         self._painters = {id(each): Painter(each, style) for each, style in pairs}
         self._image_size, self._moved = image_size, moved
-        self._pixels = (np.arange(image_size) - moved).clip(0)
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[np.uint8]:
         """Return the pictures of states, shape (N, image_size, image_size, 3)."""
         size = self._image_size
         pictures = np.stack([self._painters[id(each)].array(state, size) for each, state in views])
-        return pictures[:, self._pixels[:, None], self._pixels] if self._moved else pictures
+        here, edges = size - self._moved, ((0, 0), (self._moved, 0), (self._moved, 0), (0, 0))
+        return np.pad(pictures[:, :here, :here], edges, "edge") if self._moved else pictures
 
 
 def policy_of(

@@ -1,17 +1,18 @@
-"""What the mapper solves: the tables and a figure of mapper.md, from results of generalise.py.
+"""What the mapper solves: the tables and figures of mapper.md, from results of generalise.py.
 
-A row for each set of labyrinths, and a column for each kind of run: files that differ in `-seed0`,
+A row for each set of labyrinths, and columns for each kind of run: files that differ in `-seed0`,
 `-seed1` and so on alone. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 
 import numpy as np
-from figures import heat_map
-from kept_results import Run, read_runs, solved_in, whole
+from figures import COLOURS, INK, heat_map
+from kept_results import Run, read_runs, solved_in
 from matplotlib.figure import Figure
 
 from pipeline.machinery.markdown import table
@@ -39,29 +40,98 @@ def sets_of(kinds: Mapping[str, Sequence[Run]]) -> list[str]:
 
 
 def rates(results: Path) -> str:
-    """Return a table of success rates in percent of all kinds, each seed by itself."""
+    """Return a table of success rates in percent: of several seeds, the median and the worst."""
     kinds = kinds_of(results)
-    rows = [[name, *(cell(runs, name) for runs in kinds.values())] for name in sets_of(kinds)]
-    seeds = [", ".join(str(run["run"]["seed"]) for run in runs) for runs in kinds.values()]
-    return table(["% solved", *KINDS.values()], [["seeds", *seeds], *rows])
+    columns = [column for kind, runs in kinds.items() for column in columns_of(kind, runs)]
+    heads = ["% solved", *(head for head, _, _ in columns)]
+    rows = [
+        [name, *(shown(runs, name, middle) for _, runs, middle in columns)]
+        for name in sets_of(kinds)
+    ]
+    return table(heads, rows)
 
 
-def anew(results: Path) -> str:
-    """Return a table of seeds of which nothing was seen before; those not tried have no figure."""
-    runs = read_runs(results / "mapper/anew")
-    found: dict[str, dict[int, str]] = {}
-    for run in runs:
-        for name, solved in run["solved"].items():
-            cells = found.setdefault(f"{name} ({len(solved)})", {})
-            cells[run["run"]["seed"]] = whole(solved.mean())
-    seeds = sorted({run["run"]["seed"] for run in runs})
-    rows = [[name, *(cells.get(seed, "") for seed in seeds)] for name, cells in found.items()]
-    return table(["% solved (labyrinths)", *(f"seed {seed}" for seed in seeds)], rows)
+Column = tuple[str, Sequence[Run], Callable[[Sequence[float]], float]]
+"""Its head, its runs, and what it shows of the shares that they solve."""
 
 
-def cell(runs: Sequence[Run], name: str) -> str:
-    """Return what the seeds of a kind solve of a set; nothing if they were not tried there."""
-    return ", ".join(whole(run["solved"][name].mean()) for run in runs if name in run["solved"])
+def columns_of(kind: str, runs: Sequence[Run]) -> list[Column]:
+    """Return the columns of a kind of runs: one for one seed, else the median and the worst."""
+    if len(runs) == 1:
+        return [(KINDS[kind], runs, max)]
+    seeds = f"{KINDS[kind]}, {len(runs)} seeds"
+    return [(f"{seeds}: median", runs, median), ("worst", runs, min)]
+
+
+def shown(
+    runs: Sequence[Run], name: str, middle: Callable[[Sequence[float]], float] = median
+) -> str:
+    """Return a figure of the shares of a set that runs solve; nothing if they were not tried."""
+    shares = shares_of(runs, name)
+    return f"{100 * middle(shares):.3g}" if shares else ""
+
+
+def shares_of(runs: Sequence[Run], name: str) -> list[float]:
+    """Return the share of a set that each run solves that was tried on it."""
+    return [float(run["solved"][name].mean()) for run in runs if name in run["solved"]]
+
+
+def by_size(results: Path) -> dict[int, list[Run]]:
+    """Return the runs that were tried on each size, in ascending order."""
+    runs = read_runs(results / "mapper/sizes")
+    sides = {int(name.split("x")[1]) for run in runs for name in run["solved"]}
+    return {side: [run for run in runs if set_of(side) in run["solved"]] for side in sorted(sides)}
+
+
+def set_of(side: int) -> str:
+    """Return the name of the fresh labyrinths of a size."""
+    return f"fresh {side}x{side}"
+
+
+def sizes(results: Path) -> str:
+    """Return a table of what the seeds solve of fresh labyrinths of each size, in percent."""
+    rows = [
+        [
+            f"{side}x{side}",
+            str(len(runs[0]["solved"][set_of(side)])),
+            shown(runs, set_of(side)),
+            shown(runs, set_of(side), min),
+        ]
+        for side, runs in by_size(results).items()
+    ]
+    return table(["size", "labyrinths a seed", "% solved: median", "worst"], rows)
+
+
+def draw_sizes(results: Path) -> Figure:
+    """Return a figure of what is solved at each size: of all seeds, the median and the worst."""
+    found = {
+        side: np.array(shares_of(runs, set_of(side))) for side, runs in by_size(results).items()
+    }
+    seeds = len(read_runs(results / "mapper/sizes"))
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+    panel = figure.subplots()
+    middle, low = (
+        [100 * summary(each) for each in found.values()] for summary in (np.median, np.min)
+    )
+    panel.fill_between(list(found), low, middle, color=COLOURS[0], alpha=0.25, lw=0)
+    panel.plot(
+        list(found), middle, "o-", ms=4, color=COLOURS[0], label=f"mapper, median of {seeds}"
+    )
+    panel.plot(list(found), low, "o:", ms=3, color=COLOURS[0], label="mapper, worst seed")
+    for kind, mark in (("planner", "s"), ("bc-cnn", "v")):
+        (run,) = kinds_of(results)[kind]
+        sides = [side for side in (10, 25) if set_of(side) in run["solved"]]
+        shares = [100 * run["solved"][set_of(side)].mean() for side in sides]
+        panel.plot(
+            sides, shares, mark, ms=6, mfc="none", color=INK, label=f"{KINDS[kind]}, one seed"
+        )
+    panel.axvline(5, color=INK, lw=0.8, ls="--")
+    panel.annotate("trained at 5x5", (5, 50), (5, 0), textcoords="offset points", rotation=90)
+    panel.set(xlim=(0, max(found) + 1), ylim=(-3, 103), ylabel="% solved")
+    panel.set_xlabel("rows and columns of labyrinths with structures that no seed was trained on")
+    panel.grid(alpha=0.3)
+    panel.legend(loc="center right")
+    return figure
 
 
 def draw(results: Path) -> Figure:

@@ -53,7 +53,7 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "numbers of labyrinths": report_ablation.by_number,
     "tasks": report_ablation.tasks,
     "mapper": report_mapper.rates,
-    "mapper anew": report_mapper.anew,
+    "mapper sizes": report_mapper.sizes,
 }
 """Name of a table -> what makes it from the folder docs/results."""
 
@@ -63,6 +63,7 @@ FIGURES: Mapping[str, Callable[[Path], Figure]] = {
     "ingredients": report_ablation.draw_ingredients,
     "samples": report_ablation.draw_samples,
     "told-less": report_mapper.draw,
+    "mapper-sizes": report_mapper.draw_sizes,
 }
 """Name of the file of a figure -> what draws it."""
 
