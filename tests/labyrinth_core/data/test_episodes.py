@@ -114,6 +114,7 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
             np.testing.assert_array_equal(getattr(transitions, name), np.array(values), name)
 
 
+@pytest.mark.slow
 def test_random_episodes_end_at_the_goal_or_on_ice_or_are_cut(run):
     episodes = load_episodes(run.data_dir, run.folder.name, split="random", observation="vector")
     lasts = [(episode.terminated, episode.rewards[-1] in (1, -100)) for episode in episodes]

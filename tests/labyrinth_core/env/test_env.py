@@ -118,6 +118,7 @@ def test_every_observation_lies_in_the_space_and_the_space_is_no_larger(task, ki
         assert (env.observation_space.high[5:] == (2 if task is Task.ICY_FLOOR else 1)).all()
 
 
+@pytest.mark.slow
 @given(labyrinths())
 @settings(max_examples=60)
 def test_a_walk_is_what_dynamics_solver_renderer_and_vector_form_say(labyrinth):

@@ -34,6 +34,7 @@ ROOT = Path(__file__).parents[3]
 # Two runs at once.
 
 
+@pytest.mark.slow
 def test_the_second_of_two_runs_waits_says_for_whom_and_finds_all_done(
     build: Build, tmp_path: Path, small_dataset: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -84,6 +84,7 @@ def test_what_is_more_than_chance_is_named_in_the_terminal(
     assert f"  train, test: {near}, {len(pair['same_route'])} share a best route" in shown
 
 
+@pytest.mark.slow
 def test_workers_and_another_run_change_no_byte(analysed, make_run):
     run_on(make_run, analysed.parent)
     before = [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)]

@@ -111,6 +111,7 @@ def test_in_bf16_weights_and_gradients_stay_float32_and_the_policy_learns(
     assert {each.dtype for each in done.weights.values()} == {torch.float32, torch.int64}
 
 
+@pytest.mark.slow
 def test_in_bf16_each_step_is_taken_with_the_weights_after_the_one_before(
     problem_of: Callable[..., Problem],
 ) -> None:
