@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 from itertools import chain, islice, zip_longest
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from labyrinth_core.data.columns import arrow_schema, read_schema
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -31,9 +31,6 @@ from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
 from pipeline.machinery.worker import count_done
-
-if TYPE_CHECKING:
-    pass
 
 GROUP_ROWS = 256
 """The rows of a row group, some 3 MB."""
@@ -112,12 +109,13 @@ def _write(job: Job, scratch: AnyPath) -> Shard:
     import pyarrow.parquet as pq
 
     rows = longest = 0
+    schema = arrow_schema(QUESTION_COLUMNS)
     with new_file(job.folder / job.shard.path, scratch) as path:
-        with pq.ParquetWriter(path, arrow_schema(QUESTION_COLUMNS), **WRITER_OPTIONS) as writer:
-            writer.add_key_value_metadata(arrow_schema(QUESTION_COLUMNS).metadata)
+        with pq.ParquetWriter(path, schema, **WRITER_OPTIONS) as writer:
+            writer.add_key_value_metadata(schema.metadata)
             questions = _questions(job)
             while group := list(islice(questions, GROUP_ROWS)):
-                writer.write_table(pa.Table.from_pylist(group, arrow_schema(QUESTION_COLUMNS)))
+                writer.write_table(pa.Table.from_pylist(group, schema))
                 rows += len(group)
                 longest = max(longest, *(row["moves"] for row in group))
                 count_done(len(group))
