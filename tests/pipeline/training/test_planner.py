@@ -157,7 +157,8 @@ def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
     held_out = load_arrays(small_dataset.data_dir, "3x3", "test")
     rates = []
     for learner in (
-        toy(problem_of(encoder="cnn")),
+        # After 8 epochs it solves 4 to 7 of 8, depending on the seed and on the processor.
+        toy(problem_of(encoder="cnn"), epochs=20),
         bc.Method(problem_of(encoder="cnn"), settings_of("bc", epochs=8)),
     ):
         for _ in range(learner.settings.epochs):
