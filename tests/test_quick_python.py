@@ -18,6 +18,11 @@ print(sys.argv, sys.path[:2], os.getcwd(), os.environ["MINE"], input(), __name__
 print("wrong", file=sys.stderr)
 sys.exit(3)
 """
+LATE = """
+import atexit, threading, time
+atexit.register(print, "last")
+threading.Thread(target=lambda: (time.sleep(0.3), print("late"))).start()
+"""
 
 
 @pytest.mark.parametrize(
@@ -29,8 +34,10 @@ sys.exit(3)
         ["-W", "error", "-c", "import warnings; warnings.warn('mine')"],
         ["-c", "import sys; print(open('show.py').closed); raise LookupError('mine')"],
         ["-c", "import os; os.kill(os.getpid(), 9)"],
+        ["-c", "import sys; sys.exit('mine')"],
+        ["-c", LATE],
     ],
-    ids=["program", "file", "module", "warning", "error", "killed"],
+    ids=["program", "file", "module", "warning", "error", "killed", "text", "late"],
 )
 def test_it_does_what_python_does(tmp_path: Path, arguments: list[str]) -> None:
     (tmp_path / "show.py").write_text(SHOW, encoding="utf-8")
