@@ -141,17 +141,14 @@ def with_a_wall_opened(labyrinth: Labyrinth) -> Labyrinth:
     return Labyrinth(opened, labyrinth.start, labyrinth.goal)
 
 
-def with_first_replaced(
-    folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]
-) -> list[str]:
-    """Return the problems of a dataset after the first labyrinth of a split was changed."""
+def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]) -> None:
+    """Change the first labyrinth of a split, with its demonstration."""
     with rows_of(folder, f"{split}-00000-of-00001.parquet") as rows:
         first = [row for row in rows if row["info"] == rows[0]["info"]]
         number = int(first[0]["obs"]["path"].split("-")[1])
         labyrinth = change(parse(first[0]["info"]))
         route = shortest_routes(labyrinth)[0]
         rows[: len(first)] = episode_rows(split, number, labyrinth, route)
-    return problems(folder)
 
 
 def problems(folder: Path) -> list[str]:
