@@ -101,7 +101,8 @@ def test_the_check_runs_the_test_command_of_the_readme():
     assert command is not None
     install, test = command[0].replace("pip install", "pip install -q").split(" && ")
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert f"\n{install}" in script and f"\n{test} " in script.split(install)[1]
+    assert f"\n{install}" in script
+    assert f"\n{test} " in script.split(install)[1]
 
 
 def paths(text: str) -> Iterator[str]:

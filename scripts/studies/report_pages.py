@@ -19,6 +19,7 @@ import report_ablation
 import report_authors
 import report_claims
 import report_controls
+import report_environments
 import report_mapper
 import report_paper
 import report_shifts
@@ -54,6 +55,9 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "tasks": report_ablation.tasks,
     "mapper": report_mapper.rates,
     "mapper sizes": report_mapper.sizes,
+    "environments": report_environments.like_theirs,
+    "two episodes": report_environments.two_episodes,
+    "environments over many episodes": report_environments.many,
 }
 """Name of a table -> what makes it from the folder docs/results."""
 

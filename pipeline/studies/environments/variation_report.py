@@ -26,7 +26,7 @@ Values = dict[str, Any]
 _REPORTED = ("average_reward", "action_difference", "trajectory_difference", "p_value")
 """The names of the original's figures in `environments.json`."""
 
-_LIKE_THEIRS = {
+LIKE_THEIRS = {
     "environment": "{name}",
     "average reward": "{average_reward:,.4f} ({original[average_reward]:,.4f})",
     "actions differ": "{actions[distance]:.4f} ({original[action_difference]:.4f})",
@@ -113,13 +113,19 @@ def _csv(values: Sequence[Values]) -> str:
     return text.getvalue()
 
 
+def columns_of(values: Sequence[Values], columns: Mapping[str, str]) -> str:
+    """Return a table of environments as Markdown.
+
+    Args:
+        values: The values of each, as in `environments.json`.
+        columns: Heading -> how the values are shown.
+    """
+    rows = [[cell.format(**each) for cell in columns.values()] for each in values]
+    return table(list(columns), rows)
+
+
 def _markdown(values: Sequence[Values]) -> str:
-    like_theirs, more, first = (
-        table(
-            list(columns), [[cell.format(**each) for cell in columns.values()] for each in values]
-        )
-        for columns in (_LIKE_THEIRS, _MORE, _FIRST)
-    )
+    like_theirs, more, first = (columns_of(values, each) for each in (LIKE_THEIRS, _MORE, _FIRST))
     return "\n\n".join(
         [
             "## Episodes of even and of odd seeds\n\nIn brackets, the original's table 6.",
