@@ -12,6 +12,7 @@ of their difference holds 0 (Agresti and Caffo 2000), each counted as of one see
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Mapping
 from math import sqrt
 from pathlib import Path
@@ -28,6 +29,12 @@ from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]
 """Split and method -> the success rate of usual runs, the mean over seeds."""
+
+VERDICTS = ("reproduced", "explained", "impossible", "open")
+"""Ours is within chance of the paper's; a run of the authors' protocol is; it cannot be; none."""
+
+Judged = tuple[float, float | None, float, str]
+"""The rate printed, by the authors' protocol (None if it was not run), ours, and the verdict."""
 
 EPISODES = 50
 """Episodes of the random policy in each labyrinth."""
@@ -90,6 +97,62 @@ def beside(results: Path) -> str:
             rows.append([f"{config}, {METHODS[method]}, {epochs} epochs", *found])
     heading = "% solved: printed / authors' protocol, each seed / ours"
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows)
+
+
+def verdicts(results: Path) -> str:
+    """Return a table of every cell of the paper: printed, theirs by our hand, ours, the verdict."""
+    rows = []
+    for (config, method), judged in judged_cells(results).items():
+        found = []
+        for printed, theirs, ours, verdict in judged:
+            tried = "-" if theirs is None else whole(theirs)
+            found.append(f"{whole(printed)} / {tried} / {whole(ours)}, {verdict}")
+        rows.append([f"{config}, {METHODS[method]}", *found])
+    heading = "% solved: printed / authors' protocol / ours"
+    return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 6)
+
+
+def counted_verdicts(results: Path) -> str:
+    """Return a table of the number of cells with each verdict, by size."""
+    found: dict[str, Counter[str]] = {}
+    for (config, _), judged in judged_cells(results).items():
+        found.setdefault(config, Counter()).update(verdict for *_, verdict in judged)
+    found["all"] = sum(found.values(), Counter())
+    rows = [[config, *(str(counts[each]) for each in VERDICTS)] for config, counts in found.items()]
+    return table(["cells", *VERDICTS], rows)
+
+
+def judged_cells(results: Path) -> dict[tuple[str, str], list[Judged]]:
+    """Return the cells of the paper by config and method, one a split."""
+    found = {}
+    for config in sorted({config for config, _, _ in paper_figures()}):
+        usual = usual_rates(results, config)
+        tried = runs_of(results, config) if config in sizes_of(results) else []
+        for method in METHODS:
+            runs = [each["run"] for each in tried if each["run"]["method"] == method]
+            found[config, method] = [
+                judge(
+                    paper_figures()[config, split, method],
+                    usual[split, method],
+                    np.mean([each["as_tried"][split]["sr"] for each in runs]) if runs else None,
+                )
+                for split in EVALUATED_SPLITS
+            ]
+    return found
+
+
+def judge(figure: PaperFigure, ours: float, theirs: float | None) -> Judged:
+    """Return a cell of the paper with what it is: a word of `VERDICTS`."""
+    count = 32 if figure.size == 3 else 100  # The labyrinths of a split in the paper.
+    if not figure.is_possible:
+        verdict = "impossible"
+    elif fits(figure, ours, count):
+        verdict = "reproduced"
+    elif theirs is not None and fits(figure, theirs, count):
+        verdict = "explained"
+    else:
+        verdict = "open"
+    return figure.sr, theirs, ours, verdict
 
 
 def printed_in(figure: PaperFigure) -> str:

@@ -223,7 +223,7 @@ def costs(results: Path) -> str:
 
 def _kept(results: Path) -> Iterator[dict[str, Any]]:
     """Yield the content of each file that describes a run with the time that it took."""
-    for path in sorted(results.rglob("*.json")):
+    for path in sorted(results.rglob("*-seed*.json")):
         content = read_json(path)
         if content.get("kind") or content.keys() & {"cpu_seconds", "seconds_of_training"}:
             yield content

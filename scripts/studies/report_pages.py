@@ -43,6 +43,8 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "4x4": partial(report_paper.of_size, config="4x4"),
     "5x5": partial(report_paper.of_size, config="5x5"),
     "authors": report_authors.beside,
+    "verdicts": report_authors.verdicts,
+    "counted verdicts": report_authors.counted_verdicts,
     "costs": report_claims.costs,
     "planner by seed": report_controls.planner_by_seed,
     "exchanged": report_controls.exchanged,

@@ -23,6 +23,7 @@ from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from pipeline.config.run import Run
+from pipeline.studies.results.paper import paper_figures
 from pipeline.training.methods.method import Problem
 
 pytestmark = pytest.mark.slow
@@ -30,8 +31,17 @@ pytestmark = pytest.mark.slow
 Problems = Callable[..., Problem]
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "scripts" / "studies"))
-ablate, controls, generalise, kept_results, labyrinth_sets, looks = map(
-    import_module, ("ablate", "controls", "generalise", "kept_results", "labyrinth_sets", "looks")
+ablate, controls, generalise, kept_results, labyrinth_sets, looks, report_authors = map(
+    import_module,
+    (
+        "ablate",
+        "controls",
+        "generalise",
+        "kept_results",
+        "labyrinth_sets",
+        "looks",
+        "report_authors",
+    ),
 )
 sys.path.pop(0)
 
@@ -189,3 +199,23 @@ def test_the_power_that_is_needed_makes_a_wall_dearer_than_all_cells(problem_of:
     planner.see = lambda _: next(parts)  # type: ignore[method-assign]
     margin = controls.margin_of(NetworkPolicy(planner), problem.arrays)
     assert exp(margin) == pytest.approx(5.0)
+
+
+# Verdicts on the paper's cells.
+
+
+@pytest.mark.parametrize(
+    ("cell", "ours", "theirs", "verdict"),
+    [
+        (("5x5", "train", "bc"), 0.37, None, "impossible"),
+        (("5x5", "test", "bc"), 0.04, None, "reproduced"),
+        (("5x5", "test", "bc"), 0.48, 0.06, "explained"),
+        (("5x5", "test", "bc"), 0.48, 0.30, "open"),
+        (("5x5", "test", "bc"), 0.48, None, "open"),
+    ],
+)
+def test_a_cell_of_the_paper_has_the_first_verdict_that_holds(
+    cell: tuple[str, str, str], ours: float, theirs: float | None, verdict: str
+) -> None:
+    figure = paper_figures()[cell]
+    assert report_authors.judge(figure, ours, theirs) == (figure.sr, theirs, ours, verdict)

@@ -1,0 +1,42 @@
+"""The tables of environments.md, from kept files `environments.json` of `stages=environments`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pipeline.studies.environments.variation_report import LIKE_THEIRS, columns_of
+
+MORE = {
+    "environment": "{name}",
+    "steps": "{steps:,}",
+    "reward, sd": "{reward_deviation:,.3f}",
+    "two episodes: actions": "{actions[two_episodes]:.4f}",
+    "trajectories": "{states[two_episodes]:.4f}",
+    "first states: Manhattan": "{first_states:.4f}",
+    "share of the range": "{first_states_scaled:.4f}",
+}
+MANY = {"environment": "{name}", "episodes": "{seeds:,}"} | {
+    heading: cell for heading, cell in LIKE_THEIRS.items() if heading != "Holm"
+}
+
+
+def like_theirs(results: Path) -> str:
+    """Return the table of differences, with the original's figures in parentheses."""
+    return columns_of(_kept(results, "thousand"), LIKE_THEIRS)
+
+
+def two_episodes(results: Path) -> str:
+    """Return the table of how much two episodes differ."""
+    return columns_of(_kept(results, "thousand"), MORE)
+
+
+def many(results: Path) -> str:
+    """Return the table of differences over many episodes."""
+    return columns_of(_kept(results, "many"), MANY)
+
+
+def _kept(results: Path, name: str) -> list[dict[str, object]]:
+    """Return the values of the environments in the files of a folder."""
+    files = sorted((results / "environments" / name).glob("*.json"))
+    return [each for path in files for each in json.loads(path.read_text(encoding="utf-8"))]
