@@ -53,6 +53,7 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "numbers of labyrinths": report_ablation.by_number,
     "tasks": report_ablation.tasks,
     "mapper": report_mapper.rates,
+    "on slots": report_mapper.on_slots,
     "mapper sizes": report_mapper.sizes,
 }
 """Name of a table -> what makes it from the folder docs/results."""
