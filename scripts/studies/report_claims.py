@@ -209,7 +209,8 @@ def costs(results: Path) -> str:
         else:
             run = content["run"]
             seconds = content.get("seconds_of_training", run.get("training", {}).get("seconds"))
-            method = name_of(run["method"])
+            on_slots = run["method"].startswith("slots-")
+            method = "BC and VIN on slots" if on_slots else name_of(run["method"])
             key = (run["fingerprint"], run["seed"], seconds)  # Evaluated on several datasets.
         found.setdefault(method, {})[key] = seconds
     rows = [

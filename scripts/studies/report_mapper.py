@@ -7,12 +7,13 @@ A row for each set of labyrinths, and columns for each kind of run: files that d
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 from figures import COLOURS, INK, heat_map
-from kept_results import Run, read_runs, solved_in
+from kept_results import Run, read_run, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
 from pipeline.machinery.markdown import table
@@ -21,10 +22,18 @@ KINDS = {
     "mapper": "mapper",
     "planner": "planner",
     "bc-cnn": "BC",
+    "slots-bc": "BC on slots",
+    "slots-vin": "VIN on slots",
     "without-memory": "mapper without memory",
     "without-random": "mapper without `random`",
 }
 """Name of the files -> name in print."""
+ON_SLOTS = {
+    "": "",
+    "-plain": ", pictures not varied",
+    "-explore": ", outcomes predicted",
+}
+"""End of the name of a kind of runs on slots -> how it differs, in print."""
 SHOWN = ("bc-cnn", "planner", "mapper")
 """The kinds of runs in the figure."""
 
@@ -74,6 +83,24 @@ def shown(
 def shares_of(runs: Sequence[Run], name: str) -> list[float]:
     """Return the share of a set that each run solves that was tried on it."""
     return [float(run["solved"][name].mean()) for run in runs if name in run["solved"]]
+
+
+def on_slots(results: Path) -> str:
+    """Return a table of the runs on slots of slot_controls.py, in percent: variants of one seed."""
+    names = ["test", "test, walls of a quarter", "test, moved by 12 pixels", "test, new ends"]
+    names.append("fresh 10x10")
+    rows = []
+    for kind, (end, differs) in product(("slots-bc", "slots-vin"), ON_SLOTS.items()):
+        path = results / "mapper" / f"{kind}{end}-seed0.json"
+        if path.exists():
+            run = read_run(path)
+            shares = [
+                run["selected"]["validation_sr"],
+                *(run["solved"][name].mean() for name in names),
+            ]
+            epochs = f"{run['selected']['epoch']} of {run['epochs']}"
+            rows.append([f"{KINDS[kind]}{differs}", epochs, *map(whole, shares)])
+    return table(["% solved, seed 0", "epoch selected", "validation", *names], rows)
 
 
 def by_size(results: Path) -> dict[int, list[Run]]:

@@ -56,6 +56,7 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "numbers of labyrinths": report_ablation.by_number,
     "tasks": report_ablation.tasks,
     "mapper": report_mapper.rates,
+    "on slots": report_mapper.on_slots,
     "mapper sizes": report_mapper.sizes,
     "environments": report_environments.like_theirs,
     "two episodes": report_environments.two_episodes,

@@ -72,29 +72,47 @@ class Settings(bc.Settings):
 class ValueIteration(nn.Module):
     """The network of a value iteration network, from the picture to scores of the actions."""
 
-    def __init__(self, side: int, settings: Settings) -> None:
-        """Draw the weights; `side` is the number of rows and columns of the labyrinths."""
+    def __init__(
+        self, side: int, settings: Settings, channels: int = 3, outputs: int = ACTIONS
+    ) -> None:
+        """Draw the weights.
+
+        Args:
+            side: The number of rows and columns of the labyrinths.
+            settings: The settings of the method.
+            channels: Those of what is seen.
+            outputs: The number of scores.
+        """
         super().__init__()
         self.side, self.iterations = side, settings.iterations
         # Strides of half a cell from the middle of the outer wall on: 2 n + 1 positions each way.
-        self.see = nn.Conv2d(3, SEEN, PIXELS // 2, stride=PIXELS // 2, padding=PIXELS // 4)
+        self.see = nn.Conv2d(channels, SEEN, PIXELS // 2, stride=PIXELS // 2, padding=PIXELS // 4)
         self.hidden = nn.Conv2d(SEEN, settings.reward_channels, 3, padding=1)
         self.reward = nn.Conv2d(settings.reward_channels, 1, 1, bias=False)
         self.after_reward = nn.Conv2d(1, settings.action_channels, 3, padding=1, bias=False)
         self.after_value = nn.Conv2d(1, settings.action_channels, 3, padding=1, bias=False)
-        self.choose = nn.Linear(settings.action_channels, ACTIONS, bias=False)
+        self.choose = nn.Linear(settings.action_channels, outputs, bias=False)
         for layer in (self.hidden, self.reward, self.after_reward, self.after_value):
             nn.init.normal_(layer.weight, std=INITIAL)
 
     def forward(self, pictures: Tensor) -> Tensor:
         """Return the scores of the agent's actions, shape (N, 4)."""
         image = as_input(pictures)
-        reward = self.reward(self.hidden(self.see(on_grid(image, IMAGE_SIZE / self.side)).relu()))
+        scene = on_grid(image, IMAGE_SIZE / self.side)
+        cells = scene.shape[2] // PIXELS
+        return self.attend(scene, share_of(image, DEFAULT_STYLE.agent, cells, cells))
+
+    def attend(self, scene: Tensor, agent: Tensor) -> Tensor:
+        """Return the scores where the agent is, shape (N, outputs).
+
+        Args:
+            scene: What is seen, with `PIXELS` places along a cell, shape (N, channels, side, side).
+            agent: The share of the agent that is in each cell, shape (N, rows, columns).
+        """
+        reward = self.reward(self.hidden(self.see(scene).relu()))
         values = rewarded = self.after_reward(reward)  # V is nothing at first.
-        cells = reward.shape[2] // 2
-        for _ in range(1, round(self.iterations * cells / self.side)):
+        for _ in range(1, round(self.iterations * agent.shape[1] / self.side)):
             values = rewarded + self.after_value(values.max(1, keepdim=True).values)
-        agent = share_of(image, DEFAULT_STYLE.agent, cells, cells)
         attended = (values[:, :, 1::2, 1::2] * agent[:, None]).sum((2, 3))
         scores: Tensor = self.choose(attended)
         return scores

@@ -31,18 +31,9 @@ pytestmark = pytest.mark.slow
 Problems = Callable[..., Problem]
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "scripts" / "studies"))
-ablate, controls, generalise, kept_results, labyrinth_sets, looks, report_authors = map(
-    import_module,
-    (
-        "ablate",
-        "controls",
-        "generalise",
-        "kept_results",
-        "labyrinth_sets",
-        "looks",
-        "report_authors",
-    ),
-)
+NAMES = ("ablate", "controls", "generalise", "kept_results", "labyrinth_sets", "looks")
+ablate, controls, generalise, kept_results, labyrinth_sets, looks = map(import_module, NAMES)
+report_authors, slot_controls = map(import_module, ("report_authors", "slot_controls"))
 sys.path.pop(0)
 
 
@@ -219,3 +210,32 @@ def test_a_cell_of_the_paper_has_the_first_verdict_that_holds(
 ) -> None:
     figure = paper_figures()[cell]
     assert report_authors.judge(figure, ours, theirs) == (figure.sr, theirs, ours, verdict)
+
+
+# BC and a value iteration network on the mapper's slots.
+
+SLOTS = pytest.mark.parametrize("variant", list(slot_controls.VARIANTS))
+
+
+@SLOTS
+def test_on_slots_the_loss_falls_and_the_colours_of_a_picture_change_nothing(
+    problem_of: Problems, labyrinths: list[Labyrinth], variant: str
+) -> None:
+    problem = problem_of()
+    learner = slot_controls.Cloning(problem, slot_controls.settings_of(variant))
+    losses = [learner.epoch()["loss"] for _ in range(4)]
+    assert losses[-1] < losses[0]
+    act = NetworkPolicy(learner.policy)
+    usual = slot_controls.shown_as_slots(labyrinths, [None] * len(labyrinths))
+    styles = looks.LOOKS["palettes"](labyrinths, np.random.default_rng(0))
+    palettes = slot_controls.shown_as_slots(labyrinths, styles)
+    seen, same = (each.observations[each.initial] for each in (usual, palettes))
+    assert np.array_equal(seen, same)
+    assert act(seen).shape == (len(labyrinths), 4)  # Of 5x5, after training at 3x3.
+
+
+def test_slots_are_varied_unless_a_variant_says_otherwise(problem_of: Problems) -> None:
+    for variant, varies in (("slots-bc", True), ("slots-bc-plain", False)):
+        learner = slot_controls.Cloning(problem_of(), slot_controls.settings_of(variant))
+        once, again = (learner.draw(np.arange(8), 0)[0] for _ in range(2))
+        assert torch.equal(once, again) != varies
