@@ -83,7 +83,7 @@ PEERS: dict[str, tuple[str, str]] = {
     "`method=walls`": ("peers/runs/5x5", "walls-*.json"),
     "`method=vin`, 30 epochs": ("peers/runs/5x5", "vin-*.json"),
     "the same with `augment` and `relabel`": ("peers/relabelled/5x5", "vin-*.json"),
-    "`method=vin`, 150 epochs": ("peers/longer/5x5", "vin-*.json"),
+    "`method=vin`, 400 epochs": ("peers/longer/5x5", "vin-*.json"),
 }
 """Name in print -> the folder and the pattern of the runs."""
 

@@ -22,6 +22,7 @@ import report_controls
 import report_environments
 import report_mapper
 import report_paper
+import report_reinforcement
 import report_shifts
 from figures import STYLE, save
 from matplotlib.figure import Figure
@@ -45,6 +46,7 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "authors": report_authors.beside,
     "verdicts": report_authors.verdicts,
     "counted verdicts": report_authors.counted_verdicts,
+    "reinforcement": report_reinforcement.rates,
     "costs": report_claims.costs,
     "planner by seed": report_controls.planner_by_seed,
     "exchanged": report_controls.exchanged,
@@ -71,6 +73,7 @@ FIGURES: Mapping[str, Callable[[Path], Figure]] = {
     "samples": report_ablation.draw_samples,
     "told-less": report_mapper.draw,
     "mapper-sizes": report_mapper.draw_sizes,
+    "reinforcement": report_reinforcement.draw,
 }
 """Name of the file of a figure -> what draws it."""
 
