@@ -21,6 +21,7 @@ import report_claims
 import report_controls
 import report_mapper
 import report_paper
+import report_reinforcement
 import report_shifts
 from figures import STYLE, save
 from matplotlib.figure import Figure
@@ -42,6 +43,7 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "4x4": partial(report_paper.of_size, config="4x4"),
     "5x5": partial(report_paper.of_size, config="5x5"),
     "authors": report_authors.beside,
+    "reinforcement": report_reinforcement.rates,
     "costs": report_claims.costs,
     "planner by seed": report_controls.planner_by_seed,
     "exchanged": report_controls.exchanged,
@@ -64,6 +66,7 @@ FIGURES: Mapping[str, Callable[[Path], Figure]] = {
     "samples": report_ablation.draw_samples,
     "told-less": report_mapper.draw,
     "mapper-sizes": report_mapper.draw_sizes,
+    "reinforcement": report_reinforcement.draw,
 }
 """Name of the file of a figure -> what draws it."""
 

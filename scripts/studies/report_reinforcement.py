@@ -1,0 +1,127 @@
+"""What PPO and DQN achieve on the environment: a table and a figure of results.md.
+
+From the files of `reinforce.py`. `report_pages.py` writes and draws them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from figures import COLOURS, INK
+from kept_results import Run, read_runs, whole
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
+
+from labyrinth_core.data.schema import read_json
+from pipeline.machinery.markdown import table
+
+SIZES = ("3x3", "5x5")
+METHODS = ("PPO", "DQN")
+LABYRINTHS = {"fixed": "labyrinths of train", "fresh": "fresh labyrinths"}
+"""What a run learnt from -> name in print."""
+SPLITS = ("train", "test")
+FIGURES = ("spl", "sr")
+
+Groups = Mapping[tuple[str, str, str], Sequence[Run]]
+"""Size, method and what was learnt from -> the runs, one for each seed."""
+
+
+def groups_of(results: Path) -> Groups:
+    """Return the runs by size, method and what they learnt from."""
+    groups: dict[tuple[str, str, str], list[Run]] = {}
+    for path in sorted((results / "reinforcement").glob("*.json")):
+        kept = read_json(path)
+        run = kept["run"]
+        groups.setdefault((run["config"], run["method"], run["labyrinths"]), []).append(kept)
+    return {key: groups[key] for key in product(SIZES, METHODS, LABYRINTHS) if key in groups}
+
+
+def curve(runs: Sequence[Run], split: str, figure: str = "spl") -> NDArray[np.float64]:
+    """Return a figure of a split in percent, shape (seeds, checkpoints)."""
+    return 100 * np.array([[each[split][figure] for each in run["checkpoints"]] for run in runs])
+
+
+def rates(results: Path) -> str:
+    """Return a table of SPL and SR after the last step, and beside them what learns otherwise."""
+    groups, rows = groups_of(results), []
+    for size in SIZES:
+        for (config, method, labyrinths), runs in groups.items():
+            if config == size:
+                cells = [last(runs, split, figure) for split in SPLITS for figure in FIGURES]
+                minutes = np.mean([run["seconds_of_training"] for run in runs]) / 60
+                steps = f"{runs[0]['run']['steps']:,}"
+                name = f"{method}, {LABYRINTHS[labyrinths]}"
+                rows.append([size, name, str(len(runs)), steps, *cells, f"{minutes:.1f}"])
+        rows += references(results, size)
+    figures = [f"{split}: {figure.upper()}" for split in SPLITS for figure in FIGURES]
+    heading = ["size", "method, what it learns from", "seeds", "steps", *figures, "minutes a run"]
+    return table(heading, rows, "llrrrrrrr")
+
+
+def last(runs: Sequence[Run], split: str, figure: str) -> str:
+    """Return the mean over seeds after the last step and, where they differ, worst and best."""
+    found = curve(runs, split, figure)[:, -1]
+    mean, low, high = (f"{each:.0f}" for each in (found.mean(), found.min(), found.max()))
+    return mean if low == high else f"{mean} ({low} to {high})"
+
+
+def references(results: Path, size: str) -> Iterator[list[str]]:
+    """Yield rows of BC, which sees pictures, and of two that learn nothing."""
+    runs = bc(results, size)
+    shares = [
+        np.mean([run["splits"][split][figure] for run in runs])
+        for split in SPLITS
+        for figure in FIGURES
+    ]
+    beside = {name: runs[0]["baselines"][name] for name in ("route_memory", "random")}
+    yield [size, "*BC, demonstrations of train*", str(len(runs)), "", *map(whole, shares), ""]
+    for name, found in beside.items():
+        cells = [whole(found[split][figure]) for split in SPLITS for figure in FIGURES]
+        yield [size, f"*{name.replace('_', ' ')}*", "", "", *cells, ""]
+
+
+def bc(results: Path, size: str) -> list[Run]:
+    """Return the runs of BC on the same dataset."""
+    return read_runs(results / f"runs/{size}", "bc-cnn-seed?.json")
+
+
+def draw(results: Path) -> Figure:
+    """Return a figure of SPL by steps, on train and on test, a panel for each method and size."""
+    groups = groups_of(results)
+    figure = Figure(figsize=(7.2, 4.6), layout="constrained")
+    panels = figure.subplots(len(SIZES), len(METHODS), sharey=True, squeeze=False)
+    for (size, method, labyrinths), runs in groups.items():
+        panel = panels[SIZES.index(size)][METHODS.index(method)]
+        colour = COLOURS[list(LABYRINTHS).index(labyrinths)]
+        steps = [each["steps"] for each in runs[0]["checkpoints"]]
+        for split, line in zip(SPLITS, (":", "-"), strict=True):
+            found = curve(runs, split)
+            if len(runs) > 1:
+                panel.fill_between(
+                    steps, found.min(axis=0), found.max(axis=0), color=colour, alpha=0.12, lw=0
+                )
+            label = f"{LABYRINTHS[labyrinths]}, on {split}"
+            panel.plot(steps, found.mean(axis=0), line, color=colour, label=label)
+        panel.set(title=f"{method}, {size}", xlim=(0, None), ylim=(-3, 103))
+        panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 1000:.0f}"))
+        panel.grid(alpha=0.3)
+    for row, size in zip(panels, SIZES, strict=True):
+        spl = 100 * np.mean([run["splits"]["test"]["spl"] for run in bc(results, size)])
+        for panel in row:
+            panel.axhline(spl, color=INK, lw=0.9, ls="--", label="demonstrations (BC), on test")
+        row[0].set_ylabel("SPL, %")
+    for panel in panels[-1]:
+        panel.set_xlabel("thousand steps")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        title="What it learns from, and the split that is evaluated",
+        loc="outside upper center",
+        ncols=3,
+    )
+    return figure
