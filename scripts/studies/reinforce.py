@@ -10,7 +10,7 @@ again. At equal numbers of steps the greedy policy is evaluated on the splits. E
 leaves a file such as `5x5-ppo-fresh-seed0.json`, and a run that has one is skipped.
 
 The policy observes the vector of the environment, of which `Centred` makes what the network sees.
-From plain one-hot positions and walls, PPO learns nothing at 5x5 in 300,000 steps.
+From one-hot positions and the wall grid, PPO hardly learns at 5x5 in 300,000 steps.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     | {"train_freq": 1, "gradient_steps": 4, "buffer_size": 100_000}
     | {"target_update_interval": 2_000, "exploration_fraction": 0.3},
 }
-"""Chosen by SPL on validation; all others are the defaults of Stable-Baselines3."""
+"""Judged by SPL on validation alone; all others are the defaults of Stable-Baselines3."""
 
 
 class Centred(BaseFeaturesExtractor):
