@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, follow, follow_route
-from labyrinth_core.evaluation.scores import summary_of
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.world.dynamics import STEP_PENALTY
 from labyrinth_core.world.route_memory import RouteMemory
 
@@ -102,7 +102,7 @@ class TrainMemory:
         looked_up = follow(arrays, self.actions[arrays.position, surroundings(arrays)])
         known: NDArray[np.bool_] = walked.moves == arrays.distance
         references = zip(REFERENCES, (walked, looked_up), strict=True)
-        found = {name: summary_of(episodes, arrays) for name, episodes in references}
+        found = {name: Scores.of(episodes, arrays).summary() for name, episodes in references}
         found |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
         return known, found | (self.blind_figures(arrays) if blind else {})
 
@@ -110,7 +110,7 @@ class TrainMemory:
         """Return the figures of the baselines that do not look at a labyrinth."""
         majority = follow(arrays, self.majority[arrays.position])
         found = zip(BLIND, (majority, follow_route(arrays, self.best_route)), strict=True)
-        return {name: summary_of(episodes, arrays) for name, episodes in found}
+        return {name: Scores.of(episodes, arrays).summary() for name, episodes in found}
 
     def walk(self, arrays: LabyrinthArrays) -> Episodes:
         """Return the episodes of the agent that takes remembered ways; without one it stays."""
@@ -138,7 +138,7 @@ def surroundings(arrays: LabyrinthArrays) -> NDArray[np.int64]:
 
 def oracle_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     """Return the figures of an optimal action in every state."""
-    return summary_of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays)
+    return Scores.of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays).summary()
 
 
 def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:

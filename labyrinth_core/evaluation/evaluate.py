@@ -23,9 +23,10 @@ from labyrinth_core.evaluation.answers import Player, PolicyError, decide
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores, score, stepped_score
+from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.labyrinth import Task
 
@@ -164,7 +165,7 @@ def judge(
         if way_of(player, episodes) == "look-ups":
             found = _looked_up(player, arrays)
         else:
-            found = stepped_score(player, arrays, episodes or 1)
+            found = Scores.of(step_through(player, arrays, episodes or 1), arrays)
         scores[split] = replace(found, known_route=known)
         del arrays  # So that those of one split are gone before the next ones.
         if task is Task.PARTIAL_OBSERVABILITY:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.description import MOST_EPISODES
 from labyrinth_core.evaluation.playing import Episodes
-from labyrinth_core.evaluation.scores import ACCURACIES, INTERVALS, Scores
+from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 
@@ -160,9 +159,8 @@ def cases_of(scores: Scores, cases: Iterable[tuple[Bools, str]]) -> Iterator[str
 
 
 def _other_figures(told: Mapping[str, Any], scores: Scores) -> Iterator[str]:
-    """Yield the figures that do not follow from the outcomes; the intervals take longest."""
-    counted = scores.counted().items()
-    for name, right in chain(counted, ((each, scores.interval(each)) for each in INTERVALS)):
+    """Yield the figures that do not follow from the outcomes."""
+    for name, right in scores.figures().items():
         if not _equal(told[name], right):
             yield f"{name} is {told[name]!r:.60}, but {right} follows from the outcomes"
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through
-from labyrinth_core.evaluation.scores import score, summary_of
+from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
 from labyrinth_core.world.grid import Action, neighbours
 from labyrinth_core.world.labyrinth import Task
@@ -93,5 +93,5 @@ def replan(arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
         Replanner(structure.height, structure.width, memory=memory) for memory in (True, False)
     )
     stepped = step_through(Player.of(with_memory, 0), arrays, 1)
-    figures = summary_of(stepped, arrays), score(without.act, arrays).summary()
-    return dict(zip(REPLANNERS, figures, strict=True))
+    scores = Scores.of(stepped, arrays), score(without.act, arrays)
+    return {name: each.summary() for name, each in zip(REPLANNERS, scores, strict=True)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,12 @@ from labyrinth_core.evaluation.results_form import (
     EVALUATED,
     FIGURES,
     FORMAT,
+    JUDGEMENT,
     KIND,
-    baseline_of,
-    judgement_of,
+    METHOD,
+    RUN,
     rules_of,
-    run_of,
+    taken,
 )
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
 from labyrinth_core.version import __version__
@@ -171,10 +172,12 @@ class Results:
         if isinstance(content, dict) and {"run", "training"} <= content.keys():
             raise ValueError("an earlier version wrote it: stages=evaluate makes it anew")
         rules = rules_of(content)
-        about, evaluated = content["dataset"], content["evaluated"]
-        run = run_of(content["run"]) if "run" in content else None
+        about = content["dataset"]
+        run = TrainedRun(**taken(content["run"], RUN)) if "run" in content else None
         known = None if datasets is None else datasets(about["config"])
-        if known is not None and known.fingerprint == about["fingerprint"]:
+        if known is not None and known.fingerprint != about["fingerprint"]:
+            known = None
+        if known is not None:
             counts = {split: told["labyrinths"] for split, told in content["splits"].items()}
             known.require_counts(counts, None if run is None else run.train_labyrinths)
         splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
@@ -183,23 +186,23 @@ class Results:
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
-        method = {each.name: content["method"][each.name] for each in fields(Description)}
+        judged = content.get("judged")
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
             config=about["config"],
             fingerprint=about["fingerprint"],
-            **{name: evaluated[name] for name in EVALUATED},
+            **taken(content["evaluated"], EVALUATED),
             splits=splits,
             baselines={
-                name: {split: baseline_of(by_split[split]) for split in splits}
+                name: {split: taken(by_split[split], FIGURES) for split in splits}
                 for name, by_split in content["baselines"].items()
             },
             run=run,
-            method=Description(**method),
-            judged=judgement_of(content["judged"]) if "judged" in content else None,
+            method=Description(**taken(content["method"], METHOD)),
+            judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
         )
-        if known is not None and known.fingerprint == found.fingerprint:
+        if known is not None:
             found._compare_with(known)
         return found
 
@@ -238,14 +241,7 @@ class Results:
                 "config": self.config,
                 "fingerprint": self.fingerprint,
             },
-            "evaluated": {
-                "observation": self.observation,
-                "image_size": self.image_size,
-                "way": self.way,
-                "episodes": self.episodes,
-                "seed": self.seed,
-                "version": self.version,
-            },
+            "evaluated": {name: getattr(self, name) for name in EVALUATED},
             **run,
             **judged,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},

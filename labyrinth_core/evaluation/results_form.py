@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -23,7 +23,6 @@ from labyrinth_core.evaluation.description import (
     MOST_EPISODES,
     MOST_SEED,
     Description,
-    Judgement,
     TrainedRun,
 )
 from labyrinth_core.evaluation.outcomes import Rules
@@ -66,13 +65,13 @@ EVALUATED = {
 }
 """The shape of how a policy was evaluated."""
 
+METHOD = {each.name: _TEXT for each in fields(Description)} | {"details": Named(_TEXT, COUNT)}
+"""The shape of a `Description`."""
+
 _SHAPE = {
     "kind": KIND,
     "format": FORMAT,
-    "method": {
-        **{each.name: _TEXT for each in fields(Description)},
-        "details": Named(_TEXT, COUNT),
-    },
+    "method": METHOD,
     "dataset": {
         "source": _TEXT,
         "revision": Maybe(_TEXT),
@@ -98,7 +97,7 @@ _SHAPE = {
     "baselines": Named(Text("|".join((*BASELINES, *REFERENCES, *REPLANNERS))), None),
 }
 
-_RUN = {
+RUN = {
     "method": _WORD,
     "encoder": _WORD,
     "pool_stride": Number(1, 9, whole=True),
@@ -135,19 +134,9 @@ JUDGEMENT = {
 """The shape of a `Judgement`."""
 
 
-def baseline_of(content: Mapping[str, Any]) -> dict[str, float]:
-    """Return the figures of a baseline on a split, of content whose form is checked."""
-    return {name: content[name] for name in FIGURES}
-
-
-def run_of(content: Mapping[str, Any]) -> TrainedRun:
-    """Return the run that made a policy, of content whose form is checked."""
-    return TrainedRun(**{name: content[name] for name in _RUN})
-
-
-def judgement_of(content: Mapping[str, Any]) -> Judgement:
-    """Return what the judge of a season signed, of content whose form is checked."""
-    return Judgement(**{name: content[name] for name in JUDGEMENT})
+def taken(content: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Return what content says under some names; what else it says is left out."""
+    return {name: content[name] for name in names}
 
 
 def rules_of(content: Any) -> Rules:
@@ -164,8 +153,8 @@ def rules_of(content: Any) -> Rules:
             f"{'one' if evaluated['observation'] == 'image' else 'none'}"
         )
     if "run" in content:
-        check_shape(content["run"], _RUN, "it.run")
-        run = run_of(content["run"])
+        check_shape(content["run"], RUN, "it.run")
+        run = TrainedRun(**taken(content["run"], RUN))
         told = {"method.name": content["method"]["name"], "evaluated.seed": evaluated["seed"]}
         for (name, value), right in zip(told.items(), (run.name, run.seed), strict=True):
             if value != right:

@@ -8,16 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Player, Policy
+from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import (
-    OUTCOMES,
-    Episodes,
-    follow,
-    greedy_actions,
-    step_through,
-)
+from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, follow, greedy_actions
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits that a policy is evaluated on."""
@@ -30,9 +24,6 @@ SPL (success weighted by path length) comes before SR (success rate), because SR
 ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 """The shares of optimal actions; see `Scores`."""
 
-INTERVALS = ("sr_interval", "aer_interval")
-"""The intervals among the figures."""
-
 
 @dataclass(frozen=True, eq=False)
 class Scores:
@@ -44,14 +35,19 @@ class Scores:
     """The id of each labyrinth, shape (L,)."""
     distance: NDArray[np.int64]
     """The number of moves on a shortest route, shape (L,)."""
-    accuracy_on_demonstrations: float | None
+    accuracy_on_demonstrations: float | None = None
     """The share of optimal actions in the states in which the dataset's episodes act; None for a
     policy that remembers or draws at random, whose action does not follow from the state."""
-    accuracy_elsewhere: float | None
+    accuracy_elsewhere: float | None = None
     """The share of optimal actions in the other states; None if there are none."""
     known_route: NDArray[np.bool_] | None = None
     """Whether train demonstrates an optimal route of each labyrinth, shape (L,), as `references`
     says; None if it is not known."""
+
+    @classmethod
+    def of(cls, episodes: Episodes, arrays: LabyrinthArrays) -> Scores:
+        """Return the scores of episodes in the labyrinths of a split, whatever acted in them."""
+        return cls(episodes, arrays.labyrinth_ids, arrays.distance)
 
     @property
     def sr(self) -> float:
@@ -130,21 +126,11 @@ class Scores:
         }
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures in plain types; intervals are over labyrinths and episodes."""
-        return self.counted() | {name: self.interval(name) for name in INTERVALS}
-
-    def interval(self, name: str) -> list[float]:
-        """Return one of `INTERVALS`."""
-        episodes = self.episodes
-        values = episodes.solved if name == "sr_interval" else episodes.returns
-        return list(interval(np.atleast_2d(values).astype(np.float64)))
-
-    def counted(self) -> dict[str, Any]:
-        """Return the figures in plain types, but for the intervals, which take long to compute.
+        """Return the figures in plain types; intervals are over labyrinths and episodes.
 
         `known_route` has 1 for each labyrinth of which train demonstrates an optimal route, else 0.
         """
-        known = self.known_route
+        known, episodes = self.known_route, self.episodes
         return {
             "labyrinths": len(self.distance),
             **self.summary(),
@@ -155,10 +141,12 @@ class Scores:
             "accuracy_on_demonstrations": self.accuracy_on_demonstrations,
             "accuracy_elsewhere": self.accuracy_elsewhere,
             "failures": {
-                name: int((self.episodes.outcomes == name).sum())
+                name: int((episodes.outcomes == name).sum())
                 for name in OUTCOMES
-                if name in self.episodes.outcomes[~self.episodes.solved]
+                if name in episodes.outcomes[~episodes.solved]
             },
+            "sr_interval": _interval(episodes.solved),
+            "aer_interval": _interval(episodes.returns),
         }
 
 
@@ -180,19 +168,8 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     )
 
 
-def stepped_score(player: Player, arrays: LabyrinthArrays, episodes: int = 1) -> Scores:
-    """Return the scores of a policy that may remember or draw at random, by steps.
-
-    Raises:
-        PolicyError: It raises an error, or answers with anything but actions.
-    """
-    stepped = step_through(player, arrays, episodes)
-    return Scores(stepped, arrays.labyrinth_ids, arrays.distance, None, None)
-
-
-def summary_of(episodes: Episodes, arrays: LabyrinthArrays) -> dict[str, float]:
-    """Return the figures of episodes in the labyrinths of a split, as `Scores.summary`."""
-    return Scores(episodes, arrays.labyrinth_ids, arrays.distance, None, None).summary()
+def _interval(values: NDArray[Any]) -> list[float]:
+    return list(interval(np.atleast_2d(values).astype(np.float64)))
 
 
 def _mean(values: NDArray[Any]) -> float | None:

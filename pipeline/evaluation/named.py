@@ -62,29 +62,25 @@ def judge_named(run: Run) -> Judged:
     policy = named_policy(options.policy)
     try:
         about = _description(name, asked)  # First, as the evaluation may take long.
-        load = partial(
-            load_arrays,
-            run.source,
-            run.dataset.name,
-            observation=options.observation,
-            image_size=asked.image_size,
-            revision=options.revision,
-        )
+        shown: dict[str, Any] = {
+            "observation": options.observation,
+            "image_size": asked.image_size,
+            "revision": options.revision,
+        }
         results = evaluate(
             policy,
             run.source,
             run.dataset.name,
-            observation=options.observation,
-            image_size=asked.image_size,
             episodes=asked.episodes,
             seed=options.seed,
             splits=asked.splits or None,
-            revision=options.revision,
+            **shown,
         )
     except PolicyError:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
+    load = partial(load_arrays, run.source, run.dataset.name, **shown)
     return Judged(about, Player.of(policy, options.seed), load, results, path)
 
 

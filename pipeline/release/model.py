@@ -195,7 +195,7 @@ def _eval_results(trained: Trained) -> str:
 def _card(trained: Trained) -> str:
     """Return the README.md, a pure function of the evaluation and the dataset."""
     test = trained.results.splits["test"]
-    low, high = (f"{100 * bound:.0f}" for bound in test.interval("sr_interval"))
+    low, high = (f"{100 * bound:.0f}" for bound in test.figures()["sr_interval"])
     size = trained.spec.image_size
     shown = ', observation="vector"' if trained.spec.observation == "vector" else ""
     form = "a function from a batch of observations to the scores of the four actions"

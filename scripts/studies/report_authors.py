@@ -21,7 +21,7 @@ import numpy as np
 from kept_results import Run, by_method, read_runs, solved_in, whole
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, summary_of
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
 from pipeline.config.training import usual_settings
 from pipeline.machinery.markdown import table
 from pipeline.studies.methods.authors.trial import try_out
@@ -173,7 +173,7 @@ def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
             arrays = load_arrays(data_dir, config, row[0], observation="vector")
             uniform, rng = np.full((len(arrays.terminal), 4), 0.25), np.random.default_rng(0)
             tried = (try_out(arrays, uniform, rng)[0] for _ in range(EPISODES))
-            rate = np.mean([summary_of(each, arrays)["sr"] for each in tried])
+            rate = np.mean([Scores.of(each, arrays).sr for each in tried])
             printed = paper_figures()[config, row[0], "sqil"]
             row += [f"{100 * rate:.1f}", f"{100 * printed.sr:.0f}"]
     return rows

@@ -13,7 +13,7 @@ from torch.optim import Adam
 
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.scores import summary_of
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.studies.methods.authors.trial import VISITS, accuracy, certain, try_out
 from pipeline.training.methods.method import BaseSettings, Learner, setting
 
@@ -66,7 +66,7 @@ class AuthorsLearner(Learner):
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:
         chances = cls.chances(torch.as_tensor(policy(arrays.observations)))
         episodes, _ = try_out(arrays, chances, np.random.default_rng(0), cls.visits)
-        return summary_of(episodes, arrays)
+        return Scores.of(episodes, arrays).summary()
 
 
 def called(logits: Tensor, value: float) -> Tensor:
