@@ -215,16 +215,11 @@ class Player:
 
     act: Policy
     reset: Callable[[int], object] | None
-    """Begins so many episodes at once; None for a policy that remembers nothing."""
-    draws: bool
-    """Whether it takes a generator of random numbers."""
+    """Begins a number of episodes at once; None for a function."""
+    forgets: bool
+    """Whether its action follows from the observation, so that look-ups do for it."""
     remembered: Callable[[], NDArray[Any]] | None = None
     """Returns all that it remembers, a row for each episode; None for one that does not say it."""
-
-    @property
-    def forgets(self) -> bool:
-        """Whether its action follows from the observation, so that look-ups do for it."""
-        return self.reset is None and not self.draws
 
     @classmethod
     def of(cls, policy: Any, seed: int) -> Player:
@@ -233,7 +228,7 @@ class Player:
         One that takes an argument `rng` gets a generator that the seed settles.
 
         Raises:
-            PolicyError: It is none of these.
+            PolicyError: It is not one of these.
         """
         if not isinstance(policy, type):
             policy = asked(_in_our_form, policy)
@@ -252,8 +247,8 @@ class Player:
             begin = partial(begin, rng=np.random.default_rng(seed))
         if remembers:
             remembered = None if draws else getattr(policy, "remembered", None)
-            return cls(policy.act, begin, draws, remembered)
-        return cls(begin if draws else as_function(policy), None, draws)
+            return cls(policy.act, begin, False, remembered)
+        return cls(begin if draws else as_function(policy), None, not draws)
 
 
 def _takes(function: Callable[..., Any], argument: str) -> bool:

@@ -1,4 +1,4 @@
-"""What is said of a policy beside its results: its name, its author, the run that made it."""
+"""The description of a policy: its name, its author, the run that made it."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _URL = re.compile(r"https?://\S+")
 
 @dataclass(frozen=True)
 class Description:
-    """What is said of a policy in tables; all but the name may be left out.
+    """The description of a policy in tables; all but the name may be left out.
 
     Raises:
-        ValueError: The name is empty, the address or the date is none, a text is too long or has
-            characters that cannot be seen, or a detail is none of `DETAILS`, or no whole number.
+        ValueError: The name is empty, the address or the date is not valid, a text is too long or
+            has characters that cannot be seen, or a detail is not in `DETAILS` or not a count.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""`evaluate`: what anybody's policy achieves on a dataset.
+"""`evaluate`: what any policy achieves on a dataset.
 
 from labyrinth_core import evaluate
 

@@ -1,7 +1,7 @@
 """The labyrinths of a dataset and what follows from them, with which results are compared.
 
-Nothing that a file tells of labyrinths, known routes and baselines is believed: it is all computed
-again from the rows of the dataset.
+No labyrinth, known route or baseline in a file is believed: all are computed again from the rows of
+the dataset.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class KnownSplit:
         """Yield what is of other labyrinths, or impossible in these.
 
         Args:
-            scores: The scores in as many labyrinths.
+            scores: The scores in the same number of labyrinths.
             looks_up: Whether the policy remembers nothing; then no way to an end repeats a state.
         """
         for place in np.flatnonzero(scores.labyrinth_ids != self.labyrinth_ids)[:1].tolist():
@@ -104,18 +104,18 @@ class KnownSplit:
                 yield f"{name} is {share}, which is no share of {states} states"
 
     def other_baselines(
-        self, told: Mapping[str, Mapping[str, float]], *, blind: bool
+        self, given: Mapping[str, Mapping[str, float]], *, blind: bool
     ) -> Iterator[str]:
         """Yield the baselines that are missing or have other figures here.
 
         Args:
-            told: The figures by baseline.
-            blind: Whether those that do not look at a labyrinth have to be told.
+            given: The figures by baseline.
+            blind: Whether those that do not look at a labyrinth have to be given.
         """
         for name, figures in self.baselines.items():
-            if name not in told and (blind or name not in BLIND):
+            if name not in given and (blind or name not in BLIND):
                 yield f"the figures of the baseline {name} are missing"
-            for figure, value in told.get(name, {}).items():
+            for figure, value in given.get(name, {}).items():
                 if abs(value - figures[figure]) > _CLOSE:
                     yield f"{figure} of {name} is {value}, but {figures[figure]} in {self.place}"
 

@@ -102,7 +102,7 @@ def number_of(place: Place, places: Mapping[Place, int]) -> int:
     """Return the number of the state in a place.
 
     Raises:
-        DatasetError: There is none, as no way leads there from the start.
+        DatasetError: No way leads there from the start.
     """
     if place not in places:
         raise DatasetError(
@@ -137,7 +137,7 @@ def load_arrays(
         where: A filter of the table of labyrinths.
 
     Raises:
-        ValueError: An argument is none of the allowed values.
+        ValueError: An argument has a value that is not allowed.
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)

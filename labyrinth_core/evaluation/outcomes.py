@@ -1,6 +1,6 @@
 """Whether the outcomes in a file of results are possible, and whether its figures follow from them.
 
-A file may come from anyone, so that nothing in it is used before it was checked.
+A file may come from a stranger, so nothing in it is used before it is checked.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Rules:
 
     @classmethod
     def of(cls, config: str, way: str, episodes: int) -> Rules:
-        """Return the rules for a config such as `5x5-icy_floor`; ValueError if there is none."""
+        """Return the rules for a config such as `5x5-icy_floor`; ValueError for another name."""
         size, _, task = config.partition("-")
         height, width = parse_size(size)
         if size != f"{height}x{width}" or task not in ("", *map(str, Task)) or task == "navigation":
@@ -59,30 +59,30 @@ class Rules:
         return self.cells * (3 if self.task is Task.KEY_AND_DOOR else 1)
 
 
-def scores_of(split: str, told: Mapping[str, Any], rules: Rules) -> Scores:
-    """Return the scores that follow from the outcomes that a file tells of a split.
+def scores_of(split: str, content: Mapping[str, Any], rules: Rules) -> Scores:
+    """Return the scores that follow from the outcomes of a split in a file.
 
     Args:
         split: The name of the split.
-        told: What the file says of it, of the right shape.
+        content: The description of the split in the file, of the right shape.
         rules: What holds for its episodes.
 
     Raises:
         ValueError: Something is impossible, or a figure does not follow; the message says what.
     """
-    refuse(split, _miscounted(told, rules.episodes))
-    episodes = Episodes.of_letters(told["outcomes"], told["moves"], rules.cells)
-    marks = told["known_route"]
+    refuse(split, _miscounted(content, rules.episodes))
+    episodes = Episodes.of_letters(content["outcomes"], content["moves"], rules.cells)
+    marks = content["known_route"]
     scores = Scores(
         episodes,
-        np.array([int(each, 16) for each in told["labyrinth_ids"]], np.int64),
-        np.array(told["distance"], np.int64),
-        told["accuracy_on_demonstrations"],
-        told["accuracy_elsewhere"],
+        np.array([int(each, 16) for each in content["labyrinth_ids"]], np.int64),
+        np.array(content["distance"], np.int64),
+        content["accuracy_on_demonstrations"],
+        content["accuracy_elsewhere"],
         known_route=None if marks is None else np.array([mark == "1" for mark in marks]),
     )
-    refuse(split, _impossible(told, scores, rules))
-    refuse(split, _other_figures(told, scores))
+    refuse(split, _impossible(content, scores, rules))
+    refuse(split, _other_figures(content, scores))
     return scores
 
 
@@ -93,35 +93,35 @@ def refuse(split: str, problems: Iterator[str]) -> None:
         raise ValueError(f"{split}: {problem}")
 
 
-def _miscounted(told: Mapping[str, Any], episodes: int) -> Iterator[str]:
+def _miscounted(content: Mapping[str, Any], episodes: int) -> Iterator[str]:
     """Yield what there is too much or too little of."""
-    ids = told["labyrinth_ids"]
+    ids = content["labyrinth_ids"]
     for name in ("outcomes", "moves"):
-        if len(told[name]) != episodes:
-            yield f"{name} are of {len(told[name])} episodes in each labyrinth, not {episodes}"
-    parts = [(name, told[name]) for name in ("labyrinth_ids", "distance")]
-    parts += [(name, each) for name in ("outcomes", "moves") for each in told[name]]
-    if told["known_route"] is not None:
-        parts.append(("known_route", told["known_route"]))
+        if len(content[name]) != episodes:
+            yield f"{name} are of {len(content[name])} episodes in each labyrinth, not {episodes}"
+    parts = [(name, content[name]) for name in ("labyrinth_ids", "distance")]
+    parts += [(name, each) for name in ("outcomes", "moves") for each in content[name]]
+    if content["known_route"] is not None:
+        parts.append(("known_route", content["known_route"]))
     for name, part in parts:
-        if len(part) != told["labyrinths"]:
-            yield f"{name} are of {len(part)} labyrinths, not {told['labyrinths']}"
+        if len(part) != content["labyrinths"]:
+            yield f"{name} are of {len(part)} labyrinths, not {content['labyrinths']}"
     if len(set(ids)) < len(ids):
         twice, _ = Counter(ids).most_common(1)[0]
         yield f"labyrinth {twice} is there twice"
 
 
-def _impossible(told: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterator[str]:
+def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterator[str]:
     """Yield what cannot be, whatever the policy."""
     episodes, distance = scores.episodes, scores.distance
     limit, moves, solved = episodes.step_limit, episodes.moves, episodes.solved
-    if told["step_limit"] != limit:
-        yield f"step_limit is {told['step_limit']}, not {limit}"
+    if content["step_limit"] != limit:
+        yield f"step_limit is {content['step_limit']}, not {limit}"
     iced = episodes.outcomes == "ice"
     ended, most = solved | iced, rules.states - 1
     for name in ACCURACIES:
-        if told[name] is not None and not rules.looks_up:
-            yield f"{name} is {told[name]}, which a policy has by look-ups alone"
+        if content[name] is not None and not rules.looks_up:
+            yield f"{name} is {content[name]}, which a policy has by look-ups alone"
     detour = moves - distance
     cases: list[tuple[Bools, str]] = [
         (np.broadcast_to(distance > most, moves.shape), f"a shortest route of more than {most}"),
@@ -158,11 +158,11 @@ def cases_of(scores: Scores, cases: Iterable[tuple[Bools, str]]) -> Iterator[str
             )
 
 
-def _other_figures(told: Mapping[str, Any], scores: Scores) -> Iterator[str]:
+def _other_figures(content: Mapping[str, Any], scores: Scores) -> Iterator[str]:
     """Yield the figures that do not follow from the outcomes."""
     for name, right in scores.figures().items():
-        if not _equal(told[name], right):
-            yield f"{name} is {told[name]!r:.60}, but {right} follows from the outcomes"
+        if not _equal(content[name], right):
+            yield f"{name} is {content[name]!r:.60}, but {right} follows from the outcomes"
 
 
 def _equal(one: Any, other: Any) -> bool:

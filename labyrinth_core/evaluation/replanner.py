@@ -47,7 +47,7 @@ class Replanner:
         self.reset(0)
 
     def reset(self, count: int) -> None:
-        """Begin so many episodes, of which nothing is known."""
+        """Begin `count` episodes, of which nothing is known."""
         self._walls = np.zeros((count, *self._passages.shape), np.bool_)
 
     def act(self, observations: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -74,9 +74,9 @@ class Results:
     run: TrainedRun | None = None
     """The run of `stages=train` that made the policy; None for any other policy."""
     method: Description | None = None
-    """What a file that was read says of the policy."""
+    """The description of the policy in the file that was read; None for new results."""
     judged: Judgement | None = None
-    """What the judge of a season signs; None for results that were evaluated by anyone else."""
+    """What the judge of a season signs; None for other results."""
 
     def __str__(self) -> str:
         """Return the figures as a table, a line for each split."""
@@ -126,7 +126,7 @@ class Results:
                 environments, `parameters`; each may be left out.
 
         Raises:
-            ValueError: The name is empty, or one of the others is none of what is allowed.
+            ValueError: The name is empty, or another argument has a value that is not allowed.
         """
         content = self.to_json(Description(name, author, url, date, budget, details or {}))
         rules_of(content)  # What could not be read again is not written.
@@ -138,7 +138,7 @@ class Results:
     def load(
         cls, path: str | Path, datasets: Callable[[str], KnownDataset | None] | None = None
     ) -> Results:
-        """Return the results in a file that `save` wrote, of whoever it is.
+        """Return the results in a file that `save` wrote, which may come from a stranger.
 
         Every figure but accuracies and baselines is computed again from the outcomes. If the
         dataset is known, all that it settles is checked, too.

@@ -48,7 +48,7 @@ FIGURES = {
 }
 """The shape of the figures of a baseline."""
 
-_DERIVED = (
+DERIVED = (
     *FIGURES,
     *("sr_known_route", "sr_new_route", "sr_interval", "aer_interval", "path_efficiency"),
     "failures",
@@ -82,7 +82,7 @@ _SHAPE = {
     "splits": Named(
         _SPLIT_NAME,
         {
-            **dict.fromkeys(_DERIVED),
+            **dict.fromkeys(DERIVED),
             "labyrinths": _COUNTED,
             "known_route": Maybe(Text("[01]*")),
             "accuracy_on_demonstrations": Maybe(SHARE),
@@ -155,8 +155,8 @@ def rules_of(content: Any) -> Rules:
     if "run" in content:
         check_shape(content["run"], RUN, "it.run")
         run = TrainedRun(**taken(content["run"], RUN))
-        told = {"method.name": content["method"]["name"], "evaluated.seed": evaluated["seed"]}
-        for (name, value), right in zip(told.items(), (run.name, run.seed), strict=True):
+        names = ("method.name", content["method"]["name"], run.name)
+        for name, value, right in (names, ("evaluated.seed", evaluated["seed"], run.seed)):
             if value != right:
                 raise ValueError(f"it.{name} is {value!r:.60}, but {right!r:.60} by it.run")
     if "judged" in content:

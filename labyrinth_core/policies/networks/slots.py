@@ -144,7 +144,7 @@ def grown(slots: Slots, slot: int, by: int) -> Slots:
 
 
 def _within(lines: NDArray[np.int64], by: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the different ranges of lines that are at most so many pixels from each pixel.
+    """Return the different ranges of lines that are at most `by` pixels from each pixel.
 
     Args:
         lines: The line of each pixel, ascending, shape (side,).
