@@ -59,6 +59,22 @@ class Rounds:
         return (self.steps - 1) // self.turns % 4
 
 
+def chance(observations, rng):
+    """Act at random."""
+    return rng.integers(4, size=len(observations))
+
+
+class Chance:
+    """The same, in the form of a policy with memory."""
+
+    def reset(self, count, rng):
+        assert count > 0
+        self.rng = rng
+
+    def act(self, observations):
+        return chance(observations, self.rng)
+
+
 def mistaken(arrays, share, seed=0):
     """Return optimal actions, but for a share of random ones."""
     rng = np.random.default_rng(seed)

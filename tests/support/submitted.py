@@ -121,4 +121,5 @@ def add_up(told: dict[str, Any], cells: int) -> None:
     distance = np.array(told["distance"])
     marks = told["known_route"]
     known = None if marks is None else np.array([mark == "1" for mark in marks])[: len(distance)]
-    told |= Scores(episodes, distance, distance, None, None, known).figures()
+    accuracies = (told[name] for name in ACCURACIES)
+    told |= Scores(episodes, distance, distance, *accuracies, known).figures()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 
 import huggingface_hub
@@ -12,7 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from labyrinths_of_datasets import CONFIGS
-from policies import Remembering, Rounds, Table, mistaken
+from policies import Chance, Remembering, Rounds, Table, chance, mistaken
 
 from labyrinth_core import PolicyError, dump, evaluate, load_arrays
 from labyrinth_core.data.errors import DatasetError
@@ -20,10 +19,9 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.baselines import random_figures
-from labyrinth_core.evaluation.playing import step_through
+from labyrinth_core.evaluation.playing import attempts, step_through
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
-from labyrinth_core.world.labyrinth import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
 
@@ -48,7 +46,7 @@ def told(scores):
 
 def stepped(policy, arrays, episodes=1, **options):
     found = step_through(Player.of(policy, 0), arrays, episodes, **options)
-    return Scores(found, arrays.labyrinth_ids, arrays.distance, None, None)
+    return Scores.of(found, arrays)
 
 
 def observed(arrays):
@@ -59,8 +57,8 @@ def observed(arrays):
 
 
 @pytest.mark.slow
-@every_config
 @given(
+    config=st.sampled_from([*CONFIGS.values()]),
     split=st.sampled_from(EVALUATED_SPLITS),
     share=st.floats(0, 1),
     seed=st.integers(0, 2**32 - 1),
@@ -73,29 +71,57 @@ def test_stepping_gives_the_figures_of_looking_up(arrays_of, config, split, shar
     assert told(stepped(Remembering(policy), arrays)) == looked_up
 
 
+def roll_out(policy, labyrinth):
+    """Return the rewards of an episode in the environment, and how it ends."""
+    env = LabyrinthEnv(labyrinth=labyrinth, image_size=8)
+    observation, _ = env.reset(seed=0)
+    policy.reset(1)
+    rewards, states, over = [], [], False
+    while not over:
+        action = policy.act(observation[None])[0]
+        observation, reward, terminated, truncated, _ = env.step(action)
+        rewards.append(reward)
+        states.append(env.state)
+        over = terminated or truncated
+    cut = "wall" if len({*states[len(states) // 2 :]}) == 1 else "loop"
+    return rewards, {1: "solved", -100: "ice"}.get(rewards[-1], cut)
+
+
 @every_config
-def test_a_policy_with_memory_does_what_it_does_in_the_environment(datasets, arrays_of, config):
-    results = evaluate(Rounds(3), datasets, config, image_size=8, splits=["train"])
-    assert (results.way, results.episodes) == ("steps", 1)
-    episodes = results.splits["train"].episodes
-    for place, labyrinth in enumerate(arrays_of[config, "train"].labyrinths):
-        policy, env = Rounds(3), LabyrinthEnv(labyrinth=labyrinth, image_size=8)
-        observation, _ = env.reset(seed=0)
-        policy.reset(1)
-        rewards, states, over = [], [], False
-        while not over:
-            observation, reward, terminated, truncated, _ = env.step(
-                policy.act(observation[None])[0]
-            )
-            rewards.append(reward)
-            states.append(env.state)
-            over = terminated or truncated
-        cut = "wall" if len({*states[len(states) // 2 :]}) == 1 else "loop"
-        outcome = {1: "solved", -100: "ice"}.get(rewards[-1], cut)
-        assert episodes.outcomes[0, place] == outcome
-        assert episodes.moves[0, place] == len(rewards)
-        assert episodes.returns[0, place] == pytest.approx(sum(rewards), abs=1e-9)
-        assert episodes.solved[0, place] == (rewards[-1] == 1)
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0, None])
+def test_a_policy_does_what_it_does_in_the_environment(arrays_of, config, share):
+    arrays = arrays_of[config, "train"]
+    if share is None:
+        policy = Rounds(3)
+        episodes = stepped(policy, arrays).episodes
+    else:
+        policy = Remembering(Table(arrays, mistaken(arrays, share)))
+        episodes = score(policy.act, arrays).episodes
+    for place, labyrinth in enumerate(arrays.labyrinths):
+        rewards, outcome = roll_out(policy, labyrinth)
+        assert episodes.outcomes[..., place] == outcome
+        assert episodes.moves[..., place] == len(rewards)
+        assert episodes.returns[..., place] == pytest.approx(sum(rewards), abs=1e-9)
+        assert episodes.solved[..., place] == (rewards[-1] == 1)
+    if share == 0:
+        assert episodes.solved.all()
+        assert (episodes.moves == arrays.distance).all()
+
+
+@every_config
+def test_an_attempt_takes_the_steps_of_the_episode_that_is_judged(arrays_of, config):
+    arrays = arrays_of[config, "test"]
+    random, optimal = (Table(arrays, mistaken(arrays, share)) for share in (1.0, 0.0))
+    for policy in (random, optimal, Remembering(random), Rounds(2)):
+        player = Player.of(policy, 0)
+        judged = step_through(player, arrays, 1)
+        tried = attempts(player, arrays, range(len(arrays.labyrinths)))
+        for place, episode in enumerate(tried):
+            moves, outcome = judged.moves[0, place], judged.outcomes[0, place]
+            assert len(episode) == min(moves, arrays.cells)
+            if moves <= arrays.cells:
+                reached = episode.states[-1].agent == episode.labyrinth.goal
+                assert reached == (outcome == "solved")
 
 
 def test_many_labyrinths_are_stepped_some_at_a_time(arrays_of):
@@ -119,19 +145,6 @@ def test_a_function_is_asked_no_more_about_episodes_that_are_over(arrays_of):
 # Chance.
 
 
-def chance(observations, rng):
-    return rng.integers(4, size=len(observations))
-
-
-class Chance:
-    def reset(self, count, rng):
-        assert count > 0
-        self.rng = rng
-
-    def act(self, observations):
-        return self.rng.integers(4, size=len(observations))
-
-
 @pytest.mark.slow
 def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets, arrays_of):
     results = evaluate(chance, datasets, "3x4", image_size=8, splits=["train"], episodes=300)
@@ -139,9 +152,6 @@ def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets, arrays
     assert scores.episodes.outcomes.shape == (300, 5)
     assert scores.sr == pytest.approx(exact["sr"], abs=0.02)
     assert scores.aer == pytest.approx(exact["aer"], abs=0.1)
-    figures = scores.figures()
-    assert figures["labyrinths"] == 5
-    assert figures["sr_interval"][0] <= scores.sr <= figures["sr_interval"][1]
     assert "300 episodes a labyrinth, by steps" in str(results)
 
 
@@ -154,12 +164,6 @@ def test_the_seed_settles_what_is_drawn(datasets, make):
 
     assert moves(1) == moves(1)
     assert moves(1) != moves(2)
-
-
-def test_chance_that_is_not_told_of_is_not_looked_up(datasets):
-    rng = np.random.default_rng(0)
-    with pytest.raises(PolicyError, match="answers the same observations differently: give epi"):
-        evaluate(lambda seen: rng.integers(4, size=len(seen)), datasets, "3x4", image_size=8)
 
 
 # What is shown, and what may be answered.
@@ -230,35 +234,19 @@ def test_actions_and_scores_of_any_library_are_understood(arrays_of, answer):
     assert told(stepped(lambda seen: answer(table(seen)), arrays)) == told(expected)
 
 
-@every_config
-def test_texts_are_the_labyrinth_in_the_language_with_the_agent_in_it(datasets, config):
-    arrays = load_arrays(datasets, config, "test", observation="text")
-    table = Table(arrays, mistaken(arrays, 0))
+def test_texts_are_the_labyrinth_in_the_language_with_the_agent_in_it(datasets):
     shown = []
 
     def policy(texts):
+        assert {type(each) for each in texts} == {str}
         shown.extend(texts)
-        return table(texts)
+        return [0] * len(texts)
 
-    results = evaluate(policy, datasets, config, observation="text", splits=["test"])
-    if config != CONFIGS[Task.PARTIAL_OBSERVABILITY]:  # Where two states may look the same.
-        assert results.splits["test"].sr == 1
+    results = evaluate(policy, datasets, "3x4", observation="text", splits=["test"])
     assert results.image_size is None
-    assert all(type(text) is str and text.count("@") == 1 for text in shown)
-    begin = arrays.labyrinths[0]
-    first = arrays.observations[arrays.initial[0]]
-    if begin.task is not Task.PARTIAL_OBSERVABILITY:
-        assert first.replace("@", "S") == dump(begin)
-    else:
-        assert "?" in first
-
-
-def test_vectors_are_shown_where_they_are_asked_for(datasets):
-    arrays = load_arrays(datasets, "3x4", "test", observation="vector")
-    table = Table(arrays, mistaken(arrays, 0))
-    results = evaluate(table, datasets, "3x4", observation="vector", splits=["test"])
-    assert results.splits["test"].sr == 1
-    assert "vector, one episode a labyrinth, by look-ups" in str(results)
+    assert "text, one episode a labyrinth, by look-ups" in str(results)
+    begins = {dump(each) for each in load_arrays(datasets, "3x4", "test").labyrinths}
+    assert begins < {text.replace("@", "S") for text in shown}
 
 
 # What is refused.
@@ -287,21 +275,12 @@ class Raising:
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
-        (
-            broken,
-            r"raised OSError: no such layer for 48 when given uint8 of shape \(48, 8, 8, 3\)\Z",
-        ),
-        (
-            lambda seen: seen[:3, 0, 0, 0],
-            r"answered uint8 of shape \(3,\) to 48 observations: give",
-        ),
+        (broken, r"raised OSError: no such layer for 48 when given uint8 of shape \(48, 8, .*\)\Z"),
+        (lambda seen: seen[:3, 0, 0, 0], r"answered uint8 of shape \(3,\) to 48 obs"),
         (lambda seen: np.zeros((len(seen), 5)), r"answered float64 of shape \(48, 5\) to 48 obs"),
         (lambda seen: np.zeros((len(seen), 1), int), r"answered int64 of shape \(48, 1\) to 48"),
         (lambda seen: np.zeros(len(seen)), r"answered float64 of shape \(48,\) .* whole numbers"),
-        (
-            lambda seen: np.full(len(seen), 7),
-            "answered action 7: give 0 up, 1 right, 2 down or 3 left",
-        ),
+        (lambda seen: np.full(len(seen), 7), "answered action 7: give 0 up, 1 right, 2 down or 3"),
         (lambda seen: np.full(len(seen), -1), "answered action -1: give 0 up"),
         (lambda seen: np.full((len(seen), 4), np.nan), "answered nan as the score of an action"),
         (lambda seen: seen.sort(), "answered NoneType to 48 observations"),
@@ -329,8 +308,6 @@ def test_a_broken_policy_is_told_what_came_back_and_what_is_wanted(datasets, pol
         ([[1], [2, 3]] * 5, "list, which is no array"),
         (np.zeros(4), r"float64 of shape \(4,\): give an array"),
         (7, r"int64 of shape \(\): give"),
-        (torch.zeros(5, device="meta"), "Tensor, which is no array"),
-        (Raising(), "Raising, which is no array"),
     ],
 )
 def test_what_is_remembered_is_an_array_with_a_row_for_each_episode(arrays_of, memory, message):
@@ -349,7 +326,6 @@ def test_what_is_remembered_may_be_a_tensor_or_lists(arrays_of):
         assert told(stepped(policy, arrays)) == expected
 
 
-@pytest.mark.slow
 def test_a_policy_that_is_random_in_one_of_fifty_answers_is_refused(small_dataset):
     rng = np.random.default_rng(0)
 
@@ -373,7 +349,6 @@ def test_a_mistake_in_one_episode_of_many_is_found(arrays_of):
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
-        (7, "not an object of int"),
         (Rounds, "not the class Rounds"),
         (object(), "not an object of object"),
     ],
@@ -390,14 +365,9 @@ def test_what_is_no_policy_is_refused(datasets, policy, message):
         ({"episodes": 1.5}, ValueError, "episodes=1.5: give a whole"),
         ({"episodes": 1001}, ValueError, "episodes=1001: give a whole"),
         ({"seed": "a"}, ValueError, "seed='a': give a whole number from 0 to 18446744073709551615"),
-        ({"seed": np.nan}, ValueError, "seed=nan: give a whole number"),
         ({"seed": True}, ValueError, "seed=True: give a whole number"),
         ({"seed": 2**64}, ValueError, "seed=18446744073709551616: give a whole number"),
-        (
-            {"observation": "sound"},
-            ValueError,
-            "observation=sound: choose one of image, vector, te",
-        ),
+        ({"observation": "sound"}, ValueError, "observation=sound: choose one of image, vector"),
         ({"splits": ["tset"]}, DatasetError, "split=tset: the dataset has train, validation, test"),
         ({"splits": []}, DatasetError, r"split=\[\]: the dataset has train"),
         ({"revision": "1"}, ValueError, "revision=1: .* is a folder, which has no revisions"),
@@ -429,26 +399,20 @@ def test_all_splits_but_the_random_one_are_evaluated(datasets):
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 
 
-def test_a_dataset_is_found_by_its_id(datasets, monkeypatch, tmp_path):
+def test_a_dataset_on_the_hub_is_read_at_its_revision(datasets, monkeypatch):
     asked = []
 
-    def snapshot_download(source, *, repo_type, revision, allow_patterns):
-        asked.append((source, repo_type, revision, *allow_patterns))
-        for pattern in allow_patterns:
-            for path in datasets.glob(pattern):
-                target = tmp_path / path.relative_to(datasets)
-                target.parent.mkdir(exist_ok=True)
-                shutil.copy(path, target)
-        return str(tmp_path)
+    def snapshot_download(source, *, revision, allow_patterns, **_):
+        asked.append((source, revision, *allow_patterns))
+        return str(datasets)
 
     monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
-    options = {"image_size": 8, "splits": ["test"]}
-    results = evaluate(Rounds(1), "user/name", "3x4", revision="v1", **options)
+    options = {"revision": "v1", "image_size": 8, "splits": ["test"]}
+    results = evaluate(Rounds(1), "user/name", "3x4", **options)
     assert (results.dataset, results.revision) == ("user/name", "v1")
-    here = evaluate(Rounds(1), datasets, "3x4", **options)
-    assert told(results.splits["test"]) == told(here.splits["test"])
+    manifest = ("user/name", "v1", "3x4/manifest.json")
     assert asked == [
-        ("user/name", "dataset", "v1", "3x4/manifest.json"),
-        ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/train-*.parquet"),
-        ("user/name", "dataset", "v1", "3x4/manifest.json", "3x4/test-*.parquet"),
+        manifest,
+        (*manifest, "3x4/train-*.parquet"),
+        (*manifest, "3x4/test-*.parquet"),
     ]

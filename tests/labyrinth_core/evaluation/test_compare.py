@@ -8,6 +8,7 @@ from math import comb, exp
 import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS
+from policies import Chance, chance
 
 from labyrinth_core import compare, load_arrays
 from labyrinth_core.data.buckets import bucket_of, sample_test
@@ -16,23 +17,8 @@ from labyrinth_core.evaluation.compare import Comparison, log_evidence
 from labyrinth_core.language.text import labyrinth_id
 
 
-def chance(observations, rng):
-    return rng.integers(4, size=len(observations))
-
-
 def right(observations):
     return np.full(len(observations), 1)
-
-
-class Patient:
-    """Draws as `chance` does, and remembers nothing of it."""
-
-    def reset(self, count, rng):
-        del count
-        self.rng = rng
-
-    def act(self, observations):
-        return chance(observations, self.rng)
 
 
 def test_the_expected_evidence_against_what_holds_is_one():
@@ -98,7 +84,7 @@ def test_the_better_policy_is_found_either_way_round_and_again(datasets):
     options = {"observation": ("vector", "image"), "image_size": 8, "within": "limit"}
     found = compare(chance, right, datasets, "3x4", **options)
     assert found.better == "first"
-    assert found == compare(Patient(), right, datasets, "3x4", **options)
+    assert found == compare(Chance(), right, datasets, "3x4", **options)
     other = compare(right, chance, datasets, "3x4", **options | {"observation": "vector"})
     assert (other.better, other.wins, other.losses) == ("other", found.losses, found.wins)
     assert other.difference == -found.difference

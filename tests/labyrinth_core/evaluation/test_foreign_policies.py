@@ -37,14 +37,12 @@ class Predicts:
         return steps // 3 % 4, steps + 1
 
 
-class PredictsAsModule(torch.nn.Module):
+class PredictsAsModule(Predicts, torch.nn.Module):
     """As the policies of Stable-Baselines3: what it returns when called are no actions."""
 
     def __init__(self, *arguments):
-        super().__init__()
-        self.form = Predicts(*arguments)
-        self.observation_space = self.form.observation_space
-        self.predict = self.form.predict
+        torch.nn.Module.__init__(self)
+        super().__init__(*arguments)
 
     def forward(self, observations):
         return observations, None, None

@@ -11,7 +11,6 @@ from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.observations import Looks
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
-from labyrinth_core.evaluation.playing import solved_by
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
 from labyrinth_core.world.solver import shortest_routes
 
@@ -121,7 +120,6 @@ def test_demonstrations_are_counted_step_by_step(datasets, split):
     ("arguments", "message"),
     [
         ({"config": "9x9"}, "config=9x9: .* holds 3x4, "),
-        ({"source": "nowhere at all"}, "neither a folder nor an id"),
         ({"resize": "nearest"}, "resize=nearest: choose one of area, original"),
         ({"image_size": 601}, "image_size=601: give a whole number of pixels from 1 to 600"),
     ],
@@ -139,8 +137,6 @@ def test_labyrinths_of_no_dataset_are_the_same_arrays_but_for_demonstrations(dat
     again = as_arrays(arrays.labyrinths, arrays.spec)
     for name in ("initial", "next_state", "rewards", "optimal", "distance", "labyrinth_ids"):
         assert np.array_equal(getattr(again, name), getattr(arrays, name)), name
-    assert np.array_equal(again.observations[arrays.initial], arrays.observations[arrays.initial])
+    states = np.arange(len(arrays.terminal))
+    assert np.array_equal(again.observations[states], arrays.observations)
     assert not again.demonstrated.any()
-    assert solved_by(lambda seen: seen.reshape(len(seen), 4, -1).sum(axis=2), again).tolist() == (
-        solved_by(lambda seen: seen.reshape(len(seen), 4, -1).sum(axis=2), arrays).tolist()
-    )

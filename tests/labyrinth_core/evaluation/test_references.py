@@ -9,10 +9,8 @@ import pytest
 from labyrinths_of_datasets import CONFIGS
 from policies import Table
 
-from labyrinth_core import evaluate
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.language.text import parse
@@ -75,17 +73,3 @@ def test_local_walls_are_looked_up_in_the_same_cell_then_anywhere(datasets, spli
     looked_up = score(Table(arrays, np.array(expected)), arrays)
     _, figures = TrainMemory.of(train).figures(arrays)
     assert figures["local_walls"] == looked_up.summary()
-
-
-def test_they_stand_beside_anybodys_policy_and_split_its_success(datasets):
-    results = evaluate(lambda seen: [1] * len(seen), datasets, "3x4", observation="vector")
-    train, test = (
-        load_arrays(datasets, "3x4", name, observation="vector") for name in ("train", "test")
-    )
-    known, figures = TrainMemory.of(train).figures(test)
-    assert results.splits["test"].known_route.tolist() == known.tolist()
-    assert {name: results.baselines[name]["test"] for name in figures} == figures
-    told = results.to_json(Description("right"))
-    assert told["baselines"]["route_memory"]["train"]["sr"] == 1
-    assert told["splits"]["train"]["known_route"] == "11111"
-    assert "route memory" in str(results)

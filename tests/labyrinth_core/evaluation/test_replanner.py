@@ -77,6 +77,7 @@ def test_it_stands_beside_the_results_under_partial_observability_alone(datasets
     always = ["route_memory", "local_walls", "random", "oracle"]
     assert list(content["baselines"]) == always + [*REPLANNERS] * hidden
     assert ("replanner" in str(results)) == hidden
+    assert "route memory" in str(results)
     if hidden:
         replanner = evaluate(Replanner(3, 4), datasets, config, observation="vector")
         own = replanner.splits["test"]

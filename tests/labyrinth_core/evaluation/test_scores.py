@@ -1,4 +1,4 @@
-"""Evaluation by look-ups: exactly what the environment says, and figures that follow from it."""
+"""The figures of a policy and of the baselines: what follows from episodes and their actions."""
 
 from __future__ import annotations
 
@@ -6,52 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labyrinths_of_datasets import CONFIGS, labyrinths_of
+from labyrinths_of_datasets import CONFIGS
 from policies import Table, mistaken
 
-from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.baselines import TrainMemory, oracle_figures, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.playing import (
-    Episodes,
-    follow,
-    follow_route,
-    greedy_actions,
-    success_rate,
-)
+from labyrinth_core.evaluation.playing import Episodes, follow, follow_route, success_rate
 from labyrinth_core.evaluation.scores import Scores, score
-
-
-def roll_out(policy, labyrinth, image_size):
-    """Return the rewards of an episode in the environment, and whether it ended by itself."""
-    env = LabyrinthEnv(labyrinth=labyrinth, image_size=image_size)
-    observation, _ = env.reset(seed=0)
-    rewards, over, terminated = [], False, False
-    while not over:
-        action = policy(observation[None])[0]
-        observation, reward, terminated, truncated, _ = env.step(action)
-        rewards.append(reward)
-        over = terminated or truncated
-    return rewards, terminated
-
-
-@pytest.mark.parametrize("config", CONFIGS.values())
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_looking_up_is_rolling_out_in_the_environment(datasets, config, share):
-    arrays = load_arrays(datasets, config, "train", image_size=12)
-    policy = Table(arrays, mistaken(arrays, share))
-    episodes = follow(arrays, greedy_actions(policy, arrays))
-    returns = episodes.returns
-    for place, labyrinth in enumerate(labyrinths_of(datasets, config, "train").values()):
-        rewards, terminated = roll_out(policy, labyrinth, 12)
-        assert episodes.moves[place] == len(rewards)
-        assert returns[place] == pytest.approx(sum(rewards), abs=1e-9)
-        assert episodes.solved[place] == (rewards[-1] == 1)
-        assert (episodes.outcomes[place] in ("solved", "ice")) == terminated
-        assert (episodes.outcomes[place] == "ice") == (rewards[-1] == -100)
-    if share == 0:
-        assert episodes.solved.all()
-        assert (episodes.moves == arrays.distance).all()
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())

@@ -50,12 +50,6 @@ def test_slots_are_the_pixels_of_a_picture_in_any_palette(labyrinth: Labyrinth) 
     assert not np.intersect1d(slots.colours, again.colours).size
 
 
-def test_a_picture_that_was_shrunk_is_refused(labyrinth: Labyrinth) -> None:
-    shrunk = render(labyrinth, State(labyrinth.start), 64)
-    with pytest.raises(ValueError, match=r"^a picture has \d+ colours: show pictures of flat"):
-        slots_of(shrunk)
-
-
 @pytest.mark.parametrize("style", [DEFAULT_STYLE, Style(wall_pixels=2), Style(wall_pixels=20)])
 def test_the_agent_is_in_its_cell(labyrinth: Labyrinth, style: Style) -> None:
     structure = labyrinth.structure

@@ -37,9 +37,7 @@ def picture(labyrinth: Labyrinth, state: State) -> Tensor:
 
 
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
-def test_a_transformed_action_does_what_the_action_did(
-    symmetry: int,
-) -> None:
+def test_a_transformed_action_does_what_the_action_did(symmetry: int) -> None:
     labyrinth = parse(LABYRINTH)
     cells = torch.arange(9).reshape(1, 3, 3).flip(1)  # As pictures have them, from the top.
     where = {

@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 
 import pytest
-from policies import Remembering
 
-from labyrinth_core import evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import success_rate
-from labyrinth_core.evaluation.replanner import Replanner
+from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
@@ -23,7 +21,6 @@ from pipeline.report.findings import read_results
 from pipeline.studies.results import results
 from pipeline.studies.results.kept import read_runs
 from pipeline.training import train
-from pipeline.training.methods import bc
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 
@@ -31,17 +28,32 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def trained(small_dataset, make_run, tmp_path_factory):
-    """A run that was trained for an epoch."""
-    run = make_run(
-        small_dataset.data_dir,
-        stages=["train", "evaluate"],
-        run_dir=str(tmp_path_factory.mktemp("runs")),
-        device="cpu",
-        method={"name": "bc", "epochs": 1},
-    )
+def run_of(make_run):
+    """A function that returns a run of both stages with one epoch of training."""
+
+    def of(data_dir, run_dir, **options):
+        usual = {"stages": ["train", "evaluate"], "method": {"name": "bc", "epochs": 1}}
+        return make_run(data_dir, run_dir=str(run_dir), device="cpu", **usual | options)
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def trained(small_dataset, run_of, tmp_path_factory):
+    """A run that was trained."""
+    run = run_of(small_dataset.data_dir, tmp_path_factory.mktemp("runs"))
     train.run(run)
     return run
+
+
+@pytest.fixture
+def elsewhere(trained, run_of):
+    """A function that returns the trained run with another dataset, or judged on another one."""
+
+    def of(data_dir, **options):
+        return run_of(data_dir, trained.options.run_dir, stages=["evaluate"], **options)
+
+    return of
 
 
 def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys):
@@ -69,69 +81,27 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     assert (folder / "results.json").read_text(encoding="utf-8") == text
 
 
-def test_a_policy_that_remembers_is_stepped_in_training_and_in_evaluation(
-    trained, small_dataset, make_run, tmp_path, monkeypatch
-):
-    stage.run(trained)
-    run = make_run(
-        small_dataset.data_dir,
-        stages=["train", "evaluate"],
-        run_dir=str(tmp_path),
-        device="cpu",
-        method={"name": "bc", "epochs": 1},
-    )
-    counts = []
-
-    def player(policy, spec, settings):
-        assert (spec.height, spec.width, settings.epochs) == (3, 3, 1)
-        remembering = Remembering(policy)
-        remembering.counts = counts
-        return remembering
-
-    monkeypatch.setattr(bc.Method, "player", player)
-    train.run(run)
-    assert counts == [8, 8]  # Train and validation, after the only epoch.
-    stage.run(run)
-    assert counts[2:] == [8] * len(EVALUATED_SPLITS)
-    records, evaluations = (
-        [json.loads((each.training_folder / name).read_bytes()) for each in (trained, run)]
-        for name in ("run.json", "results.json")
-    )
-    del records[0]["history"][0]["seconds"], records[1]["history"][0]["seconds"]
-    assert records[0]["history"] == records[1]["history"]
-    Results.load(run.training_folder / "results.json")
-    for split in EVALUATED_SPLITS:
-        looked_up, stepped = (each["splits"][split] for each in evaluations)
-        for name in ("accuracy_on_demonstrations", "accuracy_elsewhere"):
-            assert stepped.pop(name) is None
-            del looked_up[name]
-        assert stepped == looked_up
-
-
 def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
-    trained, build, make_run, tmp_path
+    trained, elsewhere, build, tmp_path
 ):
-    options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
     with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=train"):
-        stage.run(make_run(trained.data_dir, seed=7, **options))
+        stage.run(elsewhere(trained.data_dir, seed=7))
     other = build(tmp_path, labyrinths=2)
     with pytest.raises(DatasetError, match=r"was trained on another dataset than .* evaluate_on="):
-        stage.run(make_run(other.data_dir, **options))
+        stage.run(elsewhere(other.data_dir))
 
 
 def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
-    trained, build, make_run, tmp_path, datasets
+    trained, elsewhere, build, tmp_path, datasets
 ):
     stage.run(trained)
     folder = trained.training_folder
     before = (folder / "results.json").read_bytes()
     policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
     build(tmp_path, labyrinths=2, seed=5)
-    for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4"), (datasets, "3x4-icy_floor")):
-        options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
+    for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4-icy_floor")):
         # The dataset that it was trained on need not be there.
-        run = make_run(tmp_path / "gone", **options, evaluate_on=f"{data_dir}/{name}")
-        stage.run(run)
+        stage.run(elsewhere(tmp_path / "gone", evaluate_on=f"{data_dir}/{name}"))
         (path,) = folder.glob(f"results-{name}-*.json")
         content = json.loads(path.read_bytes())
         fingerprint = Manifest.read(data_dir / name).fingerprint
@@ -145,15 +115,13 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
 
 
 def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
-    trained, build, make_run, tmp_path
+    trained, elsewhere, build, tmp_path
 ):
     longer = build(tmp_path, labyrinths=3 * trained.dataset.labyrinths)
-    options = {"stages": ["evaluate"], "run_dir": trained.options.run_dir, "device": "cpu"}
-    evaluate_on = f"{longer.data_dir}/{longer.dataset.name}"
+    fingerprint = Manifest.read(longer.folder).fingerprint
 
     def evaluated(data_dir):
-        stage.run(make_run(data_dir, **options, evaluate_on=evaluate_on))
-        fingerprint = Manifest.read(longer.data_dir / longer.dataset.name).fingerprint
+        stage.run(elsewhere(data_dir, evaluate_on=f"{longer.data_dir}/{longer.dataset.name}"))
         name = f"results-{longer.dataset.name}-{fingerprint:.8}.json"
         return json.loads((trained.training_folder / name).read_bytes())
 
@@ -169,63 +137,45 @@ def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
 
 
 def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
-    small_dataset, make_run, tmp_path, datasets
+    small_dataset, run_of, make_run, tmp_path, datasets
 ):
-    options = {"stages": ["train"], "run_dir": str(tmp_path), "device": "cpu"}
-    options |= {"encoder": "mlp", "observation": "vector", "method": {"name": "bc", "epochs": 1}}
-    train.run(make_run(small_dataset.data_dir, **options))
-    run = make_run(small_dataset.data_dir, **options, evaluate_on=f"{datasets}/3x4")
-    with pytest.raises(ConfigError, match=r"\Aevaluate_on=.*/3x4: .* at 3x4 than at 3x3, .*\Z"):
-        stage.run(run)
-    run = make_run(small_dataset.data_dir, **options, evaluate_on=f"{datasets}/9x9")
-    with pytest.raises(DatasetError, match=r"\Aconfig=9x9: .*\Z"):
-        stage.run(run)
+    vectors = {"encoder": "mlp", "observation": "vector"}
+    train.run(run_of(small_dataset.data_dir, tmp_path, **vectors))
+    for name, error, message in (
+        ("3x4", ConfigError, r"evaluate_on=.*/3x4: .* at 3x4 than at 3x3, .*"),
+        ("9x9", DatasetError, "config=9x9: .*"),
+    ):
+        run = run_of(small_dataset.data_dir, tmp_path, **vectors, evaluate_on=f"{datasets}/{name}")
+        with pytest.raises(error, match=rf"\A{message}\Z"):
+            stage.run(run)
     with pytest.raises(ConfigError, match=r"\Aevaluate_on=9x9: give a dataset and its config"):
-        make_run(small_dataset.data_dir, **options, evaluate_on="9x9")
+        run_of(small_dataset.data_dir, tmp_path, evaluate_on="9x9")
     with pytest.raises(ConfigError, match=r"\Aevaluate_on=d/3x3 is for policies of runs"):
         make_run(tmp_path, stages=["evaluate"], policy="module:name", evaluate_on="d/3x3")
 
 
-def test_under_partial_observability_the_replanner_stands_beside_the_policy(
-    datasets, make_run, tmp_path, capsys
-):
-    run = make_run(
-        datasets,
-        size="3x4",
-        task="partial_observability",
-        stages=["train", "evaluate"],
-        run_dir=str(tmp_path),
-        device="cpu",
-        method={"name": "bc", "epochs": 1},
-    )
-    train.run(run)
-    stage.run(run)
-    content = json.loads((run.training_folder / "results.json").read_bytes())
-    own = evaluate(Replanner(3, 4), datasets, run.dataset.name, observation="vector")
-    assert content["baselines"]["replanner"]["test"] == own.splits["test"].summary()
-    assert "without" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("method", ["bc", "planner"])
-def test_a_run_with_memory_is_another_run_and_is_stepped(build, make_run, tmp_path, method):
+def test_a_run_with_memory_is_another_run_and_is_stepped(build, run_of, tmp_path, method):
     build(tmp_path, task="partial_observability")
-    options = {"task": "partial_observability", "run_dir": str(tmp_path / "runs")}
-    options |= {"stages": ["train", "evaluate", "results"], "device": "cpu"}
-    options |= {"results_dir": str(tmp_path / "results")}
+    options = {"task": "partial_observability", "results_dir": str(tmp_path / "results")}
     options |= {"method": {"name": method, "epochs": 1, "pictures": 32}}
-    run = make_run(tmp_path, **options, memory=True)
+    run = run_of(tmp_path, tmp_path / "runs", **options, memory=True)
     train.run(run)
     stage.run(run)
     assert run.training_folder.name.endswith("-seed0-memory")
     content = json.loads((run.training_folder / "results.json").read_bytes())
     assert content["run"]["memory"] is True
     assert content["evaluated"]["way"] == "steps"
+    assert {*REPLANNERS} < content["baselines"].keys()
+    (epoch,) = json.loads((run.training_folder / "run.json").read_bytes())["history"]
+    for split in ("train", "validation"):
+        assert content["splits"][split]["sr"] == epoch[f"{split}_sr"]
     for figures in content["splits"].values():
         assert figures["accuracy_on_demonstrations"] is figures["accuracy_elsewhere"] is None
     results.run(run)
     (read,) = read_runs(tmp_path / "results")
     assert read.run.setup == f"{run.options.network}-memory"
-    without = make_run(tmp_path, **options)
+    without = run_of(tmp_path, tmp_path / "runs", **options)
     _, settings = find(method, without.options.method)
     assert "memory" not in train.identify(without, settings)
     assert without.training_folder != run.training_folder
@@ -238,49 +188,33 @@ def test_a_run_with_memory_is_another_run_and_is_stepped(build, make_run, tmp_pa
         ({"method": {"name": "gail"}}, "method=gail: choose bc or planner"),
         ({"encoder": "mlp", "observation": "vector"}, "observation=vector: choose image"),
         ({"protocol": "paper"}, "protocol=paper: choose default"),
+        ({"stages": ["evaluate"], "policy": "module:name"}, "policies of runs; .*"),
     ],
 )
 def test_what_memory_does_not_go_with_is_told_in_one_line(make_run, tmp_path, options, told):
     given = {"stages": ["train"], "task": "partial_observability", "memory": True}
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, match=rf"\Amemory=true (does not go with|is for) {told}\Z"):
         make_run(tmp_path, **given | options)
-    assert str(caught.value) == f"memory=true does not go with {told}"
-    with pytest.raises(ConfigError, match=r"\Amemory=true is for policies of runs; [^\n]*\Z"):
-        make_run(tmp_path, **given | {"stages": ["evaluate"], "policy": "module:name"})
 
 
-def test_pictures_that_are_too_small_for_a_memory_are_told_before_training(
-    build, make_run, tmp_path
-):
+def test_pictures_that_are_too_small_for_a_memory_are_told_before_training(build, run_of, tmp_path):
     options = {"size": "6", "task": "partial_observability"}
     build(tmp_path / "data", **options, labyrinths=1)
-    options |= {"stages": ["train"], "run_dir": str(tmp_path / "runs"), "device": "cpu"}
     with pytest.raises(ConfigError, match=r"\Amemory=true: pictures of 64 pixels .* 6x6 .*\Z"):
-        train.run(make_run(tmp_path / "data", **options, memory=True))
+        train.run(run_of(tmp_path / "data", tmp_path / "runs", **options, memory=True))
     assert not (tmp_path / "runs").exists()
 
 
 def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
-    small_dataset, make_run, tmp_path
+    small_dataset, run_of, tmp_path
 ):
-    run = make_run(
-        small_dataset.data_dir,
-        stages=["train", "evaluate", "results"],
-        run_dir=str(tmp_path / "runs"),
-        results_dir=str(tmp_path / "results"),
-        device="cpu",
-        method={"name": "bc", "epochs": 1},
-        train_labyrinths=3,
-    )
+    run = run_of(small_dataset.data_dir, tmp_path / "runs", train_labyrinths=3)
     train.run(run)
     stage.run(run)
     content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
-    results.run(run)
-    assert "## 3x3, cnn-labyrinths3" in (tmp_path / "results" / "README.md").read_text("utf-8")
-    (shown,) = read_results(
-        tmp_path / "runs", small_dataset.data_dir, [Manifest.read(small_dataset.folder)]
-    )
+    manifests = [Manifest.read(small_dataset.folder)]
+    (shown,) = read_results(tmp_path / "runs", small_dataset.data_dir, manifests)
     assert shown["name"] == "bc-cnn-labyrinths3"

@@ -151,11 +151,7 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
 @pytest.mark.parametrize(
     ("policy", "kind", "message"),
     [
-        (
-            "strange:absent",
-            ConfigError,
-            r"policy=strange:absent: there is no absent, only \[np",
-        ),
+        ("strange:absent", ConfigError, r"policy=strange:absent: there is no absent, only \[np"),
         ("absent:make", ConfigError, "policy=absent:make: there is no module absent, neither in /"),
         ("needy:make", PolicyError, "raised ModuleNotFoundError: No module named 'not_installed"),
         ("strange:unmade", PolicyError, "raised LookupError: no weights"),
@@ -173,15 +169,9 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            {"policy": "a b"},
-            "policy=a b: give module:name, the folder of a run or of a published policy, or an id",
-        ),
+        ({"policy": "a b"}, "policy=a b: give module:name, the folder of a run or of a published"),
         ({"policy": "ppo.zip"}, "policy=ppo.zip: give module:name, the folder of a run or of a p"),
-        (
-            {"policy": "a:b", "episodes": 0},
-            "evaluation.episodes=0: give a whole number",
-        ),
+        ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
         ({"policy": "", "observation": "text"}, "observation=text: encoders look at image or vect"),
@@ -227,12 +217,15 @@ def command(small_dataset, policy):
     return ["size=3", f"data_dir={small_dataset.data_dir}", "stages=evaluate", f"policy={policy}"]
 
 
+def ended(*arguments, **options):
+    """Return how a process of Python ended."""
+    command = [python(), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
 @pytest.mark.slow
 def test_by_command_the_error_of_a_policy_is_one_line_and_its_own_traceback(folder, small_dataset):
-    arguments = command(small_dataset, "strange:Broken")
-    done = subprocess.run(
-        [python(), str(RUN), *arguments], capture_output=True, text=True, check=False
-    )
+    done = ended(RUN, *command(small_dataset, "strange:Broken"))
     assert done.returncode == 1
     first, second, *others = done.stderr.splitlines()
     assert first.startswith("error: the policy raised ArithmeticError: too deep when given uint8")
@@ -250,10 +243,7 @@ def test_no_torch_is_needed_to_judge_a_policy_that_needs_none(small_dataset):
         "import sys; sys.modules['torch'] = None; from pipeline.__main__ import main; "
         f"sys.argv[1:] = {command(small_dataset, 'strange:right')!r}; main()"
     )
-    path = {"PYTHONPATH": str(RUN.parent)}
-    done = subprocess.run(
-        [python(), "-c", program], capture_output=True, text=True, check=False, env=path
-    )
+    done = ended("-c", program, env={"PYTHONPATH": str(RUN.parent)})
     assert done.returncode == 0, done.stderr
     assert "s0_and_g" in done.stdout
 
@@ -264,18 +254,11 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     make(data_dir, "2x3", labyrinths=3, random_steps=5)
     published(local_hub, data_dir)
     by_id = ["size=2x3", "stages=[evaluate,results]", "policy=strange:right", f"dataset={REPO}"]
-    done = subprocess.run(
-        [python(), str(RUN), *by_id, "revision=1.0.0"],
-        env=environment(local_hub),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ended(RUN, *by_id, "revision=1.0.0", env=environment(local_hub))
     assert done.returncode == 0, done.stderr
     there = json.loads((folder / "runs/2x3/strange-right/results.json").read_text("utf-8"))
-    here = evaluate(named_policy("strange:right"), data_dir, "2x3").to_json(
-        Description("strange:right")
-    )
+    policy = named_policy("strange:right")
+    here = evaluate(policy, data_dir, "2x3").to_json(Description("strange:right"))
     assert there["dataset"] == here["dataset"] | {"source": REPO, "revision": "1.0.0"}
     assert there["splits"] == here["splits"]
     with (folder / "results" / "leaderboard.csv").open(encoding="utf-8", newline="") as file:
