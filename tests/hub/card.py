@@ -18,7 +18,6 @@ LISTS_OF_WORDS = (
     *("license", "language", "tags", "task_categories", "size_categories", "datasets"),
     *("annotations_creators", "source_datasets"),
 )
-SIZE_CATEGORY = re.compile(r"n<1K|\d+[KMBT]?<n<\d+[KMBT]|n>1T")
 SPLIT = re.compile(r"\w+(\.\w+)*")
 SDKS = ("gradio", "docker", "static")
 COLOURS = ("red", "yellow", "green", "blue", "indigo", "purple", "pink", "gray")
@@ -51,19 +50,9 @@ def _errors(metadata: dict[str, Any]) -> Iterator[str]:
         words = value if isinstance(value, list) else [value]
         if not all(isinstance(word, str) for word in words):
             yield f'"{name}" must be a string or a list of strings'
-    if not all(map(SIZE_CATEGORY.fullmatch, metadata.get("size_categories", []))):
-        yield '"size_categories" must be such as 10K<n<100K'
-    configs = metadata.get("configs", [])
-    if len({config["config_name"] for config in configs}) < len(configs):
-        yield '"configs" must have a different config_name each'
-    if sum(config.get("default") is True for config in configs) > 1:
-        yield '"configs" must have at most one default'
-    for file in (file for config in configs for file in config["data_files"]):
+    for file in (file for each in metadata.get("configs", []) for file in each["data_files"]):
         if not SPLIT.fullmatch(file["split"]):
             yield f'"configs.data_files.split" must match {SPLIT.pattern}, not {file["split"]!r}'
-    for split in (each for info in metadata.get("dataset_info", []) for each in info["splits"]):
-        if not all(type(split[count]) is int for count in ("num_examples", "num_bytes")):
-            yield '"dataset_info.splits" must be an array of objects with a name and counts'
 
 
 def _space(metadata: dict[str, Any]) -> Iterator[str]:

@@ -11,10 +11,13 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from email.message import Message
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, unquote
 
-from hub.state import Account, HubState
+from hub.state import Account
+
+if TYPE_CHECKING:
+    from hub.local_hub import LocalHub
 
 
 @dataclass
@@ -99,7 +102,7 @@ def route(method: str, pattern: str) -> Callable[[Answering], Answering]:
     return register
 
 
-def answer(hub: HubState, request: Request) -> Answer:
+def answer(hub: LocalHub, request: Request) -> Answer:
     """Return the answer to a request; refusals are raised."""
     token = request.headers.get("Authorization", "").removeprefix("Bearer ")
     if token and request.account is None:

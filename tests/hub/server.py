@@ -9,14 +9,16 @@ import threading
 import traceback
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlsplit
 
 import hub.calls  # noqa: F401  Its functions answer the calls.
 from hub.faults import Rule
-from hub.request_log import Exchange
 from hub.routing import Answer, RefusalError, Request, answer, as_json
-from hub.state import HubState
+from hub.state import Exchange
+
+if TYPE_CHECKING:
+    from hub.local_hub import LocalHub
 
 CHUNK = 1 << 16
 CONTROL = "/__control__"
@@ -32,10 +34,8 @@ class Listener(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 128
 
-    def __init__(self, hub: HubState, port: int) -> None:
+    def __init__(self, hub: LocalHub, port: int) -> None:
         self.hub = hub
-        self.failures: list[str] = []
-        """Tracebacks of what should not have happened in this server."""
         self.in_flight = 0
         self.changed = threading.Condition()
         super().__init__(("127.0.0.1", port), Handler)
@@ -43,7 +43,7 @@ class Listener(ThreadingHTTPServer):
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
         if not isinstance(sys.exc_info()[1], ConnectionError):
-            self.failures.append(traceback.format_exc())
+            self.hub.failures.append(traceback.format_exc())
 
     def count(self, change: int) -> None:
         """Count a request that begins or ends."""
@@ -105,10 +105,11 @@ class Handler(BaseHTTPRequestHandler):
         """Return the answer to a request, after the faults that strike it."""
         rules = self.server.hub.faults.take(request.method, request.path)
         for rule in rules:
-            if rule.effect == "hold":
+            if rule.effect == "hold" and not rule.after:
                 request.body()
                 self._hold(rule)
-            rule.reached.set() if rule.effect != "hold after" else None
+            if not rule.after:
+                rule.reached.set()
             if rule.effect == "fail":
                 message = f"the Hub answers {rule.status} on demand"
                 return RefusalError(rule.status, message).answer
@@ -121,17 +122,15 @@ class Handler(BaseHTTPRequestHandler):
         except (DroppedError, ConnectionError):
             raise
         except Exception:
-            self.server.failures.append(traceback.format_exc())
+            self.server.hub.failures.append(traceback.format_exc())
             told = RefusalError(500, "Internal Server Error").answer
         for rule in rules:
-            if rule.effect == "hold after":
+            if rule.effect == "hold" and rule.after:
                 self._hold(rule)
             if rule.effect == "stall":
                 told.before_the_rest = rule.released.wait
             if rule.effect == "lose response":
-                if rule.status == 0:
-                    raise DroppedError
-                told = RefusalError(rule.status, "the response was lost").answer
+                raise DroppedError
         return told
 
     def _hold(self, rule: Rule) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from hub.faults import Rule
 from hub.local_hub import LocalHub
-from hub.request_log import Exchange
+from hub.state import Exchange
 from quick_python import python
 
 ROOT = Path(__file__).parents[2]
@@ -140,6 +140,12 @@ def wait_for(rule: Rule, process: subprocess.Popen[str]) -> None:
     """Wait until a call is held."""
     while not rule.reached.wait(0.05):
         assert process.poll() is None, (rule, *process.communicate())
+
+
+def last_line(process: subprocess.Popen[str]) -> str:
+    """Return the last line that a process writes to standard error until it ends."""
+    _, errors = process.communicate()
+    return errors.splitlines()[-1]
 
 
 def kill_in(

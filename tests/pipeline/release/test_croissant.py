@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 from planting import DEFAULT, OTHER
 
-from labyrinth_core.data.columns import COLUMNS
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
+from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
@@ -77,23 +76,13 @@ def test_every_record_of_the_table_of_labyrinths_is_its_row(carded, name):
     records = list(read(carded).records(f"{name}-labyrinths"))
     assert len(records) == len(rows) > 0
     for record, row in zip(records, rows, strict=True):
+        assert set(record) == {f"{name}-labyrinths/{field}" for field in row}
         for field, value in row.items():
             found = record[f"{name}-labyrinths/{field}"]
             if value is None:
                 assert found is None or found != found
             else:
                 assert (found.decode() if isinstance(found, bytes) else found) == value
-
-
-def test_every_config_is_a_record_set_with_the_columns_and_the_split(carded):
-    sets = {each.id: each for each in read(carded).metadata.record_sets}
-    assert set(sets) == {DEFAULT, OTHER, f"{DEFAULT}-labyrinths", f"{OTHER}-labyrinths"}
-    for name in (DEFAULT, OTHER):
-        table = [field.id for field in sets[f"{name}-labyrinths"].fields]
-        assert table == [f"{name}-labyrinths/{column.name}" for column in TABLE_COLUMNS]
-        records = sets[name]
-        names = ["split", *(column.name for column in COLUMNS)]
-        assert [field.id for field in records.fields] == [f"{name}/{field}" for field in names]
 
 
 def test_every_parquet_file_is_there_with_its_hash_and_size(carded):

@@ -22,7 +22,6 @@ from publishing import (
     environment,
     error_of,
     held,
-    kill_in,
     publish,
     published,
     run_script,
@@ -91,15 +90,6 @@ def of_run(run: Run) -> tuple[str, ...]:
     return ("size=3", "method=planner", f"run_dir={run.options.run_dir}")
 
 
-@pytest.fixture
-def of_dataset(local_hub: LocalHub, trained: Run) -> tuple[str, ...]:
-    """The options that publish the policy, whose dataset is on the Hub, but for its rows."""
-    local_hub.create_repo(REPO)
-    manifest = (Path(trained.source) / "3x3" / "manifest.json").read_bytes()
-    local_hub.commit(REPO, "3x3/manifest.json", manifest)
-    return (*of_run(trained), f"publish.model={MODEL}", f"dataset={REPO}")
-
-
 def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_to_each_other(
     local_hub: LocalHub, trained: Run, tmp_path: Path
 ) -> None:
@@ -108,6 +98,11 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     options = (*of_run(trained), f"publish.model={MODEL}", f"publish.space={SPACE}")
     printed = published(local_hub, data_dir, "1.0.0", *options)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
+    assert "5 files are those published, and the policy loads." in printed
+    assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
+        ".eval_results/labyrinth.yaml",
+        *("README.md", "SHA256SUMS", "config.json", "model.safetensors"),
+    }
     assert f"{local_hub.url}/spaces/{SPACE}" in printed
     for repo, kind in ((REPO, "dataset"), (MODEL, "model"), (SPACE, "space")):
         refs = local_hub.refs(repo, kind)
@@ -175,43 +170,15 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     assert changes(local_hub, asked) == []
 
 
-def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
-    local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
-) -> None:
-    nowhere = trained.local_dir
-    options = ("1.0.0", *of_dataset)
-    for landed in (False, True):  # After all contents were sent, and after the commit.
-        rule = local_hub.faults.hold("POST", "/commit/", after=landed)
-        kill_in(local_hub, rule, nowhere, *options, repo="")
-        files = held(local_hub, "main", MODEL, "model")
-        assert len(files) == (5 if landed else 0)
-        assert local_hub.refs(MODEL, "model").keys() == {"refs/heads/main"}
-    printed = published(local_hub, nowhere, *options, repo="")
-    assert "0 files to add" in printed
-    assert "5 files are those published, and the policy loads." in printed
-    assert held(local_hub, "1.0.0", MODEL, "model") == files
-    assert len(local_hub.history(MODEL, kind="model")) == 2
-
-
-def test_a_version_of_a_policy_is_published_once_and_a_dry_run_changes_nothing(
-    local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
-) -> None:
-    printed = published(
-        local_hub, trained.local_dir, "1.0.0", *of_dataset, "publish.dry_run=true", repo=""
-    )
-    assert re.findall(r"^  add    (\S+)$", printed, re.MULTILINE) == [
-        ".eval_results/labyrinth.yaml",
-        "README.md",
-        "SHA256SUMS",
-        "config.json",
-        "model.safetensors",
-    ]
-    assert changes(local_hub) == []
-
+def test_a_version_of_a_policy_is_published_once(local_hub: LocalHub, trained: Run) -> None:
+    local_hub.create_repo(REPO)
+    manifest = (Path(trained.source) / "3x3" / "manifest.json").read_bytes()
+    local_hub.commit(REPO, "3x3/manifest.json", manifest)  # Of the dataset, all that is read.
     local_hub.create_repo(MODEL, kind="model")
     local_hub.commit(MODEL, "config.json", b"{}", kind="model")
     local_hub.tag(MODEL, "1.0.0", kind="model")
-    error = error_of(publish(local_hub, trained.local_dir, "1.0.0", *of_dataset, repo=""))
+    options = (*of_run(trained), f"publish.model={MODEL}", f"dataset={REPO}")
+    error = error_of(publish(local_hub, trained.local_dir, "1.0.0", *options, repo=""))
     assert error.startswith(f"the tag 1.0.0 of {MODEL} is at ")
     assert "with other data (" in error
     assert error.endswith("choose another publish.version")
