@@ -29,7 +29,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.release.export import stage_export
+from pipeline.release.derived import stage_export
 
 GROUP, LEROBOT = "user/labyrinth-minari", "user/labyrinth-lerobot"
 

@@ -37,9 +37,9 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.evaluation import evaluate as evaluate_stage
+from pipeline.release.derived import stage_report
 from pipeline.release.faults import PublishError
 from pipeline.release.model import stage_policy
-from pipeline.release.space import stage_report
 from pipeline.report.report import write_report
 from pipeline.training import train
 
