@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlencode
 
 from hub.card import errors_of, read_front_matter
-from hub.routing import Answer, RefusalError, Request, as_json, route
+from hub.server import Answer, RefusalError, Request, as_json, route
 from hub.state import ID_TOKEN, MAIN, Account, Commit, Entry, Repository
 
 if TYPE_CHECKING:
@@ -263,7 +263,7 @@ def lfs_verify(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
 
 @route("PUT", r"/lfs/(?P<sha256>[0-9a-f]{64})")
 def receive(hub: LocalHub, request: Request, sha256: str) -> Answer:
-    if not hub.receive(sha256, request.chunks()):
+    if not hub.receive(sha256, request.chunks):
         raise RefusalError(400, "the content has another SHA-256")
     return Answer()
 
