@@ -176,17 +176,6 @@ def test_a_commit_whose_answer_is_lost_is_found_and_made_once(
     assert len(local_hub.history(REPO)) == 2
 
 
-def test_a_pull_request_whose_answer_is_lost_is_found_and_made_once(
-    local_hub: LocalHub, releasable: Path
-) -> None:
-    local_hub.create_repo(REPO)
-    local_hub.faults.lose_response("POST", "/commit/")
-    for _ in range(2):  # By the same run, and by the next.
-        printed = published(local_hub, releasable, "1.0.0", "publish.create_pr=true")
-        assert f"pull request: {local_hub.url}/datasets/{REPO}/discussions/1; " in printed
-    assert local_hub.refs(REPO).keys() == {"refs/heads/main", "refs/pr/1"}
-
-
 def test_somebody_elses_commit_in_between_is_told_and_never_lost(
     local_hub: LocalHub, releasable: Path
 ) -> None:

@@ -33,9 +33,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import WHY_SPL
-from pipeline.config.errors import ConfigError
 from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import Run
 from pipeline.evaluation import evaluate as evaluate_stage
 from pipeline.release.derived import stage_report
 from pipeline.release.model import stage_policy
@@ -343,36 +342,3 @@ def test_a_report_that_is_not_there_or_was_changed_is_not_published(
         stage_report(run, staged)
     told = f"{page} is not as stages=report left it: move it away, and run"
     assert str(caught.value).startswith(told)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"publish": {"model": "planner"}}, "publish.model=planner: give the id of a model on the"),
-        ({"publish": {"space": "a/b/c"}}, "publish.space=a/b/c: give the id of a Space on the Hub"),
-        (
-            {"publish": {"space": SPACE}, "dataset": "/data/labyrinth"},
-            "dataset=/data/labyrinth: give the id on the Hub of the dataset that what is published",
-        ),
-        (
-            {"publish": {"model": MODEL}, "dataset": REPO, "memory": True}
-            | {"task": "partial_observability"},
-            "memory=true: a policy that is published has no memory beside its network, so that",
-        ),
-        (
-            {"publish": {"model": MODEL}, "dataset": REPO, "protocol": "paper"},
-            "protocol=paper: its pictures are not those that evaluate shows, so that its policy is",
-        ),
-        (
-            {"publish": {"model": MODEL}, "dataset": REPO, "method": {"name": "vin"}},
-            f"publish.model={MODEL}: policies of method=vin are not published, since",
-        ),
-    ],
-)
-def test_options_of_a_policy_or_report_that_cannot_be_are_refused_in_one_line(
-    options: dict[str, Any], message: str
-) -> None:
-    publishing = PublishOptions(version="1.0.0", **options.pop("publish"))
-    with pytest.raises(ConfigError) as caught:
-        resolve(RunConfig(stages=["publish"], data_dir=".", publish=publishing, **options))
-    assert str(caught.value).startswith(message)
