@@ -1,8 +1,8 @@
 """What is made of a dataset and published beside it: an export, its environment, its report.
 
 An export is a repository that the library of its format reads from the Hub. It holds one config.
-LeRobot reads one dataset at the root, so that there it is one split; Minari
-reads a group of datasets, whose ids begin with the name of the repository, as
+LeRobot reads one dataset at the root, so that its repository holds one split. Minari reads a group
+of datasets, whose ids begin with the name of the repository, as
 `minari.storage.remotes.huggingface` of https://pypi.org/project/minari/, 0.5.4, has it.
 """
 

@@ -40,7 +40,7 @@ CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)"
 """The names of environment variables that move the caches of the Hub's clients."""
 
 PATIENCE = 180.0
-"""Seconds without a byte from the Hub, or another file or split, after which it is given up.
+"""Seconds after which a verification ends that gets no byte and names no other file or split.
 
 Each call of the clients ends earlier (`data.hub`), but they repeat for many minutes what fails,
 such as connections that are refused.
