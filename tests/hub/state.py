@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 MAIN = "refs/heads/main"
-SHORTEST_COMMIT = 7
 TOKENS = {
     "write": "hf_loopbackTokenThatMayWrite",
     "read": "hf_loopbackTokenThatMayRead",
@@ -98,10 +97,8 @@ class Repository:
         for ref in (revision, f"refs/heads/{revision}", f"refs/tags/{revision}"):
             if ref in self.refs:
                 return self.commits[self.refs[ref]]
-        if len(revision) >= SHORTEST_COMMIT:
-            for oid, commit in self.commits.items():
-                if oid.startswith(revision):
-                    return commit
+        if revision in self.commits:
+            return self.commits[revision]
         raise LookupError(f"Invalid rev id: {revision}")
 
     def history(self, commit: Commit) -> Iterator[Commit]:

@@ -25,7 +25,6 @@ from publishing import (
     publishing,
     run_python,
     run_script,
-    wait_for,
 )
 from quick_python import python
 
@@ -181,8 +180,7 @@ def test_somebody_elses_commit_in_between_is_told_and_never_lost(
 ) -> None:
     local_hub.create_repo(REPO)
     rule = local_hub.faults.hold("POST", "/commit/")
-    with publishing(local_hub, releasable) as process:
-        wait_for(rule, process)
+    with publishing(local_hub, releasable, until=rule) as process:
         theirs = local_hub.commit(REPO)
         local_hub.faults.release()
         error = last_line(process)
@@ -299,8 +297,7 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
     home = str(tmp_path / "home")
     caches = {"HF_HOME": home, "HF_HUB_CACHE": f"{home}/hub", "HF_DATASETS_CACHE": f"{home}/data"}
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
-    with publishing(local_hub, releasable, **caches) as process:
-        wait_for(rule, process)
+    with publishing(local_hub, releasable, until=rule, **caches) as process:
         commit = local_hub.refs(REPO)["refs/heads/main"]
         for _ in range(2):  # The second time from the cache, all contents being out of reach.
             warm = run_script(local_hub, WARM, REPO, commit, USE_TORCH="0", **caches)
@@ -320,8 +317,7 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
 def test_other_bytes_than_were_sent_are_not_tagged(local_hub: LocalHub, releasable: Path) -> None:
     shard = "2x3/random-00000-of-00001.parquet"
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
-    with publishing(local_hub, releasable) as process:
-        wait_for(rule, process)
+    with publishing(local_hub, releasable, until=rule) as process:
         blob = local_hub.blob(built(releasable)[shard])
         blob.write_bytes(blob.read_bytes()[:-1] + b"0")
         local_hub.faults.release()
