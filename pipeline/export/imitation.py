@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,16 +35,16 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     )
     names: list[str] = []
     state: dict[str, Any] = {}
-    with _without_bars():
-        for part in in_parts(_rows(split), part_bytes):
-            place = folder / "part"
-            datasets.Dataset.from_list(part, info=info).save_to_disk(place, num_shards=1)
-            state = json.loads((place / "state.json").read_bytes())
-            (file,) = state["_data_files"]
-            names.append(f"data-{len(names):05d}.arrow")
-            (place / file["filename"]).replace(folder / names[-1])
-            (place / "dataset_info.json").replace(folder / "dataset_info.json")
-            shutil.rmtree(place)
+    datasets.disable_progress_bars()  # One of theirs for each part, instead of ours for all.
+    for part in in_parts(_rows(split), part_bytes):
+        place = folder / "part"
+        datasets.Dataset.from_list(part, info=info).save_to_disk(place, num_shards=1)
+        state = json.loads((place / "state.json").read_bytes())
+        (file,) = state["_data_files"]
+        names.append(f"data-{len(names):05d}.arrow")
+        (place / file["filename"]).replace(folder / names[-1])
+        (place / "dataset_info.json").replace(folder / "dataset_info.json")
+        shutil.rmtree(place)
     state["_data_files"] = [{"filename": name} for name in names]
     write_text(folder / "state.json", json.dumps(state, indent=2, sort_keys=True))
 
@@ -65,18 +64,3 @@ def _rows(split: Split) -> Iterator[tuple[int, dict[str, Any]]]:
                 "rews": episode.rewards,
             },
         )
-
-
-@contextmanager
-def _without_bars() -> Iterator[None]:
-    """Keep `datasets` from drawing its own progress bars."""
-    import datasets
-
-    if datasets.are_progress_bars_disabled():
-        yield
-        return
-    datasets.disable_progress_bars()
-    try:
-        yield
-    finally:
-        datasets.enable_progress_bars()

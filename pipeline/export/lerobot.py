@@ -12,12 +12,14 @@ Pictures are PNG files within Parquet; there is no video.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION, arrow_schema
 from labyrinth_core.data.errors import DatasetError
@@ -25,7 +27,6 @@ from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS, table_rows
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.data.transitions import LoadedEpisode
 from pipeline.config.export import CODEBASE_VERSION
-from pipeline.export.frame_statistics import FrameStatistics
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
@@ -217,3 +218,57 @@ def _episode_schema() -> pa.Schema:
         ("info", pa.string()),
     ]
     return pa.schema([*fields, *((each.name, each.type) for each in arrow_schema(TABLE_COLUMNS))])
+
+
+@dataclass(frozen=True)
+class FrameStatistics:
+    """What was counted of each column so far, by which LeRobot's policies normalise what they see.
+
+    Least, largest and mean value, standard deviation (ddof 0) and number of frames are those of
+    `lerobot.datasets.compute_stats`, but of all frames instead of some; of pictures for each
+    channel, brightness from 0 to 1.
+    """
+
+    sums: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Column -> frames, values, their sum, that of their squares, least and largest, (6, C)."""
+
+    def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Count some frames: pictures uint8 (N, height, width, 3), or numbers (N,)."""
+        for name, column in columns.items():
+            levels, counts = _counted(column)
+            occurs = counts > 0
+            new = np.array(
+                [
+                    np.full(len(counts), len(column)),
+                    counts.sum(1),
+                    counts @ levels,
+                    counts @ levels**2,
+                    levels[occurs.argmax(1)],
+                    levels[::-1][occurs[:, ::-1].argmax(1)],
+                ]
+            )
+            if (old := self.sums.get(name)) is not None:
+                new[:4] += old[:4]
+                new[4], new[5] = np.minimum(old[4], new[4]), np.maximum(old[5], new[5])
+            self.sums[name] = new
+
+    def values(self) -> dict[str, dict[str, list[Any]]]:
+        """Return the statistics of each column: those of pictures (3, 1, 1), of numbers (1,)."""
+        found = {}
+        for name, (frames, count, total, squares, least, largest) in self.sums.items():
+            mean = total / count
+            deviation = np.sqrt(np.maximum(0, squares / count - mean**2))
+            shape = (-1, 1, 1) if len(mean) > 1 else (-1,)
+            each = {"min": least, "max": largest, "mean": mean, "std": deviation}
+            found[name] = {key: value.reshape(shape).tolist() for key, value in each.items()}
+            found[name]["count"] = [int(frames[0])]
+        return found
+
+
+def _counted(column: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the values that there may be, ascending (V,), and how often each occurs, (C, V)."""
+    if column.ndim == 4:
+        channels = [np.bincount(column[..., each].ravel(), minlength=256) for each in range(3)]
+        return np.arange(256) / 255, np.array(channels)
+    values, counts = np.unique(column.astype(np.float64), return_counts=True)
+    return values, counts[None]

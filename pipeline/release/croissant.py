@@ -11,7 +11,7 @@ a clock would make the same data differ.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from labyrinth_core.data.columns import COLUMNS, Column
@@ -66,12 +66,12 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         "distribution": _distribution(datasets, release),
         "recordSet": [
             *(
-                _record_set(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
+                _split_records(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
                 for d in datasets
             ),
             *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
             *(
-                _record_set(
+                _split_records(
                     questions_config(d.name),
                     QUESTION_COLUMNS,
                     question_splits(d.manifest.config),
@@ -127,7 +127,7 @@ def _part(kind: str, name: str, **values: Any) -> dict[str, Any]:
     return {"@type": kind, "@id": name, "name": name, **values}
 
 
-def _record_set(
+def _split_records(
     config: str, columns: Sequence[Column], splits: Sequence[str], row: str
 ) -> dict[str, Any]:
     """Return the record set of a config with splits.
@@ -138,26 +138,24 @@ def _record_set(
         splits: Its splits.
         row: What a row is of.
     """
-    told = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in splits)
+    meanings = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in splits)
     of_split = {
         "extract": {"fileProperty": "fullpath"},
         "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
     }
-    meaning = f"the split that the row is in: {told}"
+    meaning = f"the split that the row is in: {meanings}"
     files = {"fileSet": {"@id": f"files-of-{config}"}}
     split = _field(config, "split", meaning, ["sc:Text", "cr:Split"], files | of_split)
+    fields = [split, *_fields(config, columns, files)]
     description = f"The rows of the config {config}, one for each {row}."
-    return _records(config, description, [split, *_fields(config, columns, files)])
+    return _part("cr:RecordSet", config, description=description, field=fields)
 
 
 def _table_records(config: str) -> dict[str, Any]:
     name, file = table_config(config), {"fileObject": {"@id": f"{config}/{TABLE}"}}
     description = f"The labyrinths of all splits of {config}, one in each row."
-    return _records(name, description, _fields(name, TABLE_COLUMNS, file))
-
-
-def _records(name: str, description: str, fields: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    return _part("cr:RecordSet", name, description=description, field=list(fields))
+    fields = list(_fields(name, TABLE_COLUMNS, file))
+    return _part("cr:RecordSet", name, description=description, field=fields)
 
 
 def _fields(

@@ -93,7 +93,7 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
 
 
 def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:
-    """Yield what lies in a folder beside the files of a release; hidden files are not told."""
+    """Yield what lies in a folder beside the files of a release, except hidden files."""
     folders = {name.partition("/")[0] for name in published if "/" in name}
     for path in sorted(data_dir.glob("[!.]*")):
         if path.name in folders:

@@ -48,28 +48,24 @@ EVAL_RESULTS = ".eval_results"
 class Trained:
     """A policy that is published, and what is known of it."""
 
-    model: str
-    """The id on the Hub, such as `user/planner-5x5`."""
-    version: str
+    run: Run
+    """The run that publishes it, which names it, its version and its dataset."""
+    made: TrainedRun
+    """The run that made it, as its results describe it."""
     spec: PolicySpec
     weights: int
     """The number of its weights."""
-    dataset: str
-    """The id on the Hub of the dataset that it was trained on."""
-    revision: str
-    """The revision of the dataset, as it was named."""
-    commit: str
-    """The commit that the revision means."""
-    manifest: Manifest
     results: Results
-    """What it achieves on that dataset."""
-    run: TrainedRun
-    """The run that made it."""
+    """What it achieves on the dataset."""
+    commit: str
+    """The commit of the dataset on the Hub."""
+    manifest: Manifest
+    """The manifest of that dataset."""
 
     @property
-    def config(self) -> str:
-        """The config of the dataset."""
-        return self.manifest.config.name
+    def revision(self) -> str:
+        """The revision of the dataset, as it was named."""
+        return self.run.dataset_on_hub[1] or self.commit
 
 
 def published_dataset(run: Run, api: HfApi) -> tuple[str, Manifest]:
@@ -102,26 +98,15 @@ def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> Non
         PublishError: The dataset on the Hub is not the one that it was trained on.
     """
     source = run.training_folder
-    dataset, revision = run.dataset_on_hub
     results, made = _results(run, _known(run, commit, manifest))
     _copy_weights(source, folder, made)
     policy = load_policy(source)
     write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
-    trained = Trained(
-        model=run.options.publish.model,
-        version=run.options.publish.version,
-        spec=policy.spec,
-        weights=sum(each.numel() for each in policy.network.parameters()),
-        dataset=dataset,
-        revision=revision or commit,
-        commit=commit,
-        manifest=manifest,
-        results=results,
-        run=made,
-    )
+    weights = sum(each.numel() for each in policy.network.parameters())
+    trained = Trained(run, made, policy.spec, weights, results, commit, manifest)
     write_text(folder / "README.md", _card(trained))
     (folder / EVAL_RESULTS).mkdir()
-    name = f"{dataset.rpartition('/')[2]}.yaml"
+    name = f"{run.dataset_on_hub[0].rpartition('/')[2]}.yaml"
     write_text(folder / EVAL_RESULTS / name, _eval_results(trained))
 
 
@@ -176,13 +161,14 @@ def _eval_results(trained: Trained) -> str:
 
     A split of which the policy was shown a part alone, as with `train_labyrinths`, is not in it.
     """
+    dataset, _ = trained.run.dataset_on_hub
     entries = [
         EvalResultEntry(
-            dataset_id=trained.dataset,
+            dataset_id=dataset,
             dataset_revision=trained.commit,
-            task_id=evaluation_task(trained.config, split),
+            task_id=evaluation_task(trained.manifest.config.name, split),
             value=round(100 * scores.sr, 6),
-            source_url=f"https://huggingface.co/{trained.model}",
+            source_url=f"https://huggingface.co/{trained.run.options.publish.model}",
             source_name="Model card",
             notes="success rate in percent, one greedy episode a labyrinth",
         )
@@ -196,17 +182,18 @@ def _card(trained: Trained) -> str:
     """Return the README.md, a pure function of the evaluation and the dataset."""
     test = trained.results.splits["test"]
     low, high = (f"{100 * bound:.0f}" for bound in test.figures()["sr_interval"])
-    size = trained.spec.image_size
-    shown = ', observation="vector"' if trained.spec.observation == "vector" else ""
+    spec, options = trained.spec, trained.run.options.publish
+    size = spec.image_size
+    shown = ', observation="vector"' if spec.observation == "vector" else ""
     form = "a function from a batch of observations to the scores of the four actions"
-    if isinstance(trained.spec.own, MapperSpec):
+    if isinstance(spec.own, MapperSpec):
         shown = f", image_size={size}"
         form = "an object with `reset(count)` and `act(observations)`, which returns actions"
     return fill(
         "model.md",
-        dataset=trained.dataset,
-        method=plain(trained.run.method),
-        config=trained.config,
+        dataset=trained.run.dataset_on_hub[0],
+        method=plain(trained.made.method),
+        config=trained.manifest.config.name,
         sees="vectors" if size is None else f"pictures of {size} x {size} pixels",
         spl=f"{test.spl:.1%}",
         solved=f"{test.sr:.1%}",
@@ -214,8 +201,8 @@ def _card(trained: Trained) -> str:
         high=high,
         labyrinths=f"{len(test.distance):,}",
         why=WHY_SPL,
-        model=trained.model,
-        version=trained.version,
+        model=options.model,
+        version=options.version,
         revision=trained.revision,
         shown=shown,
         form=form,
@@ -229,20 +216,21 @@ def _card(trained: Trained) -> str:
 
 
 def _training(trained: Trained) -> str:
-    run, training, settings = trained.run, trained.run.training, trained.run.settings.items()
-    asked = run.train_labyrinths
+    made, training = trained.made, trained.made.training
+    config, (dataset, _) = trained.manifest.config.name, trained.run.dataset_on_hub
+    asked = made.train_labyrinths
     held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
     labyrinths = count(held if asked is None else asked, "labyrinth")
     of = "" if asked is None else f", the first of {held:,}"
     rows = [
-        ("dataset", f"`{trained.config}` of `{trained.dataset}`, revision `{trained.revision}`"),
-        ("its fingerprint", f"`{run.fingerprint}`"),
+        ("dataset", f"`{config}` of `{dataset}`, revision `{trained.revision}`"),
+        ("its fingerprint", f"`{made.fingerprint}`"),
         ("learnt from", f"{labyrinths} of `train`{of}"),
         (
             "method",
-            f"{verbatim(run.method)}, encoder {verbatim(run.encoder)}, seed {run.seed}",
+            f"{verbatim(made.method)}, encoder {verbatim(made.encoder)}, seed {made.seed}",
         ),
-        ("settings", ", ".join(verbatim(f"{n}={value}") for n, value in settings)),
+        ("settings", ", ".join(verbatim(f"{n}={value}") for n, value in made.settings.items())),
         (
             "budget",
             f"{count(training['epochs'], 'epoch')}, {training['seconds']:.0f} seconds on "
@@ -284,8 +272,9 @@ def _table_of_results(trained: Trained) -> str:
 
 def _limits(trained: Trained) -> list[str]:
     """Return the points on what the results do not say."""
-    mapper = isinstance(trained.spec.own, MapperSpec)
-    names = ["one_seed", "chosen", "plans_once" if mapper else "no_memory"]
-    names += ["pictures"] * (trained.spec.observation == "image")
-    names += ["knowledge"] * isinstance(trained.spec.own, PlannerSpec)
+    spec = trained.spec
+    names = ["one_seed", "chosen"]
+    names += ["plans_once" if isinstance(spec.own, MapperSpec) else "no_memory"]
+    names += ["pictures"] * (spec.observation == "image")
+    names += ["knowledge"] * isinstance(spec.own, PlannerSpec)
     return [paragraph(f"policy_{name}") for name in names]

@@ -31,16 +31,14 @@ from pipeline.machinery.console import say, tracked
 from pipeline.machinery.own_files import list_all
 from pipeline.release.card import write_card
 from pipeline.release.changes import changes_since, parts
-from pipeline.release.environment import stage_environment
-from pipeline.release.export import KINDS as EXPORTS
-from pipeline.release.export import loading, stage_export
+from pipeline.release.derived import KINDS as EXPORTS
+from pipeline.release.derived import loading, stage_environment, stage_export, stage_report
 from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, SPACE, Kind, Plan, make_plan
 from pipeline.release.provenance import Release
 from pipeline.release.remote import VERSION, Remote
-from pipeline.release.space import stage_report
 from pipeline.release.verify import verified
 
 

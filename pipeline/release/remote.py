@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from huggingface_hub import DatasetCardData, HfApi, RepoFile, constants, get_token
+from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
 
 from labyrinth_core.data.errors import DatasetError
@@ -124,22 +123,16 @@ class Remote:
             commit: The commit.
             files: Some of its files, as from `tree`.
         """
-        with tempfile.TemporaryDirectory(prefix="labyrinth-release-") as folder:
-
-            def download(path: str) -> None:
-                self._call("hf_hub_download", filename=path, revision=commit, local_dir=folder)
-
-            try:
-                download(HASHES)
-                own = OwnFiles.read(Path(folder), self.kind.listed)
-            except (EntryNotFoundError, DatasetError):  # There is none, or somebody else's.
-                return set()
-            listed = {name for name, _ in own.hashes}
-            for path in files:
-                if path in listed and len(files[path]) != 64:  # Git has another hash of it.
-                    download(path)
-            found = {path for path in files if (path, files[path]) in own.hashes or own.has(path)}
-            return found | ({HASHES} & files.keys())
+        try:
+            own = OwnFiles.read(self.download(HASHES, commit).parent, self.kind.listed)
+        except (EntryNotFoundError, DatasetError):  # There is none, or somebody else's.
+            return set()
+        listed = {name for name, _ in own.hashes}
+        for path in files:
+            if path in listed and len(files[path]) != 64:  # Git has another hash of it.
+                self.download(path, commit)
+        found = {path for path in files if (path, files[path]) in own.hashes or own.has(path)}
+        return found | ({HASHES} & files.keys())
 
     def is_new(self, commit: str) -> bool:
         """Return whether a commit holds nothing but what the Hub puts into a new repository."""
@@ -203,12 +196,10 @@ class Remote:
         if found is None:
             say("left out: links to exports, which this token may not look for.")
             return []
-        cards = {each.id: each.card_data for each in found if not each.private}
-        return sorted(id_ for id_, card in cards.items() if card and self._is_source(card))
-
-    def _is_source(self, card: DatasetCardData) -> bool:
-        """Return whether a card names this dataset as a source of its own."""
-        return self.repo_id in [*(card.get(SOURCES) or ())]
+        cards = {each.id: each.card_data for each in found if each.card_data and not each.private}
+        return sorted(
+            id_ for id_, card in cards.items() if self.repo_id in [*(card.get(SOURCES) or ())]
+        )
 
     def join(self, collection: str, *, private: bool) -> None:
         """Put the repository into the collection with a title, which is made if need be.

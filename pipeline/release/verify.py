@@ -15,20 +15,18 @@ import tempfile
 import time
 from contextlib import suppress
 from functools import partial
-from itertools import islice, product
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from huggingface_hub import HfApi, get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
+from labyrinth_core.data.columns import open_shard
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.hub import limit_silence
-from labyrinth_core.data.labyrinth_table import SPLIT, table_config, table_rows
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.rows import opened
 from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.evaluation.questions import questions_config
 from labyrinth_core.policies.load import load_policy
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
@@ -42,7 +40,7 @@ CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)"
 """The names of environment variables that move the caches of the Hub's clients."""
 
 PATIENCE = 180.0
-"""Seconds without a byte from the Hub, or another file or split, after which it is given up.
+"""Seconds after which a verification ends that gets no byte and names no other file or split.
 
 Each call of the clients ends earlier (`data.hub`), but they repeat for many minutes what fails,
 such as connections that are refused.
@@ -51,7 +49,7 @@ REFRESH = 0.5
 """Seconds between two looks at what has come."""
 
 ROWS_COMPARED = 500
-"""The most rows compared of a table of labyrinths; shards have as many in a row group."""
+"""The most rows compared of a split; shards have as many in a row group."""
 
 
 def verified(
@@ -67,8 +65,8 @@ def verified(
     command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
     command += [str(folder.resolve()), kind.name]
     total = sum(path.stat().st_size for path in files_of(kind, folder).values())
-    with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as home:
-        output = Path(home, "output.txt")
+    with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as place:
+        output, home = Path(place, "output.txt"), Path(place, "home")
         with (
             output.open("w") as file,
             subprocess.Popen(
@@ -80,7 +78,7 @@ def verified(
             ) as process,
         ):
             try:
-                _watch(process, output, total, patience)
+                _watch(process, output, home, total, patience)
             except TimeoutError as error:
                 raise PublishError(f"{failed}: {error}") from error
             finally:
@@ -91,24 +89,25 @@ def verified(
     return said
 
 
-def _watch(process: subprocess.Popen[bytes], output: Path, total: int, patience: float) -> None:
+def _watch(
+    process: subprocess.Popen[bytes], output: Path, home: Path, total: int, patience: float
+) -> None:
     """Show how many bytes have come and what is awaited, until a verification ends.
 
     Raises:
         TimeoutError: Nothing has changed for as long as the patience lasts.
     """
-    seen, since = (-1, -1, ""), time.monotonic()
+    seen, since = (-1, ""), time.monotonic()
     with progress() as bars:
         bar = bars.add_task("verify", total=total)
         while process.poll() is None:
-            downloaded, what = _bytes_in(output.parent / "hub"), _last_line(output)
-            now = downloaded, _bytes_in(output.parent / "datasets"), what
+            size, what = now = _bytes_in(home), _last_line(output)
             if now != seen:
                 seen, since = now, time.monotonic()
             elif time.monotonic() > since + patience:
                 waiting = f"nothing came from the Hub in {patience:g} seconds"
                 raise TimeoutError(f"{waiting}, waiting for {what}")
-            bars.update(bar, completed=min(downloaded, total), description=f"verify {what}")
+            bars.update(bar, completed=min(size, total), description=f"verify {what}")
             with suppress(subprocess.TimeoutExpired):
                 process.wait(REFRESH)
         if process.returncode == 0:
@@ -128,10 +127,10 @@ def _bytes_in(folder: Path) -> int:
     return size
 
 
-def _environment(home: str) -> dict[str, str]:
+def _environment(home: Path) -> dict[str, str]:
     """Return the environment of a process whose caches are empty."""
     kept = {name: value for name, value in os.environ.items() if not CACHES.fullmatch(name)}
-    own = {"HF_HOME": home, "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
+    own = {"HF_HOME": str(home), "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
     return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.
 
 
@@ -198,38 +197,37 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
     """
     from datasets import Image, load_dataset
 
-    name, listed = manifest.config.name, [(manifest.config.name, manifest)]
-    if manifest.questions is not None:
-        listed.append((questions_config(name), manifest.questions))
-    expected: dict[str, dict[str, tuple[int, list[Any]]]] = {}
-    for config, of in listed:
-        expected[config] = {}
-        for split in dict.fromkeys(shard.split for shard in of.shards):
-            shards = of.of(split)
-            with opened(folder / config, shards[0]) as file:
-                first = file.read_row_group(0).to_pylist()
-            expected[config][split] = sum(shard.rows for shard in shards), first
-    if manifest.labyrinths is not None:
-        rows = sum(shard.labyrinths for shard in manifest.shards)
-        first = list(islice(table_rows(folder / name, manifest), ROWS_COMPARED))
-        expected[table_config(name)] = {SPLIT: (rows, first)}
-    for config, streaming in product(expected, (False, True)):
-        mode = ", streaming" if streaming else ""
-        _tell(f"{config}{mode}")
-        splits = load_dataset(source, config, revision=commit, streaming=streaming)
-        if splits.keys() != expected[config].keys():
-            names = f"{', '.join(splits)} instead of {', '.join(expected[config])}"
-            raise DatasetError(f"{config}{mode}: there are the splits {names}")
-        for split, (rows, first) in expected[config].items():
-            what, loaded = f"{config} {split}{mode}", splits[split]
-            _tell(what)
-            for column, feature in loaded.features.items():
-                if isinstance(feature, Image):
-                    loaded = loaded.cast_column(column, Image(decode=False))
-            if list(islice(loaded, len(first))) != first:
-                raise DatasetError(f"{what}: the first rows are not those that were published")
-            if not streaming and len(loaded) != rows:
-                raise DatasetError(f"{what}: there are {len(loaded)} rows instead of {rows}")
+    described = front_matter.described([manifest])
+    for config, info in zip(described["configs"], described["dataset_info"], strict=True):
+        name = config["config_name"]
+        counts = {split["name"]: split["num_examples"] for split in info["splits"]}
+        expected = {
+            files["split"]: _first_rows(folder, files["path"]) for files in config["data_files"]
+        }
+        for mode in ("", ", streaming"):
+            _tell(f"{name}{mode}")
+            splits = load_dataset(source, name, revision=commit, streaming=bool(mode))
+            if splits.keys() != expected.keys():
+                names = f"{', '.join(splits)} instead of {', '.join(expected)}"
+                raise DatasetError(f"{name}{mode}: there are the splits {names}")
+            for split, first in expected.items():
+                what, loaded = f"{name} {split}{mode}", splits[split]
+                _tell(what)
+                for column, feature in loaded.features.items():
+                    if isinstance(feature, Image):
+                        loaded = loaded.cast_column(column, Image(decode=False))
+                if list(islice(loaded, len(first))) != first:
+                    raise DatasetError(f"{what}: the first rows are not those that were published")
+                if not mode and len(loaded) != counts[split]:
+                    told = f"there are {len(loaded)} rows instead of {counts[split]}"
+                    raise DatasetError(f"{what}: {told}")
+
+
+def _first_rows(folder: Path, pattern: str) -> list[dict[str, Any]]:
+    """Return the first rows of the first file that a pattern of a config matches."""
+    with open_shard(min(folder.glob(pattern))) as file:
+        rows: list[dict[str, Any]] = next(file.iter_batches(ROWS_COMPARED)).to_pylist()
+    return rows
 
 
 def main() -> None:

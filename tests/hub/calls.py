@@ -8,21 +8,15 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlencode
 
 from hub.card import errors_of, read_front_matter
-from hub.routing import Answer, RefusalError, Request, as_json, route
-from hub.state import (
-    ID_TOKEN,
-    LFS_SUFFIXES,
-    MAIN,
-    Account,
-    Commit,
-    Entry,
-    HubState,
-    Repository,
-)
+from hub.server import Answer, RefusalError, Request, as_json, route
+from hub.state import ID_TOKEN, MAIN, Account, Commit, Entry, Repository
+
+if TYPE_CHECKING:
+    from hub.local_hub import LocalHub
 
 NAME = re.compile(r"[\w.-]{1,96}")
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")
@@ -34,7 +28,7 @@ HEAD_MOVED = "A commit has happened since. Please refresh and try again."
 NOT_UPLOADED = "Your push was rejected because an LFS pointer pointed to a file that does not exist"
 
 
-def _visible(hub: HubState, request: Request, kind: str, name: str) -> Repository:
+def _visible(hub: LocalHub, request: Request, kind: str, name: str) -> Repository:
     """Return a repository; one that is private and of others looks as if it were not there."""
     repository = hub.repositories.get((kind, name))
     if repository is not None and not repository.private:
@@ -47,7 +41,7 @@ def _visible(hub: HubState, request: Request, kind: str, name: str) -> Repositor
 
 
 def _writable(
-    hub: HubState, request: Request, kind: str, name: str, create_pr: bool = False
+    hub: LocalHub, request: Request, kind: str, name: str, create_pr: bool = False
 ) -> Repository:
     """Return a repository that the token may change, or propose changes to."""
     repository = _visible(hub, request, kind, name)
@@ -80,7 +74,7 @@ def _commit(repository: Repository, revision: str) -> Commit:
 
 
 @route("POST", "/oauth/token")
-def exchange_token(hub: HubState, request: Request) -> Answer:
+def exchange_token(hub: LocalHub, request: Request) -> Answer:
     """Answer a job, which is a trusted publisher of every repository there is."""
     asked = request.json()
     *kind, owner, name = asked["resource"].split("/")
@@ -94,7 +88,7 @@ def exchange_token(hub: HubState, request: Request) -> Answer:
 
 
 @route("GET", "/api/whoami-v2")
-def whoami(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
+def whoami(hub: LocalHub, request: Request) -> Answer:  # noqa: ARG001
     account = _user(request)
     organizations = [{"type": "org", "name": name} for name in account.organizations]
     token = {"displayName": account.label, "role": account.role}
@@ -103,13 +97,13 @@ def whoami(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
 
 
 @route("GET", f"{REPO}/auth-check(?P<write>/write)?")
-def auth_check(hub: HubState, request: Request, kind: str, name: str, write: str) -> Answer:
+def auth_check(hub: LocalHub, request: Request, kind: str, name: str, write: str) -> Answer:
     (_writable if write else _visible)(hub, request, kind, name)
     return as_json({})
 
 
 @route("POST", "/api/validate-yaml")
-def validate_yaml(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
+def validate_yaml(hub: LocalHub, request: Request) -> Answer:  # noqa: ARG001
     asked = request.json()
     errors = errors_of(asked["content"], asked.get("repoType", "model"))
     told = {"errors": [{"message": message} for message in errors], "warnings": []}
@@ -117,7 +111,7 @@ def validate_yaml(hub: HubState, request: Request) -> Answer:  # noqa: ARG001
 
 
 @route("POST", "/api/repos/create")
-def create_repo(hub: HubState, request: Request) -> Answer:
+def create_repo(hub: LocalHub, request: Request) -> Answer:
     asked = request.json()
     kind, label = asked.get("type", "model"), str(asked.get("name"))
     account = _user(request)
@@ -129,12 +123,13 @@ def create_repo(hub: HubState, request: Request) -> Answer:
     if (kind, name) in hub.repositories:
         message = f"You already created this {kind} repo: {name}"
         return as_json({"error": message, "url": url}, 409, {"X-Error-Message": message})
-    hub.create(kind, name, asked.get("private") is True or asked.get("visibility") == "private")
+    private = asked.get("private") is True or asked.get("visibility") == "private"
+    hub.create_repo(name, private, kind)
     return as_json({"url": url, "name": name})
 
 
 @route("GET", "/api/datasets")
-def list_datasets(hub: HubState, request: Request) -> Answer:
+def list_datasets(hub: LocalHub, request: Request) -> Answer:
     """List the datasets of an author whose names contain a text, with what is asked for."""
     author, texts = request.query["author"][0], request.query.get("search", [])
     found = []
@@ -149,20 +144,20 @@ def list_datasets(hub: HubState, request: Request) -> Answer:
 
 
 @route("GET", f"{REPO}(?:/revision/{REVISION})?")
-def repo_info(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+def repo_info(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     info = _info(hub, _visible(hub, request, kind, name), revision or "main")
     if asked := request.query.get("expand", request.query.get("expand[]")):
         info = {key: value for key, value in info.items() if key in ("id", *asked)}
     return as_json(info)
 
 
-def _info(hub: HubState, repository: Repository, revision: str) -> dict[str, Any]:
+def _info(hub: LocalHub, repository: Repository, revision: str) -> dict[str, Any]:
     """Return what the Hub says of a repository at a revision."""
     commit = _commit(repository, revision)
     readme = commit.tree.get("README.md")
     card = None
     if readme is not None:
-        card = read_front_matter((hub.blobs / readme.sha256).read_text(encoding="utf-8"))
+        card = read_front_matter(hub.blob(readme.sha256).read_text(encoding="utf-8"))
     return {
         "id": repository.name,
         "author": repository.name.split("/")[0],
@@ -177,7 +172,7 @@ def _info(hub: HubState, repository: Repository, revision: str) -> dict[str, Any
 
 @route("GET", f"{REPO}/tree/{REVISION}(?:/(?P<path>.*))?")
 def list_tree(
-    hub: HubState, request: Request, kind: str, name: str, revision: str, path: str
+    hub: LocalHub, request: Request, kind: str, name: str, revision: str, path: str
 ) -> Answer:
     tree = _commit(_visible(hub, request, kind, name), revision).tree
     folder = f"{path.rstrip('/')}/" if path else ""
@@ -196,7 +191,7 @@ def list_tree(
 
 
 @route("POST", f"{REPO}/paths-info/{REVISION}")
-def paths_info(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+def paths_info(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     tree = _commit(_visible(hub, request, kind, name), revision).tree
     asked, there = parse_qs(request.body().decode()).get("paths", []), {*tree, *_folders(tree)}
     return as_json([_described(tree, path) for path in asked if path in there])
@@ -219,7 +214,7 @@ def _described(tree: Mapping[str, Entry], path: str) -> dict[str, Any]:
 
 
 @route("GET", f"{REPO}/refs")
-def list_refs(hub: HubState, request: Request, kind: str, name: str) -> Answer:
+def list_refs(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
     refs = _visible(hub, request, kind, name).refs
     told: dict[str, list[dict[str, str]]] = {"converts": []}
     for key, prefix in {"branches": "refs/heads/", "tags": "refs/tags/"}.items():
@@ -232,11 +227,11 @@ def list_refs(hub: HubState, request: Request, kind: str, name: str) -> Answer:
 
 
 @route("POST", f"{REPO}/preupload/{REVISION}")
-def preupload(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+def preupload(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     tree = _commit(_writable(hub, request, kind, name, request.flag("create_pr")), revision).tree
     files = []
     for file in request.json()["files"]:
-        is_lfs = file["path"].endswith(LFS_SUFFIXES) or b"\0" in base64.b64decode(file["sample"])
+        is_lfs = b"\0" in base64.b64decode(file["sample"])
         mode = "lfs" if is_lfs else "regular"
         files.append({"path": file["path"], "uploadMode": mode, "shouldIgnore": False})
         entry = tree.get(file["path"])
@@ -246,35 +241,35 @@ def preupload(hub: HubState, request: Request, kind: str, name: str, revision: s
 
 
 @route("POST", rf"{FILES}\.git/info/lfs/objects/batch")
-def lfs_batch(hub: HubState, request: Request, kind: str, name: str) -> Answer:
+def lfs_batch(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
     asked = request.json()
     _writable(hub, request, kind or "model", name, "ref" not in asked)
     verify = {"href": f"{hub.url}{request.raw_path.replace('/objects/batch', '/verify')}"}
     objects = []
     for each in asked["objects"]:
         objects.append({"oid": each["oid"], "size": each["size"]})
-        if not (hub.blobs / each["oid"]).exists():
+        if not hub.blob(each["oid"]).exists():
             upload = {"href": f"{hub.url}/lfs/{each['oid']}"}
             objects[-1]["actions"] = {"upload": upload, "verify": verify}
     return as_json({"transfer": "basic", "objects": objects})
 
 
 @route("POST", rf"{FILES}\.git/info/lfs/verify")
-def lfs_verify(hub: HubState, request: Request, kind: str, name: str) -> Answer:  # noqa: ARG001
-    if not (hub.blobs / request.json()["oid"]).exists():
+def lfs_verify(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:  # noqa: ARG001
+    if not hub.blob(request.json()["oid"]).exists():
         raise RefusalError(404, "the object has not arrived")
     return as_json({})
 
 
 @route("PUT", r"/lfs/(?P<sha256>[0-9a-f]{64})")
-def receive(hub: HubState, request: Request, sha256: str) -> Answer:
-    if not hub.receive(sha256, request.chunks()):
+def receive(hub: LocalHub, request: Request, sha256: str) -> Answer:
+    if not hub.receive(sha256, request.chunks):
         raise RefusalError(400, "the content has another SHA-256")
     return Answer()
 
 
 @route("POST", f"{REPO}/commit/{REVISION}")
-def commit(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+def commit(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     """Commit all operations or none, on a parent that is checked if it is given."""
     create_pr = request.flag("create_pr")
     lines = map(json.loads, request.body().splitlines())
@@ -290,7 +285,7 @@ def commit(hub: HubState, request: Request, kind: str, name: str, revision: str)
         path = value["path"]
         if key == "file":
             tree[path] = hub.regular_entry(base64.b64decode(value["content"]))
-        elif key == "lfsFile" and (hub.blobs / value["oid"]).exists():
+        elif key == "lfsFile" and hub.blob(value["oid"]).exists():
             tree[path] = hub.lfs_entry(value["oid"])
         elif key == "lfsFile":
             raise RefusalError(400, f"{NOT_UPLOADED}: {path}")
@@ -309,7 +304,7 @@ def commit(hub: HubState, request: Request, kind: str, name: str, revision: str)
 
 
 @route("GET", f"{REPO}/discussions")
-def list_discussions(hub: HubState, request: Request, kind: str, name: str) -> Answer:
+def list_discussions(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
     """List the pull requests, which are open until they are merged."""
     repository = _visible(hub, request, kind, name)
     about = {"createdAt": "2026-11-23T00:00:00.000Z", "isPullRequest": True, "status": "open"}
@@ -323,7 +318,7 @@ def list_discussions(hub: HubState, request: Request, kind: str, name: str) -> A
 
 
 @route("POST", f"{REPO}/tag/{REVISION}")
-def create_tag(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+def create_tag(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     repository, ref = _writable(hub, request, kind, name), f"refs/tags/{request.json()['tag']}"
     if hub.faults.tags_to_occupy:
         hub.faults.tags_to_occupy -= 1
@@ -333,7 +328,7 @@ def create_tag(hub: HubState, request: Request, kind: str, name: str, revision: 
 
 
 @route("DELETE", rf"{REPO}/tag/(?P<tag>[^/]+)")
-def delete_tag(hub: HubState, request: Request, kind: str, name: str, tag: str) -> Answer:
+def delete_tag(hub: LocalHub, request: Request, kind: str, name: str, tag: str) -> Answer:
     repository = _writable(hub, request, kind, name)
     if repository.refs.pop(f"refs/tags/{tag}", None) is None:
         raise RefusalError(404, f"Tag {tag} does not exist", "RevisionNotFound")
@@ -342,12 +337,12 @@ def delete_tag(hub: HubState, request: Request, kind: str, name: str, tag: str) 
 
 
 @route("POST", f"{REPO}/branch/(?P<branch>[^/]+)")
-def create_branch(hub: HubState, request: Request, kind: str, name: str, branch: str) -> Answer:
+def create_branch(hub: LocalHub, request: Request, kind: str, name: str, branch: str) -> Answer:
     start = request.json().get("startingPoint", "main")
     return _pointed(hub, _writable(hub, request, kind, name), f"refs/heads/{branch}", start)
 
 
-def _pointed(hub: HubState, repository: Repository, ref: str, revision: str) -> Answer:
+def _pointed(hub: LocalHub, repository: Repository, ref: str, revision: str) -> Answer:
     """Let a new ref point at a revision; 409 if there is one, wherever it points."""
     target = _commit(repository, revision)
     if ref in repository.refs:
@@ -358,7 +353,7 @@ def _pointed(hub: HubState, repository: Repository, ref: str, revision: str) -> 
 
 
 @route("GET", f"{REPO}/commits/{REVISION}")
-def list_commits(hub: HubState, request: Request, kind: str, name: str, revision: str) -> Answer:
+def list_commits(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     repository = _visible(hub, request, kind, name)
     return as_json(
         [
@@ -376,7 +371,7 @@ def list_commits(hub: HubState, request: Request, kind: str, name: str, revision
 
 @route("GET", rf"{FILES}/resolve/{REVISION}/(?P<path>.+)")
 def resolve(
-    hub: HubState, request: Request, kind: str, name: str, revision: str, path: str
+    hub: LocalHub, request: Request, kind: str, name: str, revision: str, path: str
 ) -> Answer:
     """Answer with a file, or the range of it that is asked for."""
     commit = _commit(_visible(hub, request, kind or "model", name), revision)
@@ -385,7 +380,7 @@ def resolve(
         raise RefusalError(404, "Entry not found", "EntryNotFound")
     etag = entry.sha256 if entry.is_lfs else entry.oid
     headers = {"X-Repo-Commit": commit.oid, "ETag": f'"{etag}"', "Accept-Ranges": "bytes"}
-    content = (hub.blobs / entry.sha256).read_bytes()
+    content = hub.blob(entry.sha256).read_bytes()
     asked = RANGE.fullmatch(request.headers.get("Range", ""))
     if asked is None:
         return Answer(200, content, headers)
@@ -400,7 +395,7 @@ def resolve(
 
 
 @route("POST", "/api/collections")
-def create_collection(hub: HubState, request: Request) -> Answer:
+def create_collection(hub: LocalHub, request: Request) -> Answer:
     asked = request.json()
     owner, title = asked["namespace"], asked["title"]
     _user(request)
@@ -424,14 +419,14 @@ def create_collection(hub: HubState, request: Request) -> Answer:
 
 
 @route("GET", r"/api/collections/(?P<slug>[^/]+/[^/]+)")
-def get_collection(hub: HubState, request: Request, slug: str) -> Answer:  # noqa: ARG001
+def get_collection(hub: LocalHub, request: Request, slug: str) -> Answer:  # noqa: ARG001
     if slug not in hub.collections:
         raise RefusalError(404, "Collection not found")
     return as_json(hub.collections[slug])
 
 
 @route("POST", r"/api/collections/(?P<slug>[^/]+/[^/]+)/items")
-def add_item(hub: HubState, request: Request, slug: str) -> Answer:
+def add_item(hub: LocalHub, request: Request, slug: str) -> Answer:
     _user(request)
     _check_writer(request, slug)
     item = request.json()["item"]

@@ -14,15 +14,16 @@ from typing import Any
 import yaml
 
 FRONT_MATTER = re.compile(r"\A\s*---[ \t]*\r?\n(.*?)^---[ \t]*\r?$", re.DOTALL | re.MULTILINE)
-LISTS_OF_WORDS = (
-    *("license", "language", "tags", "task_categories", "size_categories", "datasets"),
-    *("annotations_creators", "source_datasets"),
-)
-SIZE_CATEGORY = re.compile(r"n<1K|\d+[KMBT]?<n<\d+[KMBT]|n>1T")
-SPLIT = re.compile(r"\w+(\.\w+)*")
-SDKS = ("gradio", "docker", "static")
-COLOURS = ("red", "yellow", "green", "blue", "indigo", "purple", "pink", "gray")
-LONGEST_DESCRIPTION = 60
+COLOUR = "red|yellow|green|blue|indigo|purple|pink|gray"
+WORDS = {
+    **dict.fromkeys(("license", "language", "tags", "task_categories", "size_categories"), ".+"),
+    **dict.fromkeys(("annotations_creators", "source_datasets", "datasets"), ".+"),
+    **dict.fromkeys(("colorFrom", "colorTo"), COLOUR),
+    "sdk": "gradio|docker|static",
+    "short_description": ".{0,60}",
+}
+"""Key -> the form of its word, or of each of its words."""
+SPLIT = r"\w+(\.\w+)*"
 
 
 def read_front_matter(readme: str) -> Any:
@@ -38,39 +39,19 @@ def read_front_matter(readme: str) -> Any:
 def errors_of(readme: str, kind: str) -> list[str]:
     """Return what the Hub finds wrong with the card of a repository."""
     try:
-        metadata = read_front_matter(readme)
-        errors = [*_errors(metadata or {}), *(_space(metadata) if kind == "space" else ())]
+        metadata = read_front_matter(readme) or {}
+        errors = [*_errors({"sdk": ""} | metadata if kind == "space" else metadata)]
     except (yaml.YAMLError, AttributeError, LookupError, TypeError) as error:
         errors = [" ".join(str(error).split())]
     return [f"YAML Metadata Error: {error}" for error in errors]
 
 
 def _errors(metadata: dict[str, Any]) -> Iterator[str]:
-    for name in LISTS_OF_WORDS:
+    for name, form in WORDS.items():
         value = metadata.get(name, [])
         words = value if isinstance(value, list) else [value]
-        if not all(isinstance(word, str) for word in words):
-            yield f'"{name}" must be a string or a list of strings'
-    if not all(map(SIZE_CATEGORY.fullmatch, metadata.get("size_categories", []))):
-        yield '"size_categories" must be such as 10K<n<100K'
-    configs = metadata.get("configs", [])
-    if len({config["config_name"] for config in configs}) < len(configs):
-        yield '"configs" must have a different config_name each'
-    if sum(config.get("default") is True for config in configs) > 1:
-        yield '"configs" must have at most one default'
-    for file in (file for config in configs for file in config["data_files"]):
-        if not SPLIT.fullmatch(file["split"]):
-            yield f'"configs.data_files.split" must match {SPLIT.pattern}, not {file["split"]!r}'
-    for split in (each for info in metadata.get("dataset_info", []) for each in info["splits"]):
-        if not all(type(split[count]) is int for count in ("num_examples", "num_bytes")):
-            yield '"dataset_info.splits" must be an array of objects with a name and counts'
-
-
-def _space(metadata: dict[str, Any]) -> Iterator[str]:
-    if metadata.get("sdk") not in SDKS:
-        yield f'"sdk" must be one of {", ".join(SDKS)}'
-    for name in ("colorFrom", "colorTo"):
-        if metadata.get(name, COLOURS[0]) not in COLOURS:
-            yield f'"{name}" must be one of {", ".join(COLOURS)}'
-    if len(metadata.get("short_description", "")) > LONGEST_DESCRIPTION:
-        yield f'"short_description" must have at most {LONGEST_DESCRIPTION} characters'
+        if not all(isinstance(word, str) and re.fullmatch(form, word) for word in words):
+            yield f'"{name}" must be a string or a list of strings, as {form}'
+    for file in (file for each in metadata.get("configs", []) for file in each["data_files"]):
+        if not re.fullmatch(SPLIT, file["split"]):
+            yield f'"configs.data_files.split" must match {SPLIT}, not {file["split"]!r}'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from dataclasses import dataclass, field
+from functools import partialmethod
 from typing import Any
 
 UNLIMITED = 1 << 30
@@ -17,12 +18,12 @@ class Rule:
     """What to do with the calls that match, after `skip` of them, `times` times."""
 
     effect: str
-    """`fail`, `drop`, `hold`, `hold after`, `stall` or `lose response`."""
     method: str
     path: str
     times: int = 1
     skip: int = 0
     status: int = 503
+    after: bool = False
     reached: threading.Event = field(default_factory=threading.Event, repr=False)
     """Set when it has struck for the first time."""
     released: threading.Event = field(default_factory=threading.Event, repr=False)
@@ -41,6 +42,13 @@ class Rule:
 
 class Faults:
     """The faults of a running Hub.
+
+    `fail` answers with a status, and does nothing. `drop` closes the connection, and does nothing.
+    `hold` keeps calls waiting until `release`: before anything is done, or `after`, unanswered.
+    `rule.reached` is set once one is there; then is the time to kill the client. A call whose
+    client has gone by the time of its release has no effect.
+    `stall` sends half of the answer, and the rest after `release`.
+    `lose_response` does what is asked, then closes the connection.
 
     `method` is a pattern such as `GET|HEAD`, `path` one that is searched in the unquoted path.
     `times` is how many matching calls are hit; `skip` lets that many pass before.
@@ -61,35 +69,17 @@ class Faults:
         self.page_size = PAGE_SIZE
         self.tags_to_occupy = 0
 
-    def fail(
-        self, method: str, path: str, status: int = 503, times: int = 1, skip: int = 0
-    ) -> Rule:
-        """Answer with that status, and do nothing."""
-        return self._add(Rule("fail", method, path, times, skip, status))
+    def _add(self, effect: str, method: str, path: str, **options: Any) -> Rule:
+        rule = Rule(effect, method, path, **options)
+        with self._lock:
+            self.rules.append(rule)
+        return rule
 
-    def drop(self, method: str, path: str, times: int = 1, skip: int = 0) -> Rule:
-        """Close the connection, and do nothing."""
-        return self._add(Rule("drop", method, path, times, skip))
-
-    def hold(
-        self, method: str, path: str, times: int = 1, skip: int = 0, after: bool = False
-    ) -> Rule:
-        """Keep calls waiting until `release`: before anything is done, or `after`, unanswered.
-
-        `rule.reached` is set once one is there; then is the time to kill the client. A call whose
-        client has gone by the time of its release has no effect.
-        """
-        return self._add(Rule("hold after" if after else "hold", method, path, times, skip))
-
-    def stall(self, method: str, path: str, times: int = 1, skip: int = 0) -> Rule:
-        """Send half of the answer, and the rest after `release`."""
-        return self._add(Rule("stall", method, path, times, skip))
-
-    def lose_response(
-        self, method: str, path: str, status: int = 0, times: int = 1, skip: int = 0
-    ) -> Rule:
-        """Do what is asked, then close the connection or, with a status, answer that instead."""
-        return self._add(Rule("lose response", method, path, times, skip, status))
+    fail = partialmethod(_add, "fail")
+    drop = partialmethod(_add, "drop")
+    hold = partialmethod(_add, "hold")
+    stall = partialmethod(_add, "stall")
+    lose_response = partialmethod(_add, "lose response")
 
     def occupy_tag(self) -> None:
         """Let another user set the next tag asked for, at the repository's first commit."""
@@ -103,7 +93,7 @@ class Faults:
         """Let the calls go on that are held, and hold no more."""
         with self._lock:
             for rule in self.rules:
-                if rule.effect.startswith(("hold", "stall")):
+                if rule.effect in ("hold", "stall"):
                     rule.times = 0
                     rule.released.set()
 
@@ -125,8 +115,3 @@ class Faults:
         """Return the rules that are for this call, counting it."""
         with self._lock:
             return [rule for rule in self.rules if rule.takes(method, path)]
-
-    def _add(self, rule: Rule) -> Rule:
-        with self._lock:
-            self.rules.append(rule)
-        return rule

@@ -1,29 +1,76 @@
-"""The port on which the Hub on loopback listens: reads requests, lets faults strike, answers."""
+"""The port on which the Hub on loopback listens: reads requests, lets faults strike, answers.
+
+A refusal is what the client's `hf_raise_for_status` reads. The client maps some errors by the
+header `X-Error-Code` alone where it speaks plain http.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 import socket
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
-from urllib.parse import unquote, urlsplit
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, unquote, urlsplit
 
-import hub.calls  # noqa: F401  Its functions answer the calls.
 from hub.faults import Rule
-from hub.request_log import Exchange
-from hub.routing import Answer, RefusalError, Request, answer, as_json
-from hub.state import HubState
+from hub.state import Account, Exchange
+
+if TYPE_CHECKING:
+    from hub.local_hub import LocalHub
 
 CHUNK = 1 << 16
 CONTROL = "/__control__"
 
 
+@dataclass
+class Answer:
+    """An answer of the Hub."""
+
+    status: int = 200
+    body: bytes = b""
+    headers: dict[str, str] = field(default_factory=dict)
+    before_the_rest: Callable[[], object] = lambda: None
+    """Called when half of the body has been sent."""
+
+
+class RefusalError(RuntimeError):
+    """The Hub does not do what is asked."""
+
+    def __init__(self, status: int, message: str, code: str = "") -> None:
+        super().__init__(message)
+        headers = {"X-Error-Message": message} | ({"X-Error-Code": code} if code else {})
+        self.answer = as_json({"error": message}, status, headers)
+
+
 class DroppedError(RuntimeError):
     """The connection is to be closed without an answer."""
+
+
+def as_json(value: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Answer:
+    """Return an answer with JSON."""
+    content_type = {"Content-Type": "application/json; charset=utf-8"}
+    return Answer(status, json.dumps(value, default=str).encode(), content_type | (headers or {}))
+
+
+Answering = Callable[..., Answer]
+ROUTES: list[tuple[str, re.Pattern[str], Answering]] = []
+"""Method, pattern of the quoted path, and the function that answers."""
+
+
+def route(method: str, pattern: str) -> Callable[[Answering], Answering]:
+    """Return a decorator: the function answers such calls; named groups become arguments."""
+
+    def register(function: Answering) -> Answering:
+        ROUTES.append((method, re.compile(pattern), function))
+        return function
+
+    return register
 
 
 class Listener(ThreadingHTTPServer):
@@ -32,18 +79,16 @@ class Listener(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 128
 
-    def __init__(self, hub: HubState, port: int) -> None:
+    def __init__(self, hub: LocalHub, port: int) -> None:
         self.hub = hub
-        self.failures: list[str] = []
-        """Tracebacks of what should not have happened in this server."""
         self.in_flight = 0
         self.changed = threading.Condition()
-        super().__init__(("127.0.0.1", port), Handler)
+        super().__init__(("127.0.0.1", port), Request)
         threading.Thread(target=self.serve_forever, args=(0.02,), daemon=True).start()
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
         if not isinstance(sys.exc_info()[1], ConnectionError):
-            self.failures.append(traceback.format_exc())
+            self.hub.failures.append(traceback.format_exc())
 
     def count(self, change: int) -> None:
         """Count a request that begins or ends."""
@@ -57,12 +102,37 @@ class Listener(ThreadingHTTPServer):
             return self.changed.wait_for(lambda: self.in_flight == 0, seconds)
 
 
-class Handler(BaseHTTPRequestHandler):
-    """Answers the requests of one connection."""
+class Request(BaseHTTPRequestHandler):
+    """The requests of one connection, one after the other."""
 
     server: Listener
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
+    account: Account | None
+    """Of the token; None without one, or for one that the Hub does not know."""
+    raw_path: str
+    """As it came, quoted, without the query."""
+    query: dict[str, list[str]]
+    """The values of each argument in the query."""
+    chunks: Iterator[bytes]
+    """The rest of the body, as it arrives."""
+
+    def flag(self, name: str) -> bool:
+        """Return whether an argument in the query is true."""
+        return self.query.get(name, ["0"])[0].lower() in ("1", "true")
+
+    def body(self) -> bytes:
+        """Return the whole body, however often it is asked for."""
+        content = b"".join(self.chunks)
+        self.chunks = iter([content])
+        return content
+
+    def json(self) -> Any:
+        """Return the body, which has to be JSON."""
+        try:
+            return json.loads(self.body() or b"{}")
+        except ValueError as error:
+            raise RefusalError(400, f"body is not JSON: {error}") from error
 
     def handle_one_request(self) -> None:
         self.raw_requestline = self.rfile.readline(CHUNK + 1)
@@ -80,18 +150,16 @@ class Handler(BaseHTTPRequestHandler):
 
     def _answer_request(self) -> None:
         url, hub = urlsplit(self.path), self.server.hub
-        body = self._body()
+        self.raw_path, self.query, self.chunks = url.path, parse_qs(url.query), self._body()
         if url.path == CONTROL:
-            self._send(self._control(b"".join(body)))
+            self._send(self._control())
             return
         token = self.headers.get("Authorization", "").removeprefix("Bearer ")
-        account = hub.accounts.get(token)
-        request = Request(self.command, url.path, url.query, self.headers, account, lambda: body)
-        label = account.label if account else "rejected" if token else "none"
+        self.account = hub.accounts.get(token)
+        label = self.account.label if self.account else "rejected" if token else "none"
         try:
-            told = self._answer(request)
-            for _ in body:
-                continue
+            told = self._after_faults()
+            self.body()
         except (DroppedError, ConnectionError):
             hub.log.add(Exchange(self.command, unquote(url.path), 0, label))
             self.close_connection = True
@@ -101,38 +169,49 @@ class Handler(BaseHTTPRequestHandler):
         hub.log.add(Exchange(self.command, unquote(url.path), told.status, label, sent))
         self._send(told)
 
-    def _answer(self, request: Request) -> Answer:
-        """Return the answer to a request, after the faults that strike it."""
-        rules = self.server.hub.faults.take(request.method, request.path)
+    def _after_faults(self) -> Answer:
+        """Return the answer to the request, after the faults that strike it."""
+        rules = self.server.hub.faults.take(self.command, unquote(self.raw_path))
         for rule in rules:
-            if rule.effect == "hold":
-                request.body()
+            if rule.effect == "hold" and not rule.after:
+                self.body()
                 self._hold(rule)
-            rule.reached.set() if rule.effect != "hold after" else None
+            if not rule.after:
+                rule.reached.set()
             if rule.effect == "fail":
                 message = f"the Hub answers {rule.status} on demand"
                 return RefusalError(rule.status, message).answer
             if rule.effect == "drop":
                 raise DroppedError
         try:
-            told = answer(self.server.hub, request)
+            told = self._answer()
         except RefusalError as refusal:
             told = refusal.answer
         except (DroppedError, ConnectionError):
             raise
         except Exception:
-            self.server.failures.append(traceback.format_exc())
+            self.server.hub.failures.append(traceback.format_exc())
             told = RefusalError(500, "Internal Server Error").answer
         for rule in rules:
-            if rule.effect == "hold after":
+            if rule.after:
                 self._hold(rule)
             if rule.effect == "stall":
                 told.before_the_rest = rule.released.wait
             if rule.effect == "lose response":
-                if rule.status == 0:
-                    raise DroppedError
-                told = RefusalError(rule.status, "the response was lost").answer
+                raise DroppedError
         return told
+
+    def _answer(self) -> Answer:
+        """Return the answer to the request; refusals are raised."""
+        if self.account is None and "Authorization" in self.headers:
+            raise RefusalError(401, "Invalid credentials in Authorization header")
+        method = "GET" if self.command == "HEAD" else self.command
+        for allowed, pattern, function in ROUTES:
+            if allowed == method and (match := pattern.fullmatch(self.raw_path)):
+                groups = {name: unquote(value or "") for name, value in match.groupdict().items()}
+                with self.server.hub.lock:
+                    return function(self.server.hub, self, **groups)
+        raise RefusalError(404, f"this Hub knows no call {self.command} {self.raw_path}")
 
     def _hold(self, rule: Rule) -> None:
         """Wait for the release; drop the call if the client has gone in the meantime."""
@@ -177,10 +256,10 @@ class Handler(BaseHTTPRequestHandler):
             told.before_the_rest()
             self.wfile.write(told.body[half:])
 
-    def _control(self, body: bytes) -> Answer:
+    def _control(self) -> Answer:
         """Change the faults, as another process asks."""
         try:
-            self.server.hub.faults.control(json.loads(body))
+            self.server.hub.faults.control(json.loads(self.body()))
         except ValueError as error:
             return RefusalError(400, str(error)).answer
         return as_json({})

@@ -1,25 +1,14 @@
-"""What the Hub on loopback keeps: accounts, repositories as git has them, contents, collections."""
+"""What the Hub on loopback keeps: accounts, repositories as git has them, and a log of requests."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import threading
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
-from uuid import uuid4
-
-from hub.faults import Faults
-from hub.request_log import RequestLog
 
 MAIN = "refs/heads/main"
-SHORTEST_COMMIT = 7
-LFS_SUFFIXES = (".parquet", ".png", ".safetensors")
-GITATTRIBUTES = "".join(f"*{suffix} filter=lfs -text\n" for suffix in LFS_SUFFIXES).encode()
-TEMPLATE = {"style.css": b"body { padding: 2rem; }\n"}
-"""What the Hub puts into a new static Space, in short."""
 TOKENS = {
     "write": "hf_loopbackTokenThatMayWrite",
     "read": "hf_loopbackTokenThatMayRead",
@@ -108,10 +97,8 @@ class Repository:
         for ref in (revision, f"refs/heads/{revision}", f"refs/tags/{revision}"):
             if ref in self.refs:
                 return self.commits[self.refs[ref]]
-        if len(revision) >= SHORTEST_COMMIT:
-            for oid, commit in self.commits.items():
-                if oid.startswith(revision):
-                    return commit
+        if revision in self.commits:
+            return self.commits[revision]
         raise LookupError(f"Invalid rev id: {revision}")
 
     def history(self, commit: Commit) -> Iterator[Commit]:
@@ -127,68 +114,57 @@ def git_oid(content: bytes) -> str:
     return hashlib.sha1(b"blob %d\0%b" % (len(content), content)).hexdigest()
 
 
-class HubState:
-    """The state of a Hub in a folder; a Hub that was there before goes on."""
+@dataclass(frozen=True)
+class Exchange:
+    """A request and its answer."""
 
-    def __init__(self, folder: Path, user: str, organizations: tuple[str, ...]) -> None:
-        self.folder = folder
-        self.blobs = folder / "blobs"
-        self.blobs.mkdir(parents=True, exist_ok=True)
-        self.url = ""
-        self.lock = threading.RLock()
-        self.faults = Faults()
-        self.log = RequestLog()
-        self.accounts = {
-            TOKENS["write"]: Account("write", user, organizations, "write"),
-            TOKENS["read"]: Account("read", user, organizations, "read"),
-            TOKENS["stranger"]: Account("stranger", "stranger", (), "write"),
-        }
-        self.repositories: dict[tuple[str, str], Repository] = {}
-        self.collections: dict[str, dict[str, Any]] = {}
-        if (file := folder / "state.json").exists():
-            saved = json.loads(file.read_text(encoding="utf-8"))
-            self.collections = saved["collections"]
-            for repository in map(Repository.load, saved["repositories"]):
-                self.repositories[repository.kind, repository.name] = repository
+    method: str
+    path: str
+    """Unquoted, without the query."""
+    status: int
+    """0 if the connection was dropped, by either side, before an answer."""
+    token: str
+    """Label of the token; `none` without one, `rejected` if unknown."""
+    sent: int = 0
+    """The bytes of the answer's body."""
 
-    def save(self) -> None:
-        """Write what there is, so that it is there wholly or not at all."""
-        repositories = [asdict(repository) for repository in self.repositories.values()]
-        saved = {"repositories": repositories, "collections": self.collections}
-        unfinished = self.folder / "state.json.unfinished"
-        unfinished.write_text(json.dumps(saved), encoding="utf-8")
-        unfinished.replace(self.folder / "state.json")
+    def __str__(self) -> str:
+        return f"{self.status or '---'} {self.method:6} {self.path} ({self.token})"
 
-    def create(self, kind: str, name: str, private: bool) -> None:
-        """Make a repository with its first commit."""
-        repository = self.repositories[kind, name] = Repository(kind, name, private)
-        files = {".gitattributes": GITATTRIBUTES} | (TEMPLATE if kind == "space" else {})
-        tree = {path: self.regular_entry(content) for path, content in files.items()}
-        repository.commit(MAIN, tree, "initial commit")
-        self.save()
 
-    def regular_entry(self, content: bytes) -> Entry:
-        """Return the entry of a file that is in git itself, and store its content."""
-        sha256 = hashlib.sha256(content).hexdigest()
-        (self.blobs / sha256).write_bytes(content)
-        return Entry(git_oid(content), sha256, len(content))
+class RequestLog:
+    """All exchanges since the Hub was started."""
 
-    def lfs_entry(self, sha256: str) -> Entry:
-        """Return the entry of a stored content of which git holds a pointer."""
-        size = (self.blobs / sha256).stat().st_size
-        version = "https://git-lfs.github.com/spec/v1"
-        pointer = f"version {version}\noid sha256:{sha256}\nsize {size}\n".encode()
-        return Entry(git_oid(pointer), sha256, size, is_lfs=True)
+    def __init__(self) -> None:
+        self.on_exchange: Callable[[Exchange], None] | None = None
+        self._exchanges: list[Exchange] = []
 
-    def receive(self, sha256: str, chunks: Iterable[bytes]) -> bool:
-        """Store a content that comes in pieces; return whether it has the hash announced."""
-        found, unfinished = hashlib.sha256(), self.blobs / f"{uuid4().hex}.part"
-        with unfinished.open("wb") as file:
-            for chunk in chunks:
-                found.update(chunk)
-                file.write(chunk)
-        if found.hexdigest() == sha256:
-            unfinished.replace(self.blobs / sha256)
-            return True
-        unfinished.unlink()
-        return False
+    def __len__(self) -> int:
+        """Return the number of exchanges, to be given as `since` later."""
+        return len(self._exchanges)
+
+    def add(self, exchange: Exchange) -> None:
+        """Keep an exchange."""
+        self._exchanges.append(exchange)
+        if self.on_exchange is not None:
+            self.on_exchange(exchange)
+
+    def find(
+        self,
+        method: str | None = None,
+        path: str = "",
+        status: int | None = None,
+        since: int = 0,
+    ) -> list[Exchange]:
+        """Return the exchanges with that method and status whose path matches a pattern."""
+        return [
+            exchange
+            for exchange in self._exchanges[since:]
+            if method in (None, exchange.method)
+            and status in (None, exchange.status)
+            and re.search(path, exchange.path)
+        ]
+
+    def uploaded(self, since: int = 0) -> list[str]:
+        """Return the SHA-256 of each content that was sent, as often as it was."""
+        return [each.path.rpartition("/")[2] for each in self.find("PUT", "^/lfs/", 200, since)]

@@ -1,8 +1,7 @@
-"""The Hub on loopback as a person and the real clients see it; releases test the rest."""
+"""The Hub on loopback as a person starts it to rehearse a release; releases test the rest."""
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -12,117 +11,11 @@ from pathlib import Path
 from urllib.error import HTTPError
 
 import pytest
-from publishing import REPO, local_hub, run_script
 from quick_python import python
 
-from hub.card import errors_of
-from hub.local_hub import SETTINGS, LocalHub
-
-__all__ = ["local_hub"]
+from hub.local_hub import SETTINGS
 
 pytestmark = pytest.mark.slow
-
-ATTEMPTS = """
-import json, sys
-from huggingface_hub import CommitOperationAdd, HfApi, hf_hub_download
-
-api, name, results = HfApi(), sys.argv[1], {}
-D = {"repo_type": "dataset"}
-files = [CommitOperationAdd("a.parquet", b"content"), CommitOperationAdd("a", b"a")]
-
-def attempt(label, call, *arguments, **options):
-    try:
-        call(name, *arguments, **D, **options)
-        results[label] = "done"
-    except Exception as error:
-        status = getattr(getattr(error, "response", None), "status_code", None)
-        results[label] = [type(error).__name__, status]
-
-attempt("read", api.auth_check)
-attempt("info", api.repo_info)
-attempt("download", hf_hub_download, ".gitattributes")
-attempt("write", api.auth_check, write=True)
-attempt("create", api.create_repo)
-attempt("upload", api.preupload_lfs_files, files[:1])
-attempt("commit", api.create_commit, files[1:], commit_message="a")
-attempt("tag", api.create_tag, tag="1.0.0")
-attempt("branch", api.create_branch, branch="next")
-print(json.dumps(results))
-"""
-
-
-def attempt(hub: LocalHub, name: str, token: str | None) -> dict[str, object]:
-    """Return what came of each call that is attempted of a repository."""
-    results: dict[str, object] = json.loads(run_script(hub, ATTEMPTS, name, token=token).stdout)
-    return results
-
-
-READS, CHANGES = ("read", "info", "download"), ("write", "upload", "commit", "tag", "branch")
-
-
-@pytest.mark.parametrize(
-    ("token", "reads", "changes"),
-    [
-        ("write", "done", "done"),
-        (None, "done", ["HfHubHTTPError", 401]),
-        ("read", "done", ["HfHubHTTPError", 403]),
-        ("stranger", "done", ["HfHubHTTPError", 403]),
-        ("rejected", ["HfHubHTTPError", 401], ["HfHubHTTPError", 401]),
-    ],
-)
-def test_a_token_does_what_it_may(
-    local_hub: LocalHub, token: str | None, reads: object, changes: object
-) -> None:
-    local_hub.create_repo(REPO)
-    results = attempt(local_hub, REPO, token)
-    create = ["HfHubHTTPError", 409] if token == "write" else changes
-    assert results == (
-        dict.fromkeys(READS, reads) | dict.fromkeys(CHANGES, changes) | {"create": create}
-    )
-    assert (len(local_hub.history(REPO)) == 2) == (token == "write")
-
-
-@pytest.mark.parametrize(("token", "status"), [(None, 401), ("stranger", 404)])
-def test_a_private_repository_looks_as_if_it_were_not_there(
-    local_hub: LocalHub, token: str | None, status: int
-) -> None:
-    local_hub.create_repo(REPO, private=True)
-    hidden, missing = (attempt(local_hub, name, token) for name in (REPO, "user/missing"))
-    assert hidden == missing
-    del hidden["create"]
-    assert set(hidden) == {*READS, *CHANGES}
-    assert all(result == ["RepositoryNotFoundError", status] for result in hidden.values())
-    assert attempt(local_hub, REPO, "read")["download"] == "done"
-
-
-@pytest.mark.parametrize(
-    ("metadata", "kind", "error"),
-    [
-        ("license: mit\nsize_categories: [1K<n<10K]", "dataset", None),
-        ("configs: [", "dataset", "while parsing"),
-        ("language: 5", "dataset", '"language" must be a string or a list of strings'),
-        ("size_categories: [huge]", "dataset", "must be such as 10K<n<100K"),
-        (
-            "configs:\n- {config_name: a, default: true, data_files: []}\n"
-            "- {config_name: b, default: true, data_files: []}",
-            "dataset",
-            '"configs" must have at most one default',
-        ),
-        (
-            "configs:\n- {config_name: a, data_files: [{split: a-b, path: a}]}",
-            "dataset",
-            "must match",
-        ),
-        ("sdk: static\ncolorFrom: green", "space", None),
-        ("sdk: static\ncolorFrom: violet", "space", '"colorFrom" must be one of red, yellow'),
-    ],
-)
-def test_a_card_that_the_hub_cannot_read_is_refused(
-    metadata: str, kind: str, error: str | None
-) -> None:
-    errors = errors_of(f"---\n{metadata}\n---\n# Card", kind)
-    assert len(errors) == (error is not None)
-    assert error is None or error in errors[0]
 
 
 def test_a_person_can_start_a_hub_make_it_fail_stop_it_and_start_it_again(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from hub.faults import Rule
 from hub.local_hub import LocalHub
-from hub.request_log import Exchange
+from hub.state import Exchange
 from quick_python import python
 
 ROOT = Path(__file__).parents[2]
@@ -115,10 +115,11 @@ def publishing(
     data_dir: Path,
     version: str = "1.0.0",
     *options: str,
+    until: Rule,
     repo: str = REPO,
     **more: str,
 ) -> Iterator[subprocess.Popen[str]]:
-    """Publish in a process that is killed in the end, with all that it has started."""
+    """Publish until a call is held; the process is killed in the end, with all that it started."""
     with subprocess.Popen(
         [python(), *command(data_dir, version, *options, repo=repo)],
         env=environment(hub, **more),
@@ -129,6 +130,8 @@ def publishing(
         start_new_session=True,
     ) as process:
         try:
+            while not until.reached.wait(0.05):
+                assert process.poll() is None, (until, *process.communicate())
             yield process
         finally:
             with suppress(ProcessLookupError):
@@ -136,18 +139,18 @@ def publishing(
             process.communicate()  # It has ended when its files are closed.
 
 
-def wait_for(rule: Rule, process: subprocess.Popen[str]) -> None:
-    """Wait until a call is held."""
-    while not rule.reached.wait(0.05):
-        assert process.poll() is None, (rule, *process.communicate())
+def last_line(process: subprocess.Popen[str]) -> str:
+    """Return the last line that a process writes to standard error until it ends."""
+    _, errors = process.communicate()
+    return errors.splitlines()[-1]
 
 
 def kill_in(
     hub: LocalHub, held: Rule, data_dir: Path, version: str, *options: str, repo: str = REPO
 ) -> None:
     """Publish, and kill it while a call is held."""
-    with publishing(hub, data_dir, version, *options, repo=repo) as process:
-        wait_for(held, process)
+    with publishing(hub, data_dir, version, *options, until=held, repo=repo):
+        pass
     hub.faults.clear()
     hub.wait_until_quiet()
 

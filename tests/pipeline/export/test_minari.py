@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 
@@ -85,23 +83,17 @@ def test_what_minari_does_with_datasets_it_does_with_ours(
 
 
 @pytest.mark.slow
-def test_the_command_line_of_minari_lists_and_shows_our_export(small_dataset: Run, tmp_path):
+def test_the_command_line_of_minari_lists_and_shows_our_export(
+    small_dataset: Run, tmp_path, monkeypatch, capsys
+):
+    from minari.cli import app
+
     export(small_dataset, tmp_path, "minari", "test")
-    program = """
-from minari.cli import app
-for arguments in (["list", "local"], ["show", "labyrinth/3x3/test-v0"]):
-    app(arguments, standalone_mode=False)
-"""
-    variables = {"MINARI_DATASETS_PATH": str(tmp_path / "minari"), "COLUMNS": "200"}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=variables | {"PYTHONPATH": os.pathsep.join(sys.path), "HOME": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    listed, _, shown = done.stdout.partition("Number of datasets: 1")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    monkeypatch.setenv("COLUMNS", "200")
+    for arguments in (["list", "local"], ["show", "labyrinth/3x3/test-v0"]):
+        app(arguments, standalone_mode=False)
+    listed, _, shown = capsys.readouterr().out.partition("Number of datasets: 1")
     for part in (listed, shown):
         assert "labyrinth/3x3/test-v0" in part
         assert "The Labyrinth datasets developers" in part

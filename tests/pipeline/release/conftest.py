@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,12 +14,6 @@ from publishing import local_hub, published
 from pipeline.config.run import Run, RunConfig, resolve
 
 __all__ = ["local_hub"]
-
-
-@pytest.fixture(scope="session")
-def build_dataset() -> Callable[..., Path]:
-    """The function that builds one dataset more."""
-    return make
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,6 @@ from publishing import (
     environment,
     error_of,
     held,
-    kill_in,
     publish,
     published,
     run_script,
@@ -34,13 +33,11 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import WHY_SPL
-from pipeline.config.errors import ConfigError
 from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import Run
 from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.release.faults import PublishError
+from pipeline.release.derived import stage_report
 from pipeline.release.model import stage_policy
-from pipeline.release.space import stage_report
 from pipeline.report.report import write_report
 from pipeline.training import train
 
@@ -91,15 +88,6 @@ def of_run(run: Run) -> tuple[str, ...]:
     return ("size=3", "method=planner", f"run_dir={run.options.run_dir}")
 
 
-@pytest.fixture
-def of_dataset(local_hub: LocalHub, trained: Run) -> tuple[str, ...]:
-    """The options that publish the policy, whose dataset is on the Hub, but for its rows."""
-    local_hub.create_repo(REPO)
-    manifest = (Path(trained.source) / "3x3" / "manifest.json").read_bytes()
-    local_hub.commit(REPO, "3x3/manifest.json", manifest)
-    return (*of_run(trained), f"publish.model={MODEL}", f"dataset={REPO}")
-
-
 def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_to_each_other(
     local_hub: LocalHub, trained: Run, tmp_path: Path
 ) -> None:
@@ -108,6 +96,11 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     options = (*of_run(trained), f"publish.model={MODEL}", f"publish.space={SPACE}")
     printed = published(local_hub, data_dir, "1.0.0", *options)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
+    assert "5 files are those published, and the policy loads." in printed
+    assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
+        ".eval_results/labyrinth.yaml",
+        *("README.md", "SHA256SUMS", "config.json", "model.safetensors"),
+    }
     assert f"{local_hub.url}/spaces/{SPACE}" in printed
     for repo, kind in ((REPO, "dataset"), (MODEL, "model"), (SPACE, "space")):
         refs = local_hub.refs(repo, kind)
@@ -175,43 +168,15 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     assert changes(local_hub, asked) == []
 
 
-def test_a_policy_whose_release_is_killed_is_there_whole_or_not_at_all(
-    local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
-) -> None:
-    nowhere = trained.local_dir
-    options = ("1.0.0", *of_dataset)
-    for landed in (False, True):  # After all contents were sent, and after the commit.
-        rule = local_hub.faults.hold("POST", "/commit/", after=landed)
-        kill_in(local_hub, rule, nowhere, *options, repo="")
-        files = held(local_hub, "main", MODEL, "model")
-        assert len(files) == (5 if landed else 0)
-        assert local_hub.refs(MODEL, "model").keys() == {"refs/heads/main"}
-    printed = published(local_hub, nowhere, *options, repo="")
-    assert "0 files to add" in printed
-    assert "5 files are those published, and the policy loads." in printed
-    assert held(local_hub, "1.0.0", MODEL, "model") == files
-    assert len(local_hub.history(MODEL, kind="model")) == 2
-
-
-def test_a_version_of_a_policy_is_published_once_and_a_dry_run_changes_nothing(
-    local_hub: LocalHub, trained: Run, of_dataset: tuple[str, ...]
-) -> None:
-    printed = published(
-        local_hub, trained.local_dir, "1.0.0", *of_dataset, "publish.dry_run=true", repo=""
-    )
-    assert re.findall(r"^  add    (\S+)$", printed, re.MULTILINE) == [
-        ".eval_results/labyrinth.yaml",
-        "README.md",
-        "SHA256SUMS",
-        "config.json",
-        "model.safetensors",
-    ]
-    assert changes(local_hub) == []
-
+def test_a_version_of_a_policy_is_published_once(local_hub: LocalHub, trained: Run) -> None:
+    local_hub.create_repo(REPO)
+    manifest = (Path(trained.source) / "3x3" / "manifest.json").read_bytes()
+    local_hub.commit(REPO, "3x3/manifest.json", manifest)  # Of the dataset, all that is read.
     local_hub.create_repo(MODEL, kind="model")
     local_hub.commit(MODEL, "config.json", b"{}", kind="model")
     local_hub.tag(MODEL, "1.0.0", kind="model")
-    error = error_of(publish(local_hub, trained.local_dir, "1.0.0", *of_dataset, repo=""))
+    options = (*of_run(trained), f"publish.model={MODEL}", f"dataset={REPO}")
+    error = error_of(publish(local_hub, trained.local_dir, "1.0.0", *options, repo=""))
     assert error.startswith(f"the tag 1.0.0 of {MODEL} is at ")
     assert "with other data (" in error
     assert error.endswith("choose another publish.version")
@@ -240,25 +205,46 @@ def of_hub(run: Run, **options: Any) -> Run:
     return replace(run, options=replace(run.options, dataset=REPO, publish=publishing, **options))
 
 
+@pytest.fixture
+def copied(trained: Run, tmp_path: Path) -> Run:
+    """The run that publishes the policy, in a folder of its own."""
+    return of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
+
+
+def change(file: Path, *place: str, value: Any = None) -> None:
+    """Change a value in a file of JSON, or remove it."""
+    content = inner = json.loads(file.read_bytes())
+    *way, last = place
+    for key in way:
+        inner = inner[key]
+    inner[last] = value
+    if value is None:
+        del inner[last]
+    file.write_text(json.dumps(content), encoding="utf-8")
+
+
+def refused(run: Run, manifest: Manifest, staged: Path) -> str:
+    """Return why the policy of a run is not published."""
+    with pytest.raises(DatasetError) as caught:
+        stage_policy(run, staged, COMMIT, manifest)
+    return str(caught.value)
+
+
 def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     trained: Run, manifest: Manifest, staged: Path
 ) -> None:
     first, *others = manifest.shards
     other = replace(manifest, shards=[replace(first, fingerprint="0" * 64), *others])
-    with pytest.raises(PublishError) as caught:
-        stage_policy(of_hub(trained), staged, COMMIT, other)
     told = f"{trained.training_folder} was trained on another dataset than {REPO}: their finger"
-    assert str(caught.value).startswith(told)
+    assert refused(of_hub(trained), other, staged).startswith(told)
 
 
 def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
-    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
+    copied: Run, manifest: Manifest, staged: Path
 ) -> None:
-    runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
-    run = of_hub(trained, run_dir=str(runs))
-    few = of_few(Results.load(run.training_folder / "results.json"), 5)
-    part = replace(run, options=replace(run.options, train_labyrinths=5))
-    shutil.copytree(run.training_folder, part.training_folder)
+    few = of_few(Results.load(copied.training_folder / "results.json"), 5)
+    part = replace(copied, options=replace(copied.options, train_labyrinths=5))
+    shutil.copytree(copied.training_folder, part.training_folder)
     few.save(part.training_folder / "results.json", name=part.run_name.name)
     stage_policy(part, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
@@ -272,51 +258,32 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
 @pytest.mark.parametrize(
     ("place", "value", "why"),
     [
+        (("splits", "test", "known_route"), "010101", "is refused: test: known_route does not say"),
+        (("baselines", "random", "test", "sr"), 0.5, "is refused: test: sr of random is 0.5, but "),
         (
-            ("splits", "test", "known_route"),
-            "010101",
-            "test: known_route does not say which routes",
+            ("baselines", "oracle"),
+            None,
+            "is refused: train: the figures of the baseline oracle ",
         ),
-        (("baselines", "random", "test", "sr"), 0.5, "test: sr of random is 0.5, but .*"),
-        (("baselines", "oracle"), None, "train: the figures of the baseline oracle are missing"),
         (("run", "training", "epochs"), 99, "tells another training than run.json"),
         (("run", "settings", "epochs"), 99, "tells another training than run.json"),
     ],
 )
 def test_results_that_cannot_be_or_are_not_of_the_record_are_not_published(
-    trained: Run,
-    manifest: Manifest,
-    staged: Path,
-    tmp_path: Path,
-    place: tuple[str, ...],
-    value: Any,
-    why: str,
+    copied: Run, manifest: Manifest, staged: Path, place: tuple[str, ...], value: Any, why: str
 ) -> None:
-    run = of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
-    path = run.training_folder / "results.json"
-    content = json.loads(path.read_bytes())
-    *way, last = place
-    inner = content
-    for key in way:
-        inner = inner[key]
-    inner[last] = value
-    if value is None:
-        del inner[last]
-    path.write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(DatasetError) as caught:
-        stage_policy(run, staged, COMMIT, manifest)
-    assert re.fullmatch(rf"{path} (is refused: )?{why}.*", str(caught.value)), str(caught.value)
+    results = copied.training_folder / "results.json"
+    change(results, *place, value=value)
+    assert refused(copied, manifest, staged).startswith(f"{results} {why}")
 
 
 def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_table(
-    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
+    copied: Run, manifest: Manifest, staged: Path
 ) -> None:
-    run = of_hub(trained, run_dir=shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
     for name in ("results.json", "run.json"):
-        content = json.loads((run.training_folder / name).read_bytes())
-        content["run"]["settings"] |= {"a": "<b>|", "b": "`<img src=x>\n## Mine`"}
-        (run.training_folder / name).write_text(json.dumps(content), encoding="utf-8")
-    stage_policy(run, staged, COMMIT, manifest)
+        for setting, text in (("a", "<b>|"), ("b", "`<img src=x>\n## Mine`")):
+            change(copied.training_folder / name, "run", "settings", setting, value=text)
+    stage_policy(copied, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
     assert settings.endswith(r"`a=<b>\|`, b=\`\<img src=x\> \#\# Mine\`")
@@ -344,82 +311,34 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
 
 
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
-    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
+    copied: Run, manifest: Manifest, staged: Path
 ) -> None:
-    def refused(run: Run) -> str:
-        with pytest.raises(DatasetError) as caught:
-            stage_policy(run, staged, COMMIT, manifest)
-        return str(caught.value)
-
-    runs = Path(shutil.copytree(trained.options.run_dir, tmp_path / "runs"))
-    run = replace(trained, options=replace(trained.options, run_dir=str(runs)))
-    folder = run.training_folder
-    (folder / "policy.safetensors").write_bytes(b"others")
-    told = f"{folder}/results.json is of other weights than policy.safetensors: stages=evaluate"
-    assert refused(run).startswith(told)
-    content = json.loads((folder / "results.json").read_bytes())
-    content["run"]["evaluated"]["weights"] = hashlib.sha256(b"others").hexdigest()
-    (folder / "results.json").write_text(json.dumps(content), encoding="utf-8")
-    assert refused(run).startswith(f"{folder}/policy.safetensors holds no weights: ")
-    del content["run"]
-    (folder / "results.json").write_text(json.dumps(content), encoding="utf-8")
-    assert (
-        refused(run) == f"{folder}/results.json is not of this run: stages=evaluate makes it anew"
-    )
-    (folder / "policy.safetensors").unlink()
-    other = replace(run, options=replace(run.options, seed=1))
+    folder = copied.training_folder
+    results, weights = folder / "results.json", folder / "policy.safetensors"
+    weights.write_bytes(b"others")
+    told = f"{results} is of other weights than policy.safetensors: stages=evaluate"
+    assert refused(copied, manifest, staged).startswith(told)
+    change(results, "run", "evaluated", "weights", value=hashlib.sha256(b"others").hexdigest())
+    assert refused(copied, manifest, staged).startswith(f"{weights} holds no weights: ")
+    change(results, "run")
+    told = f"{results} is not of this run: stages=evaluate makes it anew"
+    assert refused(copied, manifest, staged) == told
+    other = replace(copied, options=replace(copied.options, seed=1))
     told = "planner-seed1 holds no policy that was evaluated: 'stages=[train,evaluate]' makes one"
-    assert refused(other).endswith(told)
+    assert refused(other, manifest, staged).endswith(told)
 
 
 def test_a_report_that_is_not_there_or_was_changed_is_not_published(
     trained: Run, staged: Path, tmp_path: Path
 ) -> None:
-    def refused() -> str:
-        with pytest.raises(DatasetError) as caught:
-            stage_report(run, staged)
-        return str(caught.value)
-
     run = replace(trained, data_dir=tmp_path)
-    assert refused() == f"{tmp_path}/report holds no report: run stages=report first"
-    (tmp_path / "report").mkdir()
-    (tmp_path / "report" / "index.html").write_text("mine", encoding="utf-8")
-    told = f"{tmp_path}/report/index.html is not as stages=report left it: move it away, and run"
-    assert refused().startswith(told)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"publish": {"model": "planner"}}, "publish.model=planner: give the id of a model on the"),
-        ({"publish": {"space": "a/b/c"}}, "publish.space=a/b/c: give the id of a Space on the Hub"),
-        ({"publish": {"model": MODEL}}, "dataset=: give the id on the Hub of the dataset that wha"),
-        (
-            {"publish": {"space": SPACE}, "dataset": "/data/labyrinth"},
-            "dataset=/data/labyrinth: give the id on the Hub of the dataset that what is published",
-        ),
-        (
-            {"publish": {"model": MODEL}, "dataset": REPO, "memory": True}
-            | {"task": "partial_observability"},
-            "memory=true: a policy that is published has no memory beside its network, so that",
-        ),
-        (
-            {"publish": {"model": MODEL}, "dataset": REPO, "protocol": "paper"},
-            "protocol=paper: its pictures are not those that evaluate shows, so that its policy is",
-        ),
-        *(
-            (
-                {"publish": {"model": MODEL}, "dataset": REPO, "method": {"name": method}},
-                f"publish.model={MODEL}: policies of method={method} are not published, since",
-            )
-            for method in ("vin", "walls")
-        ),
-    ],
-)
-def test_options_of_a_policy_or_report_that_cannot_be_are_refused_in_one_line(
-    options: dict[str, Any], message: str
-) -> None:
-    publishing = PublishOptions(version="1.0.0", **options.pop("publish"))
-    with pytest.raises(ConfigError) as caught:
-        resolve(RunConfig(stages=["publish"], data_dir=".", publish=publishing, **options))
-    assert str(caught.value).startswith(message)
+    with pytest.raises(DatasetError) as caught:
+        stage_report(run, staged)
+    assert str(caught.value) == f"{tmp_path}/report holds no report: run stages=report first"
+    page = tmp_path / "report" / "index.html"
+    page.parent.mkdir()
+    page.write_text("mine", encoding="utf-8")
+    with pytest.raises(DatasetError) as caught:
+        stage_report(run, staged)
+    told = f"{page} is not as stages=report left it: move it away, and run"
+    assert str(caught.value).startswith(told)

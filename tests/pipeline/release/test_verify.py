@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from making import make
 from planting import DEFAULT
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from pipeline.inspection import front_matter
 from pipeline.release.verify import check_config
 
 
@@ -22,16 +23,11 @@ from pipeline.release.verify import check_config
     ],
 )
 def test_rows_that_are_not_the_published_ones_are_found(
-    carded: Path,
-    build_dataset: Callable[..., Path],
-    tmp_path: Path,
-    seed: int,
-    labyrinths: int,
-    message: str,
+    carded: Path, tmp_path: Path, seed: int, labyrinths: int, message: str
 ) -> None:
-    check_config(str(carded), None, Manifest.read(carded / DEFAULT), carded)
-    options = {"labyrinths": labyrinths, "random_steps": 25, "seed": seed}
-    other = build_dataset(tmp_path, DEFAULT, **options)
+    for manifest in front_matter.finished(carded):
+        check_config(str(carded), None, manifest, carded)
+    other = make(tmp_path, DEFAULT, labyrinths=labyrinths, random_steps=25, seed=seed)
     with pytest.raises(DatasetError) as error:
         check_config(str(carded), None, Manifest.read(other), tmp_path)
     assert str(error.value) == message.format(DEFAULT)

@@ -1,13 +1,16 @@
-"""The export of a dataset as a repository that the library of its format reads from the Hub.
+"""What is made of a dataset and published beside it: an export, its environment, its report.
 
-One holds one config. LeRobot reads one dataset at the root, so that there it is one split; Minari
-reads a group of datasets, whose ids begin with the name of the repository, as
+An export is a repository that the library of its format reads from the Hub. It holds one config.
+LeRobot reads one dataset at the root, so that its repository holds one split. Minari reads a group
+of datasets, whose ids begin with the name of the repository, as
 `minari.storage.remotes.huggingface` of https://pypi.org/project/minari/, 0.5.4, has it.
 """
 
 from __future__ import annotations
 
 import json
+import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import local_folder
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
+from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, VERSION
 from pipeline.config.run import Run
@@ -37,6 +41,9 @@ KINDS = {"lerobot": LEROBOT, "minari": MINARI}
 
 NAMESPACE_METADATA = "namespace_metadata.json"
 """The file by which Minari knows a group, and each group within a group."""
+
+PAGE = "index.html"
+"""The page of the report, in the folder where the stage `report` leaves it, and in its Space."""
 
 
 def loading(run: Run) -> str:
@@ -179,3 +186,55 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
         files = [{"split": split, "path": "data/*/*.parquet"}]
         values["configs"] = [{"config_name": "default", "data_files": files}]
     return values
+
+
+def stage_environment(run: Run, folder: Path, commit: str, manifest: Manifest) -> None:
+    """Write all that the repository of the environment of a run is to hold: `env.py` and a card.
+
+    LeRobot looks for `env.py` in a model (`lerobot.envs.utils._download_hub_file` of
+    https://pypi.org/project/lerobot/, 0.4.4 to 0.6.1), and runs it where its user allows that.
+
+    Args:
+        run: The run, which names the dataset and its config.
+        folder: Where to write it.
+        commit: The commit of the dataset on the Hub.
+        manifest: The manifest of that dataset.
+    """
+    dataset, _ = run.dataset_on_hub
+    splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
+    # As literals of Python: nothing of what the Hub answers can become code.
+    values = {"dataset": repr(dataset), "config": repr(run.dataset.name)}
+    write_text(folder / "env.py", fill("env.txt", **values, commit=repr(commit)))
+    card = fill(
+        "environment.md",
+        name=run.options.publish.env,
+        dataset=dataset,
+        config=run.dataset.name,
+        commit=commit,
+        splits=", ".join(f"`{split}`" for split in splits),
+        code=code(),
+        citation=citation(),
+    )
+    write_text(folder / "README.md", card)
+
+
+def stage_report(run: Run, folder: Path) -> None:
+    """Write the files of the static Space of a run's report: its page and a card.
+
+    The card follows https://huggingface.co/docs/hub/spaces-config-reference.
+
+    Raises:
+        DatasetError: There is no report, or it is not as the stage `report` left it.
+    """
+    source = run.local_dir / "report"
+    page = source / PAGE
+    if not page.is_file():
+        raise DatasetError(f"{source} holds no report: run stages=report first")
+    own = OwnFiles.read(source, always=re.escape(PAGE))
+    if not own.has(PAGE):
+        raise DatasetError(
+            f"{page} is not as stages=report left it: move it away, and run that again"
+        )
+    dataset, _ = run.dataset_on_hub
+    shutil.copyfile(page, folder / PAGE)
+    write_text(folder / "README.md", fill("space.md", dataset=dataset, code=code()))

@@ -1,0 +1,85 @@
+"""Options of what is published that are missing, or that go with no others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from publishing import REPO
+
+from pipeline.config.errors import ConfigError
+from pipeline.config.export import ExportOptions
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import RunConfig, resolve
+
+WHERE = {"repo_id": REPO, "version": "1.0.0"}
+MODEL = {"model": "user/planner-3x3", "version": "1.0.0"}
+EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
+
+
+@pytest.mark.parametrize(
+    ("publish", "others", "message"),
+    [
+        ({}, {}, "publish.repo_id="),
+        (WHERE | {"repo_id": "labyrinth"}, {}, "publish.repo_id=labyrinth: give the id"),
+        (WHERE | {"repo_id": "user/a/b"}, {}, "publish.repo_id=user/a/b: give the id"),
+        (WHERE | {"version": ""}, {}, "publish.version=: give three numbers, such as 1.0.0"),
+        (WHERE | {"version": "v1"}, {}, "publish.version=v1: give three numbers"),
+        (WHERE | {"branch": "a..b"}, {}, "publish.branch=a..b: give the name of a branch"),
+        (MODEL | {"model": "planner"}, {}, "publish.model=planner: give the id of a model on the"),
+        (WHERE | {"space": "a/b/c"}, {}, "publish.space=a/b/c: give the id of a Space on the Hub"),
+        (MODEL, {}, "dataset=: give the id on the Hub of the dataset that what is published is of"),
+        *(
+            (
+                WHERE | {"repo_id": "", name: REPO},
+                {"dataset": id_},
+                f"dataset={id_}: give the id on",
+            )
+            for name, id_ in (
+                ("space", "/data/labyrinth"),
+                ("env", "user"),
+                ("env", "user/a'b"),  # In env.py the id is code.
+                ("env", 'user/a"+exit()+"'),
+                ("env", "user/a\nimport os"),
+            )
+        ),
+        (
+            MODEL,
+            {"dataset": REPO, "memory": True, "task": "partial_observability"},
+            "memory=true: a policy that is published has no memory beside its network, so that",
+        ),
+        (
+            MODEL,
+            {"dataset": REPO, "protocol": "paper"},
+            "protocol=paper: its pictures are not those that evaluate shows, so that its policy is",
+        ),
+        (
+            MODEL,
+            {"dataset": REPO, "method": {"name": "vin"}},
+            "publish.model=user/planner-3x3: policies of method=vin are not published, since",
+        ),
+        (EXPORT, {}, "export.format=: choose one of "),
+        (
+            EXPORT,
+            {"export": ExportOptions("imitation")},
+            "export.format=imitation: publish.export releases lerobot and minari, whose",
+        ),
+        (
+            EXPORT,
+            {"export": ExportOptions("lerobot")},
+            "export.splits=[]: a repository holds one LeRobot dataset, so ",
+        ),
+        (
+            EXPORT,
+            {"export": ExportOptions("lerobot", splits=("train", "test"))},
+            "export.splits=[train, test]: a repo",
+        ),
+    ],
+)
+def test_options_that_cannot_be_published_are_refused_in_one_line(
+    publish: dict[str, str], others: dict[str, Any], message: str
+) -> None:
+    options = RunConfig(stages=["publish"], publish=PublishOptions(**publish), **others)
+    with pytest.raises(ConfigError) as caught:
+        resolve(options)
+    assert str(caught.value).startswith(message)
