@@ -36,9 +36,7 @@ DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
         ("HalfCheetah-v5", 8, 3000, -np.inf),
     ],
 )
-def test_experts_are_worth_keeping_and_play_the_same_episode_again(
-    name, seeds, least, worst
-):
+def test_experts_are_worth_keeping_and_play_the_same_episode_again(name, seeds, least, worst):
     played = [environment_of(name, DATASET).play(seed) for seed in (1, *range(seeds))]
     returns = [each.total for each in played[1:]]
     assert np.mean(returns) >= least
