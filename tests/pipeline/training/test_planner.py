@@ -134,16 +134,6 @@ def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
     assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
 
 
-def test_a_grid_of_cells_needs_as_many_rows_as_columns() -> None:
-    spec = NetworkSpec("planner", 1, 3, 4, "navigation")
-    with pytest.raises(ConfigError, match=r"size=3x4: .*method.grid_prior=false"):
-        planner.Method.make(spec, settings_of("planner"))
-    pictures = torch.zeros(2, 64, 64, 3, dtype=torch.uint8)
-    settings = settings_of("planner", grid_prior=False, colour_prior=False)
-    scores = planner.Method.make(spec, settings)
-    assert scores(pictures).shape == (2, 4)
-
-
 def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Problems) -> None:
     settings = settings_of("bc", augment=True, relabel=True, average=True, pictures=64)
     learner = bc.Method(problem_of(encoder="cnn"), settings)
@@ -151,22 +141,13 @@ def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Probl
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
 
 
-def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
-    problem_of: Problems, small_dataset: Run
-) -> None:
+def test_it_solves_labyrinths_never_seen(problem_of: Problems, small_dataset: Run) -> None:
+    # After 8 epochs it solves 4 to 7 of 8, depending on the seed and on the processor.
+    learner = toy(problem_of(encoder="cnn"), epochs=20)
+    for _ in range(learner.settings.epochs):
+        learner.epoch()
     held_out = load_arrays(small_dataset.data_dir, "3x3", "test")
-    rates = []
-    for learner in (
-        # After 8 epochs it solves 4 to 7 of 8, depending on the seed and on the processor.
-        toy(problem_of(encoder="cnn"), epochs=20),
-        bc.Method(problem_of(encoder="cnn"), settings_of("bc", epochs=8)),
-    ):
-        for _ in range(learner.settings.epochs):
-            learner.epoch()
-        rates.append(success_rate(NetworkPolicy(learner.policy), held_out))
-    planned, cloned = rates
-    assert planned >= 0.75
-    assert planned > cloned + 0.25
+    assert success_rate(NetworkPolicy(learner.policy), held_out) >= 0.75
 
 
 def released() -> NetworkPolicy:
@@ -218,10 +199,14 @@ def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_ref
     spec, settings = NetworkSpec("planner", 1, 5, 5, "navigation"), settings_of("planner")
     assert planner.Method.image_size(spec, settings, 5, 5) == 64
     assert planner.Method.image_size(spec, settings, 10, 10) == 128
-    with pytest.raises(
-        ConfigError, match=r"\Asize=4x6: method\.grid_prior=true needs as many rows"
-    ):
+    refused = r"\Asize=4x6: method\.grid_prior=true needs as many rows .*method.grid_prior=false\Z"
+    with pytest.raises(ConfigError, match=refused):
         planner.Method.image_size(spec, settings, 4, 6)
-    freely = settings_of("planner", grid_prior=False)
+    oblong = NetworkSpec("planner", 1, 4, 6, "navigation")
+    with pytest.raises(ConfigError, match=refused):
+        planner.Method.make(oblong, settings)
+    freely = settings_of("planner", grid_prior=False, colour_prior=False)
     assert planner.Method.image_size(spec, freely, 4, 6) == 77
+    pictures = torch.zeros(2, 64, 64, 3, dtype=torch.uint8)
+    assert planner.Method.make(oblong, freely)(pictures).shape == (2, 4)
     assert bc.Method.image_size(spec, settings_of("bc"), 4, 6) == 64
