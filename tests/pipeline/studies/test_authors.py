@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from learning import equal_weights
+from learning import equal_weights, states_seen_by, targets_of
 
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -98,10 +98,7 @@ def uniform_policy(observations: Any) -> Any:
 
 @pytest.mark.parametrize("name", ["bc", "dagger", "gail"])
 def test_last_rows_of_episodes_are_learnt_from_and_the_learner_never_acts(
-    name: str,
-    problem_of: Problems,
-    states_seen: list[np.ndarray],
-    monkeypatch: pytest.MonkeyPatch,
+    name: str, problem_of: Problems, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     learner = learner_of(name, problem_of())
 
@@ -110,8 +107,7 @@ def test_last_rows_of_episodes_are_learnt_from_and_the_learner_never_acts(
 
     monkeypatch.setattr(Learner, "outputs", forbidden)
     monkeypatch.setattr(torch, "no_grad", forbidden)
-    learner.epoch()
-    assert learner.problem.arrays.goal[np.concatenate(states_seen)].any()
+    assert learner.problem.arrays.goal[states_seen_by(learner, epochs=1)].any()
 
 
 # Rows and trials.
@@ -257,29 +253,22 @@ def test_iupe_draws_its_actions_while_it_is_trained_and_not_afterwards() -> None
 
 
 def test_the_target_adds_gamma_and_keeps_the_value_where_the_episode_is_over(
-    problem_of: Problems, monkeypatch: pytest.MonkeyPatch, targets_of: Callable[[Any], list[Any]]
+    problem_of: Problems,
 ) -> None:
     problem = problem_of()
     arrays, learner = problem.arrays, learner_of("sqil", problem, gamma=0.75, batch_size=2)
     last = np.flatnonzero(arrays.done.any(axis=1) & ~arrays.terminal)[0]
-    onto_goal = [last, int(arrays.done[last].argmax()), 0]
+    action = int(arrays.done[last].argmax())
+    onto_goal = [last, action, arrays.next_state[last, action]]
     first = [int(arrays.initial[0]), 2, int(arrays.initial[0])]  # Into the outer wall.
     learner.own, learner.rows = np.array([first]), np.array([onto_goal])
-    monkeypatch.setattr(learner, "values", lambda after: torch.full((len(after),), 7.0))
-    targets = targets_of(sqil)
-    learner.update()
-    assert targets[0].tolist() == [0 + 0.75 + 7] * 2 + [1 + 0 + 7] * 2
-
-
-def test_a_value_is_the_soft_maximum_with_temperature_four(problem_of: Problems) -> None:
-    learner = learner_of("sqil", problem_of())
     q = torch.tensor([0.0, 1.0, 2.0, 3.0])
     with torch.no_grad():
         learner.target.classifier[-1].weight.zero_()
         learner.target.classifier[-1].bias.copy_(q)
-    wanted = 4 * np.log(np.exp(q.numpy() / 4).sum())
-    goal = np.flatnonzero(learner.problem.arrays.goal)[:1]
-    assert learner.values(np.array([0, *goal])).tolist() == pytest.approx([wanted] * 2)
+    value = 4 * np.log(np.exp(q.numpy() / 4).sum())
+    wanted = [0 + 0.75 + value] * 2 + [1 + 0 + value] * 2
+    assert targets_of(learner) == pytest.approx(wanted)
 
 
 def test_the_target_network_is_copied_after_steps_1_2_and_4_alone(problem_of: Problems) -> None:

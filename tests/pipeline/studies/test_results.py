@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 import shutil
 from dataclasses import replace
@@ -171,26 +170,13 @@ def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
     stage.run(run_of(evaluated, other.data_dir))
     assert f"{other.data_dir}/3x3 is another dataset" in capsys.readouterr().out
     assert ",True,train," not in board.read_text()
-    path = tmp_path / "results" / "runs" / "3x3" / "dagger-cnn-seed0.json"
-    content = json.loads(path.read_text())
-    ids = content["splits"]["test"]["labyrinth_ids"]
-    ids[:2] = ids[1::-1]
-    path.write_text(json.dumps(content))
-    with pytest.raises(
-        stage.RefusedError, match=r"is refused: test: labyrinth 1 is \w+, but \w+ in"
-    ):
-        stage.run(run_of(tmp_path / "nothing there"))
 
 
 @pytest.mark.slow
-def test_runs_on_other_labyrinths_are_not_compared_but_on_fewer_of_the_same_they_are(
-    evaluated, run_of, tmp_path
-):
+def test_runs_on_other_labyrinths_are_not_compared(evaluated, run_of, tmp_path):
     runs = shutil.copytree(evaluated, tmp_path / "runs")
     found = of(runs, "dagger-cnn-seed0")
     keep(of_few(found, 3), runs)
-    stage.run(run_of(runs))
-    assert "## 3x3, cnn-labyrinths3" in (tmp_path / "results" / "README.md").read_text("utf-8")
     other = replace(found.run, method="gail", fingerprint="1" * 64)
     keep(replace(found, fingerprint="1" * 64, run=other), runs)
     with pytest.raises(DatasetError, match="are of different datasets"):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
@@ -41,15 +39,6 @@ def summed(of: Environment, seeds: int = 40) -> tuple[Discretisation, Summary]:
 def test_other_points_have_another_fingerprint(discrete):
     first, again, other = (summed(noise(s, discrete=discrete), 4)[0] for s in (0, 0, 0.1))
     assert first.fingerprint == again.fingerprint != other.fingerprint
-
-
-def test_summaries_of_parts_join_to_that_of_the_whole():
-    discretisation, summary = summed(noise(), 9)
-    joined = Summary.joined(
-        [Summary.of(noise(), discretisation, part) for part in (range(4), range(4, 9))]
-    )
-    for field in fields(Summary):
-        assert np.array_equal(getattr(summary, field.name), getattr(joined, field.name))
 
 
 def test_visits_are_told_apart_by_the_half_of_the_seed():

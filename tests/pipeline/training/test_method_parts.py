@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from learning import settings_of
+from learning import settings_of, targets_of
 from torch import nn
 
 from labyrinth_core.policies.networks.network import Cnn
@@ -104,17 +103,13 @@ def test_the_goal_is_worth_its_reward_for_ever_and_other_states_the_soft_maximum
     assert np.allclose(values[arrays.goal], (1 + 2 * np.log(4)) / (1 - 0.5))
 
 
-def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(
-    problem_of: Problems, targets_of: Callable[[Any], list[Any]]
-) -> None:
+def test_half_a_batch_is_rewarded_with_one_and_half_with_nothing(problem_of: Problems) -> None:
     first = Steps(*(each[:1] for each in problem_of().demonstrations))
     settings = settings_of("sqil", batch_size=10, gamma=0.5)
     learner = sqil.Method(problem_of(demonstrations=first), settings)
     learner.own = np.array([[0, 2, 7]])
     learner.values = np.arange(len(learner.values), dtype=np.float64)
-    targets = targets_of(sqil)
-    learner.update()
-    assert targets[0].tolist() == [1 + 0.5 * first.next_states[0]] * 5 + [0.5 * 7] * 5
+    assert targets_of(learner) == [1 + 0.5 * first.next_states[0]] * 5 + [0.5 * 7] * 5
 
 
 # GAIL.
@@ -230,12 +225,9 @@ def test_the_discriminator_has_the_1028_inputs_of_table_2() -> None:
     assert not [layer for layer in discriminator.modules() if isinstance(layer, nn.BatchNorm2d)]
     convolutions = parameters(Cnn()) - 2 * 2 * 64
     assert parameters(discriminator) == convolutions + 1028 * 256 + 256 + 256 * 257 + 257
-    assert discriminator(PICTURES).shape == (3, 4)
-
-
-def test_the_discriminator_sees_state_and_action() -> None:
-    logits = Discriminator(SPEC)(PICTURES[:2])
-    assert len(set(logits.flatten().tolist())) == 8
+    logits = discriminator(PICTURES)
+    assert logits.shape == (3, 4)
+    assert len(set(logits.flatten().tolist())) == 12  # It sees state and action.
 
 
 def test_examples_are_transformed_with_their_labels_by_all_symmetries_alike() -> None:

@@ -109,7 +109,7 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
     assert histories[0]["selected"] == histories[1]["selected"]
 
 
-def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
+def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_replaced(
     run_of: Callable[..., Run], capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = run_of()
@@ -122,6 +122,10 @@ def test_a_finished_run_is_not_done_again_and_another_one_not_replaced(
         train.run(run_of(**changed))
     assert "a run with method.epochs=3, not 4: choose" in str(caught.value)
     assert {path: path.stat().st_mtime_ns for path in run.training_folder.iterdir()} == before
+    weights = weights_of(run)
+    (run.training_folder / POLICY).unlink()
+    train.run(run)
+    assert weights_of(run) == weights
     train.run(run_of(**changed, overwrite=True))
     assert record_of(run)["epochs"] == 4
 
@@ -147,15 +151,6 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
             train.run(run_of(overwrite=True))
         assert (folder / name).read_bytes() == b"mine"
         (folder / name).unlink()
-
-
-def test_a_policy_that_was_removed_is_made_again(run_of: Callable[..., Run]) -> None:
-    run = run_of()
-    train.run(run)
-    weights = weights_of(run)
-    (run.training_folder / POLICY).unlink()
-    train.run(run)
-    assert weights_of(run) == weights
 
 
 def test_the_labyrinths_of_test_are_never_opened(
