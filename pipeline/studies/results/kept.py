@@ -27,7 +27,7 @@ LISTED = rf"README\.md|leaderboard\.md|({RUNS}|{SUBMISSIONS})/.+\.json"
 """A pattern of what SHA256SUMS always lists there."""
 
 
-class AtHand:
+class Available:
     """The dataset that a run names, each config read once when it is first asked for."""
 
     def __init__(self, run: Run) -> None:
@@ -64,22 +64,22 @@ class AtHand:
         return KnownDataset.read(run.source, config, run.options.revision)
 
 
-def read(path: Path, at_hand: AtHand, place: tuple[str, str] | None = None) -> Results:
+def read(path: Path, available: Available, place: tuple[str, str] | None = None) -> Results:
     """Return the results in a file, compared with the dataset if it is available.
 
     A run on another dataset of the same config is compared with none; any other policy is refused.
 
     Args:
         path: The file.
-        at_hand: The datasets that are available.
+        available: The datasets that are available.
         place: The config and the name of the run whose results belong there; a file of no run may
             lie there, too.
 
     Raises:
         DatasetError: The file cannot be read, or does not add up; the message has one line.
     """
-    results = Results.load(path, at_hand)
-    run, known = results.run, at_hand(results.config)
+    results = Results.load(path, available)
+    run, known = results.run, available(results.config)
     try:
         if run is not None and place is not None:
             if (results.config, run.name) != place:
@@ -88,7 +88,7 @@ def read(path: Path, at_hand: AtHand, place: tuple[str, str] | None = None) -> R
         if known is None:
             return results
         if run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
-            at_hand.missing[results.config] = f"{known.place} is another dataset"
+            available.missing[results.config] = f"{known.place} is another dataset"
         else:
             results.require_dataset(known)
     except ValueError as error:
@@ -96,7 +96,7 @@ def read(path: Path, at_hand: AtHand, place: tuple[str, str] | None = None) -> R
     return results
 
 
-def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
+def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
     """Copy the results in a folder of runs to where they are kept; return which are refused.
 
     What was kept before of one that is refused stays, and so does a file that was not copied there.
@@ -108,7 +108,7 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
     for path in results_in(run_dir):
         try:
             place = path.parts[-3], path.parts[-2]
-            results = read(path, at_hand, place)
+            results = read(path, available, place)
         except DatasetError as error:
             refused.append(str(error))
             continue
@@ -127,7 +127,7 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
 
 
 def read_all(
-    results_dir: Path, at_hand: AtHand
+    results_dir: Path, available: Available
 ) -> tuple[dict[Path, Results], list[Results], list[str]]:
     """Return the runs and the submissions that are kept and add up, and which are refused.
 
@@ -141,12 +141,12 @@ def read_all(
     for path in [*of_runs, *sorted((results_dir / SUBMISSIONS).rglob("*.json"))]:
         try:
             if path.is_relative_to(results_dir / RUNS):
-                each = read(path, at_hand, (path.parent.name, path.stem))
+                each = read(path, available, (path.parent.name, path.stem))
                 if each.run is None:
                     raise DatasetError(f"{path} is refused: it is not of a run that was trained")
                 runs[path] = each
             else:
-                each = read(path, at_hand)
+                each = read(path, available)
                 _require_own_name(path, each, named)
                 submissions.append(each)
         except DatasetError as error:

@@ -1,4 +1,4 @@
-"""The leaderboard: our runs and anybody's results, ranked on the same labyrinths."""
+"""The leaderboard: our runs and the results of others, ranked on the same labyrinths."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from labyrinth_core.world.grid import parse_size
 from pipeline.machinery.markdown import count, plain, table
 from pipeline.machinery.own_files import leave
 from pipeline.studies.results.figures import Figures, MethodRuns, run_of
-from pipeline.studies.results.kept import AUTHOR, LISTED, AtHand
+from pipeline.studies.results.kept import AUTHOR, LISTED, Available
 from pipeline.studies.results.paper import title_of
 from pipeline.studies.results.result_tables import aer_cell, percent_cell
 from pipeline.studies.results.spreadsheet import as_csv
 
 RANKED_BY = "test"
-"""The split whose SPL decides the rank: structures that nobody learns on."""
+"""The split whose SPL decides the rank: no method learns from its structures."""
 
 LEADERBOARD = "leaderboard.md"
 
@@ -92,21 +92,21 @@ class Entry:
 
 
 def entries_of(
-    methods: Iterable[MethodRuns], submissions: Iterable[Results], at_hand: AtHand
+    methods: Iterable[MethodRuns], submissions: Iterable[Results], available: Available
 ) -> Iterator[Entry]:
     """Yield the entries of our runs and of the results of other policies.
 
     Args:
         methods: Our runs.
         submissions: The results of other policies.
-        at_hand: The datasets that are available.
+        available: The datasets that are available.
     """
     for ours in methods:
-        yield _entry(ours.runs, _description(ours), ours.figures, at_hand)
+        yield _entry(ours.runs, _description(ours), ours.figures, available)
     for results in submissions:
         assert results.method is not None  # A file always has it.
         figures = {split: Figures.over([results], split) for split in results.splits}
-        yield _entry([results], results.method, figures, at_hand)
+        yield _entry([results], results.method, figures, available)
 
 
 def _description(method: MethodRuns) -> Description:
@@ -120,7 +120,7 @@ def _description(method: MethodRuns) -> Description:
 
 
 def _entry(
-    runs: Sequence[Results], method: Description, figures: dict[str, Figures], at_hand: AtHand
+    runs: Sequence[Results], method: Description, figures: dict[str, Figures], available: Available
 ) -> Entry:
     first = runs[0]
     return Entry(
@@ -131,7 +131,7 @@ def _entry(
         seeds=len(runs),
         episodes=first.episodes,
         version=first.version,
-        compared=at_hand.has(first),
+        compared=available.has(first),
         figures=figures,
     )
 

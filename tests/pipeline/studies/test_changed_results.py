@@ -15,7 +15,7 @@ from submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.scores import ACCURACIES
 from pipeline.studies.results import results as stage
-from pipeline.studies.results.kept import AtHand, read_all
+from pipeline.studies.results.kept import Available, read_all
 
 TABLES = ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv")
 
@@ -108,7 +108,7 @@ class Board:
         self.path.parent.mkdir(parents=True)
         options = {"run_dir": str(folder / "none"), "results_dir": str(folder)}
         self.run = make_run(source, stages=["results"], **options)
-        self.known = AtHand(self.run)
+        self.known = Available(self.run)
         self.shown = self.show(self.content)
 
     def show(self, content):
@@ -154,6 +154,8 @@ def board(small_dataset, make_run, tmp_path_factory, request):
 
 @pytest.mark.slow
 def test_every_changed_field_is_refused_or_changes_nothing_that_is_shown(board, monkeypatch):
-    monkeypatch.setattr(stage, "AtHand", lambda _: board.known)  # Read once, not for each change.
+    monkeypatch.setattr(
+        stage, "Available", lambda _: board.known
+    )  # Read once, not for each change.
     for place, other in changes_of(board.content):
         board.check(place, other)

@@ -146,17 +146,22 @@ def test_a_run_is_of_a_method_of_ours_and_lies_in_its_own_place(
     assert rows(tmp_path / "results") == []
 
 
-def test_where_the_dataset_is_not_at_hand_it_is_said_and_marked(
+def test_where_the_dataset_is_not_available_results_are_marked_and_each_dataset_has_its_board(
     results, run_of, submit, tmp_path, capsys
 ):
-    submit(content_of(results["planner"], "planner"))
+    submit(content_of(results["planner"], "planner"), "a.json")
+    other = content_of(results["planner"], "planner")
+    other["dataset"]["fingerprint"] = "1" * 64
+    submit(other, "b.json")
     elsewhere = tmp_path / "nothing"
     stage.run(run_of(elsewhere))
     line = f"3x3 is not available, so results on it have no rank: {elsewhere}/3x3"
     assert f"{line} holds no dataset" in capsys.readouterr().out
+    assert text(tmp_path / "results").count("\n## 3x3\n") == 2
     assert f"\n|  | planner {MARK} |" in text(tmp_path / "results")
     assert {row["compared"] for row in rows(tmp_path / "results")} == {"False"}
-    stage.run(run_of())
+    with pytest.raises(RefusedError, match=r"b\.json is refused: it is of another dataset than"):
+        stage.run(run_of())
     assert "\n| 1 | planner |" in text(tmp_path / "results")
 
 
@@ -172,19 +177,6 @@ def test_results_of_policies_that_the_program_evaluated_are_kept(results, run_of
     with pytest.raises(RefusedError, match=r"my-policy/results\.json is refused: "):
         stage.run(run_of())
     assert text(tmp_path / "results") == before
-
-
-def test_results_on_another_dataset_are_not_ranked_beside_those_on_this_one(
-    results, run_of, submit, tmp_path
-):
-    submit(content_of(results["planner"], "planner"), "a.json")
-    other = content_of(results["planner"], "planner")
-    other["dataset"]["fingerprint"] = "1" * 64
-    submit(other, "b.json")
-    with pytest.raises(RefusedError, match=r"b\.json is refused: it is of another dataset than"):
-        stage.run(run_of())
-    stage.run(run_of(tmp_path / "nothing"))
-    assert text(tmp_path / "results").count("\n## 3x3\n") == 2
 
 
 @pytest.mark.slow

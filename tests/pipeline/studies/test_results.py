@@ -116,9 +116,6 @@ def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path, na
             stage.run(run_of(evaluated))
         assert "\n" not in str(error.value)
         assert path.read_text() == "mine"
-    path.unlink()
-    stage.run(run_of(evaluated))
-    stage.run(run_of(evaluated))
 
 
 @pytest.mark.slow

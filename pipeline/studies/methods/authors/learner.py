@@ -46,7 +46,8 @@ class AuthorsLearner(Learner):
     @classmethod
     def chances(cls, scores: Tensor) -> NDArray[np.float64]:
         """Return the probabilities of the actions of a trained policy, shape (S, 4)."""
-        return np.eye(ACTIONS)[scores.argmax(1).cpu().numpy()]
+        certain: NDArray[np.float64] = np.eye(ACTIONS)[scores.argmax(1).cpu().numpy()]
+        return certain
 
     @classmethod
     def chances_in_training(cls, scores: Tensor) -> NDArray[np.float64]:
