@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import shutil
 from dataclasses import replace
@@ -197,16 +196,13 @@ def test_seeds_of_other_settings_have_no_common_mean_but_new_settings_do_no_harm
         stage.run(run_of(runs))
 
 
-def test_no_name_is_a_tag_or_a_formula_in_the_tables(evaluated, tmp_path):
+def test_no_name_is_a_tag_in_the_tables(evaluated, tmp_path):
     name = r"=\input{x}|<script>&_$%#~^*[a](b)`"
     run = of(evaluated, "dagger-cnn-seed0")
     runs = [replace(run, run=replace(run.run, method=name, encoder=name))]
     write_tables(tmp_path, by_method(runs))
     text = (tmp_path / "README.md").read_text()
     assert not re.search(r"(?<!\\)[<|]script|(?<!\\)\|<|(?<!\\)[<`*]", text.split("## 3x3")[1])
-    with (tmp_path / "results.csv").open(encoding="utf-8", newline="") as file:
-        here = [row for row in csv.DictReader(file) if row["source"] == "here"]
-    assert {row["method"] for row in here} == {row["setup"] for row in here} == {f"'{name}"}
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import solved_by, success_rate
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.planning import FAR, Bellman, Planner
+from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
@@ -121,16 +121,6 @@ def test_every_prior_can_be_taken_away(problem_of: Problems, prior: str) -> None
     after = dict(learner.policy.named_parameters())
     assert all(not torch.equal(each, after[name]) for name, each in before.items())
     assert learner.outputs(learner.policy).isfinite().all()
-
-
-def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
-    problem = problem_of(encoder="cnn")
-    network = next(each for each in toy(problem).policy.modules() if isinstance(each, Planner))
-    image = problem.observations.permute(0, 3, 1, 2).float() / 255
-    share = network.find(image, torch.zeros(len(image), 1, 3, 3)).exp()
-    cells = share.flip(1).flatten(1).argmax(1)
-    assert np.array_equal(cells.numpy(), problem.arrays.position)
-    assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
 
 
 def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Problems) -> None:

@@ -16,7 +16,6 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.world.dynamics import State, initial, is_terminal, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.solver import distances
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -53,15 +52,6 @@ def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> No
                 assert not is_terminal(labyrinth, state)
                 assert transition(labyrinth, state, action) == episode.states[place + step]
     assert (reversed_parts > 0) == (task != "key_and_door")
-
-
-def test_a_part_of_a_shortest_route_is_one(problem_of: Callable[..., Problem]) -> None:
-    sampler = problem_of().examples
-    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
-        for first, last in parts:
-            ends = (episode.states[first].agent, episode.states[last].agent)
-            labyrinth = Labyrinth(episode.labyrinth.structure, *ends)
-            assert distances(labyrinth)[ends[0]] == abs(last - first)
 
 
 @pytest.mark.parametrize("method", [bc, planner])
