@@ -24,11 +24,10 @@ from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.named import Judged, refuse_others
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
-from pipeline.training.memory import memory_of, with_memory
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 from pipeline.training.record import current_versions, read_record
-from pipeline.training.train import choose_device, loader_of, spec_of
+from pipeline.training.train import choose_device, loader_of, memory_of, spec_of, with_memory
 
 
 def judge_trained(run: Run) -> Judged:

@@ -19,6 +19,7 @@ from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import Progress
+from pipeline.training.policy import load_tensors
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
@@ -71,12 +72,21 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def files_of(folder: Path) -> list[Path]:
-    """Return the files of a run in its folder, with the results of its policy.
+def files_to_replace(folder: Path, *, overwrite: bool) -> list[Path]:
+    """Return the files of an earlier run that are to be removed before another one.
+
+    These are the files of a finished run, the results of its policy and the checkpoint of an
+    interrupted run; none without `overwrite`.
 
     Raises:
         DatasetError: A file with the name of one is not of this run, as far as `run.json` knows.
     """
+    checkpoint = folder / CHECKPOINT
+    interrupted = [checkpoint] if checkpoint.exists() else []
+    if interrupted and not overwrite:
+        return []
+    for path in interrupted:
+        load_tensors(path, "state")  # Raises if it is something else.
     recorded = dict((read_record(folder) or {}).get("files", {}))
     found = [folder / name for name in (RECORD, POLICY, CURVES) if (folder / name).exists()]
     others = [p for p in found if p.name != RECORD and file_sha256(p) != recorded.get(p.name)]
@@ -88,7 +98,7 @@ def files_of(folder: Path) -> list[Path]:
         others.append(path)
     if others:
         raise DatasetError(f"{others[0]} is not of the run in its folder: move it away")
-    return found
+    return [*found, *interrupted] if overwrite else []
 
 
 def open_board(folder: Path) -> Any:

@@ -7,7 +7,7 @@ run is in progress, and afterwards `policy.safetensors`, `curves.png` and, writt
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ import numpy as np
 import torch
 from rich.progress import Progress as Bars
 
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.policies.remembering import PictureMemory, Remembering
 from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -34,14 +36,13 @@ from pipeline.machinery.console import console, progress, say
 from pipeline.machinery.dataset import fingerprint_of
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
-from pipeline.training.memory import memory_of, remembered, with_memory
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.policy import INSTEAD, load_tensors, require_same, save_policy
+from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
     draw_curves,
-    files_of,
+    files_to_replace,
     open_board,
     read_record,
     write_record,
@@ -67,7 +68,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
         if (folder / POLICY).is_file():
             console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
             return
-    before = _to_replace(folder, overwrite=options.overwrite)
+    before = files_to_replace(folder, overwrite=options.overwrite)
     _tell_changes(options, settings)
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
@@ -81,21 +82,6 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
             protocol, path = PROTOCOLS[options.protocol], folder / CHECKPOINT
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     _finish(folder, identity, run.run_name.name, learner, done)
-
-
-def _to_replace(folder: Path, *, overwrite: bool) -> list[Path]:
-    """Return the files of an earlier run that are to be removed before another one.
-
-    Raises:
-        DatasetError: Files in the way are not those of a run.
-    """
-    checkpoint = folder / CHECKPOINT
-    if checkpoint.exists():
-        if not overwrite:
-            return []
-        load_tensors(checkpoint, "state")  # Raises if it is something else.
-    found = files_of(folder)
-    return [*found, *([checkpoint] if checkpoint.exists() else [])] if overwrite else []
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
@@ -166,6 +152,25 @@ def spec_of(run: Run) -> NetworkSpec:
     return NetworkSpec(options.network, options.pool_stride, *shape, str(run.dataset.task))
 
 
+def memory_of(run: Run, config: DatasetConfig, image_size: int) -> PictureMemory | None:
+    """Return the memory of a run's policy for a config's labyrinths; None without `memory=true`.
+
+    Raises:
+        ConfigError: Pictures of `image_size` pixels are too small to remember.
+    """
+    if not run.options.memory:
+        return None
+    try:
+        return PictureMemory(config.height, config.width, image_size)
+    except ValueError as error:
+        raise ConfigError(f"memory=true: {error}") from error
+
+
+def with_memory(policy: Any, memory: PictureMemory | None) -> Any:
+    """Return a policy that is shown the pictures of a memory, if one is given."""
+    return policy if memory is None else Remembering(policy, memory)
+
+
 def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
@@ -204,7 +209,7 @@ def prepare(
         memory=memory_of(run, run.dataset, IMAGE_SIZE),
     )
     if options.memory:
-        problem = remembered(problem)
+        problem = _remembered(problem)
 
     def judge(policy: Policy) -> dict[str, float]:
         acting = method.player(policy, spec, settings)
@@ -213,6 +218,17 @@ def prepare(
         return rates | method.figures(policy, **splits)
 
     return method(problem, settings), judge
+
+
+def _remembered(problem: Problem) -> Problem:
+    """Return a problem whose demonstrations show all that was seen; each step is a new state."""
+    pictures = torch.tensor(problem.examples.look_at_all(), device=problem.device)
+    states = len(problem.observations) + np.arange(len(pictures))
+    return replace(
+        problem,
+        observations=torch.cat([problem.observations, pictures]),
+        demonstrations=problem.demonstrations._replace(states=states),
+    )
 
 
 def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:

@@ -24,7 +24,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
 from pipeline.config.training import usual_settings
 from pipeline.machinery.markdown import table
-from pipeline.studies.methods.authors.trial import try_out
+from pipeline.studies.methods.authors.learner import try_out
 from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]

@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.policies.spec import NetworkSpec
@@ -84,33 +86,18 @@ def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]],
     return require
 
 
-@pytest.fixture
-def targets_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], list[Any]]:
-    """A function that returns a list of the targets of each squared error of a module to come."""
-
-    def note(module: Any) -> list[Any]:
-        targets: list[Any] = []
-        loss = module.functional.mse_loss
-
-        def noting(q: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-            targets.append(target)
-            return loss(q, target)
-
-        monkeypatch.setattr(module.functional, "mse_loss", noting)
-        return targets
-
-    return note
+def states_seen_by(learner: Learner, epochs: int) -> NDArray[np.int64]:
+    """Train for some epochs, and return the states that the learner looks at."""
+    with patch.object(Learner, "see", autospec=True, side_effect=Learner.see) as see:
+        for _ in range(epochs):
+            learner.epoch()
+    return np.concatenate([call.args[1] for call in see.call_args_list])
 
 
-@pytest.fixture
-def states_seen(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
-    """The states that learners look at from now on, those of each look in an array."""
-    seen: list[np.ndarray] = []
-    see = Learner.see
-
-    def noting(self: Learner, *states: np.ndarray) -> torch.Tensor:
-        seen.append(states[0])
-        return see(self, *states)
-
-    monkeypatch.setattr(Learner, "see", noting)
-    return seen
+def targets_of(learner: Any) -> list[float]:
+    """Take a gradient step of a method with a squared error, and return the targets."""
+    functional = torch.nn.functional
+    with patch.object(functional, "mse_loss", side_effect=functional.mse_loss) as loss:
+        learner.update()
+    targets: list[float] = loss.call_args.args[1].tolist()
+    return targets

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
@@ -19,6 +18,7 @@ from pipeline.machinery.own_files import leave
 from pipeline.studies.environments.discretisation import Discretisation
 from pipeline.studies.environments.environment import FACTS
 from pipeline.studies.environments.variation import Variation
+from pipeline.studies.results.spreadsheet import as_csv
 
 Visits = NDArray[np.int64]
 Values = dict[str, Any]
@@ -106,11 +106,7 @@ def _csv(values: Sequence[Values]) -> str:
             elif not isinstance(value, tuple):
                 row[key] = value
         rows.append(row)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return as_csv(list(rows[0]), rows)
 
 
 def columns_of(values: Sequence[Values], columns: Mapping[str, str]) -> str:

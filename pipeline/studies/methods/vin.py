@@ -30,8 +30,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
-from torch.nn.utils import clip_grad_norm_
-from torch.optim import Adam
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.policies.networks.network import ACTIONS, as_input
@@ -121,6 +119,8 @@ class ValueIteration(nn.Module):
 class Method(bc.Method):
     """The policy and its optimizer."""
 
+    max_gradient = MAX_GRADIENT
+
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
         require_square("method=vin", spec.height, spec.width)
@@ -132,9 +132,3 @@ class Method(bc.Method):
         """Return as many pixels for each cell as the network was trained with."""
         require_square("method=vin", height, width)
         return same_scale(spec, height, width)
-
-    def descend(self, optimizer: Adam, loss: Tensor) -> None:
-        optimizer.zero_grad()
-        loss.backward()
-        clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
-        optimizer.step()

@@ -23,7 +23,7 @@ AVERAGED = (
     "accuracy_on_demonstrations",
     "accuracy_elsewhere",
 )
-"""Figures of `Scores` of which the mean over seeds is told."""
+"""Figures of `Scores` whose mean over seeds is reported."""
 
 
 def run_of(results: Results) -> TrainedRun:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +27,7 @@ LISTED = rf"README\.md|leaderboard\.md|({RUNS}|{SUBMISSIONS})/.+\.json"
 """A pattern of what SHA256SUMS always lists there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Kept:
-    """The results in a file that adds up."""
-
-    path: Path
-    results: Results
-    compared: bool = False
-    """Whether the labyrinths and their shortest routes are those of a dataset that is available."""
-
-
-class AtHand:
+class Available:
     """The dataset that a run names, each config read once when it is first asked for."""
 
     def __init__(self, run: Run) -> None:
@@ -63,6 +52,11 @@ class AtHand:
                 raise DatasetError(str(error)) from error
         return self._found[config]
 
+    def has(self, results: Results) -> bool:
+        """Return whether the dataset of some results is available, so that they are compared."""
+        known = self(results.config)
+        return known is not None and known.fingerprint == results.fingerprint
+
     def _read(self, config: str) -> KnownDataset:
         run = self._run
         if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
@@ -70,39 +64,39 @@ class AtHand:
         return KnownDataset.read(run.source, config, run.options.revision)
 
 
-def read(path: Path, at_hand: AtHand | None = None, place: tuple[str, str] | None = None) -> Kept:
+def read(path: Path, available: Available, place: tuple[str, str] | None = None) -> Results:
     """Return the results in a file, compared with the dataset if it is available.
 
     A run on another dataset of the same config is compared with none; any other policy is refused.
 
     Args:
         path: The file.
-        at_hand: The datasets that are available.
+        available: The datasets that are available.
         place: The config and the name of the run whose results belong there; a file of no run may
             lie there, too.
 
     Raises:
         DatasetError: The file cannot be read, or does not add up; the message has one line.
     """
-    results = Results.load(path, at_hand)
-    run, known = results.run, None if at_hand is None else at_hand(results.config)
+    results = Results.load(path, available)
+    run, known = results.run, available(results.config)
     try:
         if run is not None and place is not None:
             if (results.config, run.name) != place:
                 raise ValueError(f"it is of the run {results.config}/{run.name}, not of this one")
             check_run(run, results.observation)
-        if at_hand is None or known is None:
-            return Kept(path, results)
+        if known is None:
+            return results
         if run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
-            at_hand.missing[results.config] = f"{known.place} is another dataset"
-            return Kept(path, results)
-        results.require_dataset(known)
+            available.missing[results.config] = f"{known.place} is another dataset"
+        else:
+            results.require_dataset(known)
     except ValueError as error:
         raise DatasetError(f"{path} is refused: {error}") from error
-    return Kept(path, results, compared=True)
+    return results
 
 
-def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
+def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
     """Copy the results in a folder of runs to where they are kept; return which are refused.
 
     What was kept before of one that is refused stays, and so does a file that was not copied there.
@@ -114,7 +108,7 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
     for path in results_in(run_dir):
         try:
             place = path.parts[-3], path.parts[-2]
-            results = read(path, at_hand, place).results
+            results = read(path, available, place)
         except DatasetError as error:
             refused.append(str(error))
             continue
@@ -132,28 +126,34 @@ def gather(run_dir: Path, results_dir: Path, at_hand: AtHand) -> list[str]:
     return refused
 
 
-def read_all(results_dir: Path, at_hand: AtHand) -> tuple[list[Kept], list[Kept], list[str]]:
-    """Return the runs and the submissions that are kept and add up, and which are refused."""
-    runs: list[Kept] = []
-    submissions: list[Kept] = []
+def read_all(
+    results_dir: Path, available: Available
+) -> tuple[dict[Path, Results], list[Results], list[str]]:
+    """Return the runs and the submissions that are kept and add up, and which are refused.
+
+    The runs are by the file that they are in.
+    """
+    runs: dict[Path, Results] = {}
+    submissions: list[Results] = []
     named: dict[tuple[str, str, str], str] = {}
     refused = []
-    for path in [*_runs(results_dir), *sorted((results_dir / SUBMISSIONS).rglob("*.json"))]:
+    of_runs = sorted((results_dir / RUNS).glob("*/*.json"))
+    for path in [*of_runs, *sorted((results_dir / SUBMISSIONS).rglob("*.json"))]:
         try:
             if path.is_relative_to(results_dir / RUNS):
-                each = read(path, at_hand, _place(path))
-                if each.results.run is None:
+                each = read(path, available, (path.parent.name, path.stem))
+                if each.run is None:
                     raise DatasetError(f"{path} is refused: it is not of a run that was trained")
-                runs.append(each)
+                runs[path] = each
             else:
-                each = read(path, at_hand)
-                _require_own_name(each, named)
+                each = read(path, available)
+                _require_own_name(path, each, named)
                 submissions.append(each)
         except DatasetError as error:
             refused.append(str(error))
             continue
-        for name in _names(each.results):
-            key = each.results.config, each.results.fingerprint, as_compared(name)
+        for name in _names(each):
+            key = each.config, each.fingerprint, as_compared(name)
             named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
     return runs, submissions, refused
 
@@ -171,72 +171,58 @@ def _names(results: Results) -> list[str]:
     return [] if results.method is None else [results.method.name]
 
 
-def _require_own_name(kept: Kept, named: Mapping[tuple[str, str, str], str]) -> None:
-    """Raise a DatasetError if a submission has a name that is ours, or another one's."""
-    results = kept.results
+def _require_own_name(
+    path: Path, results: Results, named: Mapping[tuple[str, str, str], str]
+) -> None:
+    """Raise a DatasetError if a submission has a name of ours, or of another submission."""
     if results.run is not None or results.method is None:
-        raise DatasetError(f"{kept.path} is refused: it is of a run, and belongs below {RUNS}")
+        raise DatasetError(f"{path} is refused: it is of a run, and belongs below {RUNS}")
     if as_compared(results.method.author) == as_compared(AUTHOR):
-        raise DatasetError(f"{kept.path} is refused: author={AUTHOR} is for runs")
+        raise DatasetError(f"{path} is refused: author={AUTHOR} is for runs")
     name = as_compared(results.method.name)
     reason = named.get((results.config, results.fingerprint, name))
     if name in {as_compared(each) for method in METHODS.items() for each in method}:
         reason = f"name={results.method.name} is for runs"
     if reason is not None:
-        raise DatasetError(f"{kept.path} is refused: {reason}")
+        raise DatasetError(f"{path} is refused: {reason}")
 
 
-def _runs(results_dir: Path) -> list[Path]:
-    return sorted((results_dir / RUNS).glob("*/*.json"))
+def comparable(runs: Mapping[Path, Results]) -> list[Results]:
+    """Return runs in the order of config, setup, method and seed.
 
-
-def _place(path: Path) -> tuple[str, str]:
-    return path.parent.name, path.stem
-
-
-def read_runs(results_dir: Path) -> list[Results]:
-    """Return the results of the runs that are kept, by config, setup, method and seed.
-
-    Raises:
-        DatasetError: A file is refused, or two runs cannot be compared.
-    """
-    found = [read(path, place=_place(path)) for path in _runs(results_dir)]
-    return [each.results for each in comparable(found)]
-
-
-def comparable(runs: Sequence[Kept]) -> list[Kept]:
-    """Return runs by config, setup, method and seed.
+    Args:
+        runs: The runs by their files.
 
     Raises:
         DatasetError: Two runs on the same config are of different datasets, or two seeds of one
             method have different settings.
     """
-    first: dict[object, Kept] = {}
-    for each in runs:
-        results, run = each.results, run_of(each.results)
-        other = first.setdefault(results.config, each)
-        if _differ(other.results, results):
+    first: dict[object, Path] = {}
+    for path, results in runs.items():
+        run = run_of(results)
+        other = first.setdefault(results.config, path)
+        if _differ(runs[other], results):
             raise DatasetError(
-                f"{each.path} and {other.path} are of different datasets, and not to be compared: "
+                f"{path} and {other} are of different datasets, and not to be compared: "
                 "remove one, or choose another results_dir"
             )
-        other = first.setdefault((results.config, run.of_all_seeds), each)
-        mine, others = run.settings, run_of(other.results).settings
+        other = first.setdefault((results.config, run.of_all_seeds), path)
+        mine, others = run.settings, run_of(runs[other]).settings
         # Settings that only one of them has are newer, and have no effect by default.
         common = [name for name in mine if name in others and mine[name] != others[name]]
         if common:
             differing = ", ".join(f"{name}={mine[name]} and {others[name]}" for name in common)
             raise DatasetError(
-                f"{each.path} and {other.path} are of different settings, {differing}, and not to "
+                f"{path} and {other} are of different settings, {differing}, and not to "
                 "be averaged: remove one, or choose another results_dir"
             )
 
-    def order(each: Kept) -> tuple[Any, ...]:
-        run = run_of(each.results)
+    def order(results: Results) -> tuple[Any, ...]:
+        run = run_of(results)
         place = [*METHODS, run.method].index(run.method)
-        return each.results.config, run.setup, place, run.method, run.seed
+        return results.config, run.setup, place, run.method, run.seed
 
-    return sorted(runs, key=order)
+    return sorted(runs.values(), key=order)
 
 
 def _differ(one: Results, other: Results) -> bool:

@@ -1,22 +1,69 @@
-"""The leaderboard: our runs and anybody's results, ranked on the same labyrinths."""
+"""The leaderboard: our runs and the results of others, ranked on the same labyrinths."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from operator import itemgetter
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
-from labyrinth_core.evaluation.description import Description
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.description import DETAILS, Description
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from labyrinth_core.world.grid import parse_size
-from pipeline.machinery.markdown import count
+from pipeline.machinery.markdown import count, plain, table
+from pipeline.machinery.own_files import leave
 from pipeline.studies.results.figures import Figures, MethodRuns, run_of
-from pipeline.studies.results.kept import AUTHOR, Kept
+from pipeline.studies.results.kept import AUTHOR, LISTED, Available
 from pipeline.studies.results.paper import title_of
+from pipeline.studies.results.result_tables import aer_cell, percent_cell
+from pipeline.studies.results.spreadsheet import as_csv
 
 RANKED_BY = "test"
-"""The split whose SPL decides the rank: structures that nobody learns on."""
+"""The split whose SPL decides the rank: no method learns from its structures."""
+
+LEADERBOARD = "leaderboard.md"
+
+MARK = "†"
+"""Marks an entry that could not be compared with the dataset, and has no rank."""
+
+ABOUT = f"""# Leaderboard
+
+Methods are ranked by SPL on `{RANKED_BY}`, structures that nobody learns on.
+{WHY_SPL}
+
+A rank is one more than the number of methods whose interval of SPL lies wholly above: methods with
+one rank tie, and where two intervals overlap, neither method is claimed to be better. Ranks compare
+these policies: the intervals of a few seeds are too narrow to say how another seed would do.
+Whether methods differ over seeds is tested in `README.md`, by exchanging runs. The interval of 100%
+or 0% has no width, which is too narrow. SPL: for a solved labyrinth, moves on a shortest route
+divided by moves taken, else 0; the mean, in percent. SR: share of the episodes that reach the goal,
+in percent; *within n x n*, in as many steps as there are cells. AER: average episodic return, ± its
+standard deviation. Path efficiency: moves on a shortest route divided by moves taken, in percent,
+over solved episodes. In brackets, 95% bootstrap intervals over labyrinths, and over seeds or
+episodes where there are several.
+
+All figures are computed from the outcome and the moves of each episode. What a method has learnt
+from is as its authors state it; an empty cell is not stated. {MARK}: the dataset was not available
+when this was made, so that outcomes could not be compared with it; such a method has no rank.
+
+`leaderboard.csv` has all of this as numbers. `labyrinth-datasets stages=results` makes both
+files of `runs/` and `submissions/`.
+"""
+
+COLUMNS = (
+    *("config", "fingerprint", "rank", "method", "author", "url", "date", "budget"),
+    *("train_labyrinths", "train_steps", "parameters"),
+    *("observation", "seeds", "episodes", "version", "compared"),
+    *("split", "labyrinths", "spl", "spl_low", "spl_high", "sr_within_cells"),
+    *("sr", "sr_low", "sr_high"),
+    *("aer", "aer_std", "aer_low", "aer_high", "path_efficiency"),
+)
+"""The columns of `leaderboard.csv`."""
 
 
 @dataclass(frozen=True)
@@ -44,54 +91,48 @@ class Entry:
     without figures on `RANKED_BY`, and for an entry that was not compared."""
 
 
-def entries_of(methods: Iterable[MethodRuns], kept: Iterable[Kept]) -> Iterator[Entry]:
-    """Yield the entries of our runs and of anyone's files.
+def entries_of(
+    methods: Iterable[MethodRuns], submissions: Iterable[Results], available: Available
+) -> Iterator[Entry]:
+    """Yield the entries of our runs and of the results of other policies.
 
     Args:
         methods: Our runs.
-        kept: The files of these runs, and the results of other policies.
+        submissions: The results of other policies.
+        available: The datasets that are available.
     """
-    submissions = [each for each in kept if each.results.run is None]
-    compared = {id(each.results) for each in kept if each.compared}
-    for each in methods:
-        yield _of_runs(each, all(id(results) in compared for results in each.runs))
-    yield from map(_of_submission, submissions)
+    for ours in methods:
+        yield _entry(ours.runs, _description(ours), ours.figures, available)
+    for results in submissions:
+        assert results.method is not None  # A file always has it.
+        figures = {split: Figures.over([results], split) for split in results.splits}
+        yield _entry([results], results.method, figures, available)
 
 
-def _of_runs(method: MethodRuns, compared: bool) -> Entry:
-    first, run = method.runs[0], run_of(method.runs[0])
-    labyrinths = run.train_labyrinths or method.figures["train"].labyrinths
-    return Entry(
-        config=first.config,
-        fingerprint=first.fingerprint,
-        method=Description(
-            name=title_of(run),
-            author=AUTHOR,
-            budget=count(run.training["epochs"], "epoch"),
-            details={"labyrinths": labyrinths},
-        ),
-        observation=first.observation,
-        seeds=len(method.runs),
-        episodes=1,
-        version=first.version,
-        compared=compared,
-        figures=method.figures,
+def _description(method: MethodRuns) -> Description:
+    run = run_of(method.runs[0])
+    return Description(
+        name=title_of(run),
+        author=AUTHOR,
+        budget=count(run.training["epochs"], "epoch"),
+        details={"labyrinths": run.train_labyrinths or method.figures["train"].labyrinths},
     )
 
 
-def _of_submission(kept: Kept) -> Entry:
-    results = kept.results
-    assert results.method is not None  # A file always has it.
+def _entry(
+    runs: Sequence[Results], method: Description, figures: dict[str, Figures], available: Available
+) -> Entry:
+    first = runs[0]
     return Entry(
-        config=results.config,
-        fingerprint=results.fingerprint,
-        method=results.method,
-        observation=results.observation,
-        seeds=1,
-        episodes=results.episodes,
-        version=results.version,
-        compared=kept.compared,
-        figures={split: Figures.over([results], split) for split in results.splits},
+        config=first.config,
+        fingerprint=first.fingerprint,
+        method=method,
+        observation=first.observation,
+        seeds=len(runs),
+        episodes=first.episodes,
+        version=first.version,
+        compared=available.has(first),
+        figures=figures,
     )
 
 
@@ -119,3 +160,90 @@ def _ranked(entries: Sequence[Entry]) -> list[Entry]:
             ((rank is None, rank or 0, -spl, entry.method.name), replace(entry, rank=rank))
         )
     return [entry for _, entry in sorted(placed, key=itemgetter(0))]
+
+
+def write_leaderboard(folder: Path, boards: Sequence[Sequence[Entry]]) -> None:
+    """Write `leaderboard.md` and `leaderboard.csv` into a folder; raise as `own_files.leave`."""
+    parts = [ABOUT]
+    for entries in boards:
+        parts += [part + "\n" for part in markdown(entries)]
+    csv = csv_of([e for entries in boards for e in entries])
+    files = {LEADERBOARD: "\n".join(parts).encode(), "leaderboard.csv": csv.encode()}
+    leave(folder, files, LISTED)
+
+
+def markdown(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield the heading and the tables of one dataset."""
+    yield f"## {entries[0].config}"
+    yield f"The dataset's fingerprint is `{entries[0].fingerprint}`."
+    yield f"On {RANKED_BY}:"
+    heading = ["rank", "method", "by", *_FIGURES, "labyrinths"]
+    yield table(heading, map(_place, entries), "rllrrrrrr")
+    yield "On all splits:"
+    held = {split for each in entries for split in each.figures}
+    # The usual ones first, then the others in the order of the dataset.
+    splits = [split for split in dict.fromkeys((*EVALUATED_SPLITS, *SPLITS)) if split in held]
+    rows = (row for each in entries for row in _by_split(each, splits))
+    yield table(["method", "", *splits], rows, "ll" + "r" * len(splits))
+    yield "What they have learnt from, and how they were evaluated:"
+    heading = ["method", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
+    yield table(heading, map(_effort, entries), "ll" + "r" * len(DETAILS) + "rlrll")
+
+
+_FIGURES = ("SPL", "SR within n x n", "SR", "AER", "path efficiency")
+
+
+def _place(entry: Entry) -> list[str]:
+    mine = entry.figures.get(RANKED_BY)
+    rank = "" if entry.rank is None else str(entry.rank)
+    figures = [""] * 6 if mine is None else [*_cells(mine), f"{mine.labyrinths:,}"]
+    return [rank, _name(entry, linked=True), plain(entry.method.author), *figures]
+
+
+def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
+    found = [entry.figures.get(split) for split in splits]
+    cells = [[""] * 5 if each is None else _cells(each) for each in found]
+    for name, *row in zip(_FIGURES, *cells, strict=True):
+        yield [_name(entry), name, *row]
+
+
+def _cells(figures: Figures) -> list[str]:
+    """Return the cells of `_FIGURES`."""
+    efficiency = figures.averages["path_efficiency"]
+    return [
+        percent_cell(figures.spl, figures.spl_interval),
+        f"{100 * figures.sr_within_cells:.1f}",
+        percent_cell(figures.sr, figures.sr_interval),
+        aer_cell(figures),
+        "" if efficiency is None else f"{100 * efficiency:.1f}",
+    ]
+
+
+def _effort(entry: Entry) -> list[str]:
+    method = entry.method
+    details = (f"{method.details[name]:,}" if name in method.details else "" for name in DETAILS)
+    evaluated = [str(entry.seeds), plain(entry.observation), str(entry.episodes)]
+    return [
+        *(_name(entry), plain(method.budget), *details),
+        *(*evaluated, plain(entry.version), method.date),
+    ]
+
+
+def _name(entry: Entry, *, linked: bool = False) -> str:
+    name, url = plain(entry.method.name), entry.method.url
+    if linked and url:
+        name = f"[{name}]({quote(url, safe=':/?#@!&*+,;=%~')})"
+    return name if entry.compared else f"{name} {MARK}"
+
+
+def csv_of(entries: Sequence[Entry]) -> str:
+    """Return all figures, a row for each method and split; shares, not percent."""
+    rows = (_row(entry, split) for entry in entries for split in entry.figures)
+    return as_csv(COLUMNS, rows)
+
+
+def _row(entry: Entry, split: str) -> dict[str, object]:
+    method = entry.method
+    row = asdict(replace(entry, figures={})) | asdict(method) | entry.figures[split].columns()
+    row |= {"method": method.name, "split": split, "parameters": method.details.get("parameters")}
+    return row | {f"train_{name}": method.details.get(name) for name in ("labyrinths", "steps")}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 from labyrinth_core.evaluation.description import RunName
@@ -68,7 +68,7 @@ class PaperFigure:
         return self.aer <= most + 0.005  # AER is printed with two digits.
 
 
-@lru_cache(maxsize=1)
+@cache
 def paper_figures() -> dict[tuple[str, str, str], PaperFigure]:
     """Return all cells, by config (such as `5x5`), split and method."""
     text = Path(__file__).with_name("paper.csv").read_text(encoding="utf-8")

@@ -18,9 +18,13 @@ from pipeline.config.run import Run
 from pipeline.machinery.console import console, say
 from pipeline.machinery.markdown import count
 from pipeline.studies.results.figures import MethodRuns, by_method
-from pipeline.studies.results.kept import AtHand, comparable, gather, read_all
-from pipeline.studies.results.leaderboard import boards, entries_of
-from pipeline.studies.results.leaderboard_tables import LEADERBOARD, write_leaderboard
+from pipeline.studies.results.kept import Available, comparable, gather, read_all
+from pipeline.studies.results.leaderboard import (
+    LEADERBOARD,
+    boards,
+    entries_of,
+    write_leaderboard,
+)
 from pipeline.studies.results.paper import METHODS
 from pipeline.studies.results.result_tables import write_tables
 
@@ -42,25 +46,24 @@ def run(run: Run) -> None:
     run_dir, results_dir = (
         Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
     )
-    at_hand = AtHand(run)
-    refused = gather(run_dir, results_dir, at_hand)
-    runs, submissions, also_refused = read_all(results_dir, at_hand)
+    available = Available(run)
+    refused = gather(run_dir, results_dir, available)
+    found, submissions, also_refused = read_all(results_dir, available)
     refused += also_refused
-    if not (runs or submissions or refused):
+    if not (found or submissions or refused):
         raise DatasetError(
             f"{results_dir} holds no results, and neither does run_dir: "
             "'stages=[train,evaluate]' makes some"
         )
-    runs = comparable(runs)
-    methods = by_method([each.results for each in runs])
-    if runs:
+    methods = by_method(comparable(found))
+    if methods:
         write_tables(results_dir, methods)
         console.print(overview(methods))
         say(WHY_SPL)
-        say(f"{count(len(runs), 'run')}: {results_dir}")
-    entries = list(entries_of(methods, [*runs, *submissions]))
+        say(f"{count(len(found), 'run')}: {results_dir}")
+    entries = list(entries_of(methods, submissions, available))
     write_leaderboard(results_dir, boards(entries))
-    for config, reason in at_hand.missing.items():
+    for config, reason in available.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
     if refused:

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
 from labyrinth_core.evaluation.answers import Policy
@@ -108,6 +109,8 @@ class Learner(ABC):
     """The network that is evaluated and kept; its highest output is the action."""
     selected_by: ClassVar[str] = "validation_sr"
     """The figure of which the policy that is kept has the highest value."""
+    max_gradient: ClassVar[float] = inf
+    """The norm to which the gradients of a step are clipped."""
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         self.problem = problem
@@ -181,6 +184,8 @@ class Learner(ABC):
         """Take a gradient step."""
         optimizer.zero_grad()
         loss.backward()
+        if self.max_gradient < inf:
+            clip_grad_norm_(optimizer.param_groups[0]["params"], self.max_gradient)
         optimizer.step()
 
     def tensor(self, array: NDArray[Any]) -> Tensor:

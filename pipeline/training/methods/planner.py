@@ -38,7 +38,6 @@ from typing import Any
 
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
 from labyrinth_core.policies.networks.acting import make_network
@@ -62,6 +61,8 @@ class Settings(PlannerSpec, bc.Settings):
 class Method(bc.Method):
     """The policy; its optimizer counts the gradient steps, on which the learning rate depends."""
 
+    max_gradient = MAX_GRADIENT
+
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
         _require_square(settings, spec.height, spec.width)
@@ -84,17 +85,14 @@ class Method(bc.Method):
         return functional.cross_entropy(planner.plan(pictures), labels, ignore_index=NO_LABEL)
 
     def descend(self, optimizer: Adam, loss: Tensor) -> None:
-        settings, weights = self.settings, list(self.policy.parameters())
+        settings, first = self.settings, next(self.policy.parameters())
         an_epoch = -(-settings.pictures // settings.batch_size)
-        epochs, steps = divmod(int(optimizer.state[weights[0]].get("step", 0)), an_epoch)
+        epochs, steps = divmod(int(optimizer.state[first].get("step", 0)), an_epoch)
         over = (epochs + steps / an_epoch) / settings.epochs
         factor = min(1.0, (over + 1e-3) / RISE, (1 - over) / FALL)
         for group in optimizer.param_groups:
             group["lr"] = settings.learning_rate * factor
-        optimizer.zero_grad()
-        loss.backward()
-        clip_grad_norm_(weights, MAX_GRADIENT)
-        optimizer.step()
+        super().descend(optimizer, loss)
 
 
 def _require_square(settings: Any, height: int, width: int) -> None:

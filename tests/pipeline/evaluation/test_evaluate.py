@@ -19,7 +19,6 @@ from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.studies.results import results
-from pipeline.studies.results.kept import read_runs
 from pipeline.training import train
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
@@ -173,8 +172,8 @@ def test_a_run_with_memory_is_another_run_and_is_stepped(build, run_of, tmp_path
     for figures in content["splits"].values():
         assert figures["accuracy_on_demonstrations"] is figures["accuracy_elsewhere"] is None
     results.run(run)
-    (read,) = read_runs(tmp_path / "results")
-    assert read.run.setup == f"{run.options.network}-memory"
+    (kept,) = (tmp_path / "results" / "runs").rglob("*.json")
+    assert Results.load(kept).run.setup == f"{run.options.network}-memory"
     without = run_of(tmp_path, tmp_path / "runs", **options)
     _, settings = find(method, without.options.method)
     assert "memory" not in train.identify(without, settings)

@@ -81,23 +81,21 @@ def test_a_run_leaves_tables_in_three_formats_and_pictures_in_two(tmp_path, caps
     assert "9 episodes" in capsys.readouterr().out
 
 
-def test_a_second_run_plays_nothing_and_leaves_the_same_bytes(tmp_path, played):
-    compare(run_of(tmp_path))
-    first = report_of(tmp_path)
-    assert played == [range(4), range(4, 8)] * 2
-    played.clear()
-    compare(run_of(tmp_path))
-    assert played == []
-    assert report_of(tmp_path) == first
-
-
-def test_more_seeds_only_play_what_is_new_and_what_was_damaged(tmp_path, played):
+def test_only_what_is_new_or_was_damaged_is_played_and_the_bytes_are_those_of_one_run(
+    tmp_path, played
+):
     compare(run_of(tmp_path, "MountainCar-v0"))
+    first = report_of(tmp_path)
+    assert played == [range(4), range(4, 8)]
     (kept,) = tmp_path.glob("episodes/MountainCar-v0-*/0-4.npz")
     kept.write_bytes(b"PK")
     played.clear()
+    compare(run_of(tmp_path, "MountainCar-v0"))
+    assert played == [range(4)]
+    assert report_of(tmp_path) == first
+    played.clear()
     compare(run_of(tmp_path, "MountainCar-v0", seeds=10))
-    assert played == [range(4), range(8, 10)]
+    assert played == [range(8, 10)]
     compare(run_of(tmp_path / "afresh", "MountainCar-v0", seeds=10))
     assert report_of(tmp_path / "afresh") == report_of(tmp_path)
 
@@ -142,19 +140,14 @@ def test_a_missing_library_is_named_with_its_extra_in_one_line(
     assert not any(tmp_path.iterdir())
 
 
-def test_an_archive_that_is_not_there_is_refused_before_anything_is_played(tmp_path):
-    run = run_of(tmp_path, "CartPole-v1", experts=[f"CartPole-v1:{tmp_path / 'no.zip'}"])
-    with pytest.raises(DatasetError, match=r"no\.zip"):
-        compare(run)
-    assert not any(tmp_path.iterdir())
-
-
-def test_a_task_that_no_labyrinth_can_hold_is_refused_in_one_line(tmp_path):
-    run = run_of(tmp_path, "Labyrinth")
-    run = replace(run, dataset=replace(run.dataset, height=2, width=2, task=Task.ICY_FLOOR))
-    with pytest.raises(ConfigError, match=r"size=2x2.*can hold it"):
-        compare(run)
-    assert not any(tmp_path.iterdir())
+def test_what_cannot_be_played_is_refused_in_one_line_before_anything_is_played(tmp_path):
+    absent = run_of(tmp_path, "CartPole-v1", experts=[f"CartPole-v1:{tmp_path / 'no.zip'}"])
+    tiny = run_of(tmp_path, "Labyrinth")
+    tiny = replace(tiny, dataset=replace(tiny.dataset, height=2, width=2, task=Task.ICY_FLOOR))
+    for run, reason in ((absent, r"no\.zip"), (tiny, r"size=2x2.*can hold it")):
+        with pytest.raises((ConfigError, DatasetError), match=reason):
+            compare(run)
+        assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

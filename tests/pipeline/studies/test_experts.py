@@ -26,33 +26,29 @@ pytestmark = pytest.mark.slow
 DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
 
 
-def returns(name: str, seeds: range) -> np.ndarray:
-    environment = environment_of(name, DATASET)
-    return np.array([environment.play(seed).total for seed in seeds])
-
-
-def test_the_pole_stays_up_from_every_start():
-    assert (returns("CartPole-v1", range(5)) == 500).all()
-
-
-def test_the_car_is_up_the_mountain_in_110_steps_on_average():
-    reached = returns("MountainCar-v0", range(60))
-    assert reached.mean() >= -110
-    assert reached.min() > -125
-
-
 @pytest.mark.parametrize(
-    ("name", "least"), [("Hopper-v5", 2500), ("Walker2d-v5", 2500), ("HalfCheetah-v5", 3000)]
+    ("name", "seeds", "least", "worst"),
+    [
+        ("CartPole-v1", 5, 500, 500),
+        ("MountainCar-v0", 60, -110, -125),
+        ("Hopper-v5", 8, 2500, -np.inf),
+        ("Walker2d-v5", 8, 2500, -np.inf),
+        ("HalfCheetah-v5", 8, 3000, -np.inf),
+    ],
 )
-def test_kept_policies_are_worth_keeping_and_play_the_same_episode_again(name, least):
-    assert returns(name, range(8)).mean() >= least
-    first, again = environment_of(name, DATASET).play(1), environment_of(name, DATASET).play(1)
+def test_experts_are_worth_keeping_and_play_the_same_episode_again(name, seeds, least, worst):
+    played = [environment_of(name, DATASET).play(seed) for seed in (1, *range(seeds))]
+    returns = [each.total for each in played[1:]]
+    assert np.mean(returns) >= least
+    assert min(returns) >= worst
+    first, again = played[0], played[2]
     assert first.total == again.total
     assert np.array_equal(first.states, again.states)
-    assert np.abs(first.actions).max() <= 1
-    provenance = json.loads(source_of(name).read_text())
-    assert provenance["environment"] == name
-    assert provenance["return"]["mean"] >= least
+    if first.actions.ndim == 2:
+        assert np.abs(first.actions).max() <= 1
+        provenance = json.loads(source_of(name).read_text())
+        assert provenance["environment"] == name
+        assert provenance["return"]["mean"] >= least
 
 
 def test_a_seed_gives_the_labyrinth_and_an_optimal_route_of_the_environment():
@@ -187,22 +183,15 @@ def test_a_bad_archive_is_refused_in_one_line_and_nothing_in_it_runs(tmp_path, k
     assert not (tmp_path / "sprung").exists()
 
 
-def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path):
+def test_weights_that_unpack_to_more_than_the_file_holds_are_refused(tmp_path):
     weights, _ = network(ON_POLICY, [4, 6, 5, 2], nn.Tanh())
     path = archive_of(tmp_path / "large.zip", weights)
     with pytest.raises(DatasetError, match="it has more than 100 bytes"):
         read_archive(path, max_bytes=100)
-
-
-def test_a_tensor_is_no_larger_than_what_the_file_holds_of_it(tmp_path):
-    weights, _ = network(ON_POLICY, [4, 6, 5, 2], nn.Tanh())
     weights["action_net.weight"] = torch.zeros(1).as_strided((30_000, 30_000), (0, 0))
     path = archive_of(tmp_path / "strided.zip", weights)
     with pytest.raises(DatasetError, match="weight has more numbers than the file holds"):
         read_archive(path)
-
-
-def test_weights_that_are_packed_twice_are_refused_if_they_unpack_to_too_much(tmp_path):
     stored, packed = io.BytesIO(), io.BytesIO()
     torch.save({"action_net.weight": torch.zeros(1000, 1000)}, stored)
     with zipfile.ZipFile(stored) as old, zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as new:

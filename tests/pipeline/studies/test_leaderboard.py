@@ -14,15 +14,14 @@ import numpy as np
 import pytest
 from policies import Rounds
 from quick_python import python
-from submitted import add_up, content_of, forgetful, of_run, results_of
+from submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.studies.results import results as stage
 from pipeline.studies.results.figures import AVERAGED, Figures
-from pipeline.studies.results.leaderboard import Entry, boards
-from pipeline.studies.results.leaderboard_tables import MARK, csv_of, markdown
+from pipeline.studies.results.leaderboard import MARK, Entry, boards, csv_of, markdown
 from pipeline.studies.results.results import RefusedError
 
 ROOT = Path(__file__).parents[3]
@@ -99,32 +98,6 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
     assert WHY_SPL in text(tmp_path / "results")
 
 
-def test_a_refused_file_is_named_and_keeps_no_other_from_the_leaderboard(
-    results, run_of, submit, tmp_path, capsys
-):
-    submit(content_of(results["planner"], "planner"), "a.json")
-    forged = content_of(results["planner"], "better")
-    told = forged["splits"]["test"]
-    told["moves"][0] = [1] * 8
-    told["outcomes"] = ["s" * 8]
-    add_up(told, 9)
-    path = submit(forged, "5x5/b.json")
-    again = submit(content_of(results["rounds"], "planner"), "c.json")
-    with pytest.raises(RefusedError) as error:
-        stage.run(run_of())
-    first, second, third = str(error.value).splitlines()
-    assert first == "2 files not on the leaderboard:"
-    assert re.fullmatch(
-        rf"  {re.escape(str(path))} is refused: test: labyrinth \w{{16}} has .*", second
-    )
-    assert third.strip() == (
-        f"{again} is refused: {path.parents[1] / 'a.json'} has the same name, planner, on the same "
-        "dataset"
-    )
-    assert {row["method"] for row in rows(tmp_path / "results")} == {"planner"}
-    assert f"1 method: {tmp_path / 'results' / 'leaderboard.md'}" in capsys.readouterr().out
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("about", "why"),
@@ -173,17 +146,22 @@ def test_a_run_is_of_a_method_of_ours_and_lies_in_its_own_place(
     assert rows(tmp_path / "results") == []
 
 
-def test_where_the_dataset_is_not_at_hand_it_is_said_and_marked(
+def test_where_the_dataset_is_not_available_results_are_marked_and_each_dataset_has_its_board(
     results, run_of, submit, tmp_path, capsys
 ):
-    submit(content_of(results["planner"], "planner"))
+    submit(content_of(results["planner"], "planner"), "a.json")
+    other = content_of(results["planner"], "planner")
+    other["dataset"]["fingerprint"] = "1" * 64
+    submit(other, "b.json")
     elsewhere = tmp_path / "nothing"
     stage.run(run_of(elsewhere))
     line = f"3x3 is not available, so results on it have no rank: {elsewhere}/3x3"
     assert f"{line} holds no dataset" in capsys.readouterr().out
+    assert text(tmp_path / "results").count("\n## 3x3\n") == 2
     assert f"\n|  | planner {MARK} |" in text(tmp_path / "results")
     assert {row["compared"] for row in rows(tmp_path / "results")} == {"False"}
-    stage.run(run_of())
+    with pytest.raises(RefusedError, match=r"b\.json is refused: it is of another dataset than"):
+        stage.run(run_of())
     assert "\n| 1 | planner |" in text(tmp_path / "results")
 
 
@@ -201,21 +179,8 @@ def test_results_of_policies_that_the_program_evaluated_are_kept(results, run_of
     assert text(tmp_path / "results") == before
 
 
-def test_results_on_another_dataset_are_not_ranked_beside_those_on_this_one(
-    results, run_of, submit, tmp_path
-):
-    submit(content_of(results["planner"], "planner"), "a.json")
-    other = content_of(results["planner"], "planner")
-    other["dataset"]["fingerprint"] = "1" * 64
-    submit(other, "b.json")
-    with pytest.raises(RefusedError, match=r"b\.json is refused: it is of another dataset than"):
-        stage.run(run_of())
-    stage.run(run_of(tmp_path / "nothing"))
-    assert text(tmp_path / "results").count("\n## 3x3\n") == 2
-
-
 @pytest.mark.slow
-def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_others(
+def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_others(
     results, small_dataset, submit, tmp_path
 ):
     page = (ROOT / "docs" / "evaluation.md").read_text(encoding="utf-8")
@@ -223,17 +188,22 @@ def test_the_command_of_the_page_ends_with_1_for_a_refused_file_and_ranks_the_ot
     [command] = re.findall(r"```sh\npython run\.py (.*)\n```", section)
     shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
     content = content_of(results["planner"], "planner")
-    submit(content)
+    submit(content, "a.json")
+    submit(content_of(results["rounds"], "planner"), "again.json")
     told = content["splits"]["test"]
     told["moves"][0][told["outcomes"][0].index("s")] = 3
-    submit(content, "other.json")
+    submit(content, "5x5/forged.json")
     arguments = [python(), str(ROOT / "run.py"), command]
     done = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "1 method: results/leaderboard.md\n")
-    first, second = done.stderr.splitlines()
-    assert first == "error: 1 file not on the leaderboard:"
+    first, second, third = done.stderr.splitlines()
+    assert first == "error: 2 files not on the leaderboard:"
     reason = r"test: .*: solved after 3 moves, with a shortest route of \d"
-    assert re.fullmatch(rf"  results/submissions/other\.json is refused: {reason}", second)
+    assert re.fullmatch(rf"  results/submissions/5x5/forged\.json is refused: {reason}", second)
+    assert third == (
+        "  results/submissions/again.json is refused: results/submissions/a.json has the same "
+        "name, planner, on the same dataset"
+    )
     assert {row["method"] for row in rows(tmp_path / "results")} == {"planner"}
 
 

@@ -74,13 +74,6 @@ def test_returns_that_are_all_the_same_move_nothing():
     assert not np.isnan(search.policy()[0]).any()
 
 
-def test_the_same_search_goes_on_in_the_same_way():
-    whole, halfway = after(6), after(3)
-    parted = after(3, halfway)
-    assert np.array_equal(whole.weights, parted.weights)
-    assert not np.array_equal(whole.weights, halfway.weights)
-
-
 def test_training_that_was_stopped_ends_as_if_it_had_not_been(tmp_path):
     def train(folder: str, iterations: int, **given: float) -> script.Search:
         options = ("step_size", "directions", "noise", "top", "bonus")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, masks_of, scene_of, slots_of
-from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
+from labyrinth_core.policies.spec import POLICY, RECORD, MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
@@ -34,6 +35,7 @@ from pipeline.training import train
 from pipeline.training.methods import mapper
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.method import Problem
+from pipeline.training.policy import read_policy
 
 pytestmark = pytest.mark.slow
 
@@ -47,11 +49,28 @@ def toy(problem: Problem, **settings: Any) -> mapper.Method:
 
 
 @pytest.fixture(scope="module")
-def trained(problem_of: Problems) -> Mapper:
-    learner = toy(problem_of())
-    losses = [learner.epoch()["loss"] for _ in range(learner.settings.epochs)]
-    assert np.mean(losses[-3:]) < np.mean(losses[:3]) / 10
-    return learner.policy.eval()
+def folder(
+    small_dataset: Run, make_run: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The folder of a run of the stages `train` and `evaluate`."""
+    run = make_run(
+        small_dataset.data_dir,
+        stages=["train", "evaluate"],
+        run_dir=str(tmp_path_factory.mktemp("runs")),
+        device="cpu",
+        method={"name": "mapper", **TOY},
+    )
+    train.run(run)
+    evaluate.run(run)
+    return run.training_folder
+
+
+@pytest.fixture(scope="module")
+def trained(folder: Path) -> Mapper:
+    make = partial(mapper.Method.make, settings=settings_of("mapper"))
+    policy = read_policy(folder / POLICY, NetworkSpec("mapper", 1, 3, 3, "navigation"), make=make)
+    assert isinstance(policy.network, Mapper)
+    return policy.network.eval()
 
 
 def labyrinths_of(height: int, width: int, count: int = 10) -> list[Labyrinth]:
@@ -212,19 +231,10 @@ def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
         assert np.array_equal(early.moves, late.moves)
 
 
-def test_both_stages_run_it_in_pictures_of_flat_colours(
-    small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path
-) -> None:
-    run = make_run(
-        small_dataset.data_dir,
-        stages=["train", "evaluate"],
-        run_dir=str(tmp_path),
-        device="cpu",
-        method={"name": "mapper", **TOY},
-    )
-    train.run(run)
-    evaluate.run(run)
-    content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
+def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
+    losses = [row["loss"] for row in json.loads((folder / RECORD).read_bytes())["history"]]
+    assert np.mean(losses[-3:]) < np.mean(losses[:3]) / 10
+    content = json.loads((folder / "results.json").read_bytes())
     assert content["splits"]["test"]["sr"] >= 0.75
     assert content["splits"]["s0_and_g"]["sr"] >= 0.75
 

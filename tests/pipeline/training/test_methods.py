@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from learning import equal_weights
+from learning import equal_weights, states_seen_by
 from torch import nn
 
 from labyrinth_core.evaluation.playing import success_rate
@@ -110,13 +110,9 @@ def test_what_acts_and_labels_neither_drops_out_nor_moves_its_statistics(
 
 
 @ALL
-def test_nothing_is_learnt_in_a_state_that_ends_an_episode(
-    name: str, problem_of: Problems, states_seen: list[np.ndarray]
-) -> None:
+def test_nothing_is_learnt_in_a_state_that_ends_an_episode(name: str, problem_of: Problems) -> None:
     learner = hasty(name, problem_of())
-    for _ in range(2):
-        learner.epoch()
-    assert not learner.problem.arrays.terminal[np.concatenate(states_seen)].any()
+    assert not learner.problem.arrays.terminal[states_seen_by(learner, epochs=2)].any()
 
 
 @pytest.mark.parametrize("name", ["bco", "iupe"])

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from learning import settings_of
-from policies import RELEASED, Remembering
+from policies import RELEASED
 from torch import nn
 
-from labyrinth_core import evaluate
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import solved_by, success_rate
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.planning import FAR, Bellman, Planner
+from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
@@ -124,26 +123,6 @@ def test_every_prior_can_be_taken_away(problem_of: Problems, prior: str) -> None
     assert learner.outputs(learner.policy).isfinite().all()
 
 
-def test_the_agent_is_found_by_its_colour(problem_of: Problems) -> None:
-    problem = problem_of(encoder="cnn")
-    network = next(each for each in toy(problem).policy.modules() if isinstance(each, Planner))
-    image = problem.observations.permute(0, 3, 1, 2).float() / 255
-    share = network.find(image, torch.zeros(len(image), 1, 3, 3)).exp()
-    cells = share.flip(1).flatten(1).argmax(1)
-    assert np.array_equal(cells.numpy(), problem.arrays.position)
-    assert torch.allclose(share.sum((1, 2)), torch.ones(len(image)))
-
-
-def test_a_grid_of_cells_needs_as_many_rows_as_columns() -> None:
-    spec = NetworkSpec("planner", 1, 3, 4, "navigation")
-    with pytest.raises(ConfigError, match=r"size=3x4: .*method.grid_prior=false"):
-        planner.Method.make(spec, settings_of("planner"))
-    pictures = torch.zeros(2, 64, 64, 3, dtype=torch.uint8)
-    settings = settings_of("planner", grid_prior=False, colour_prior=False)
-    scores = planner.Method.make(spec, settings)
-    assert scores(pictures).shape == (2, 4)
-
-
 def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Problems) -> None:
     settings = settings_of("bc", augment=True, relabel=True, average=True, pictures=64)
     learner = bc.Method(problem_of(encoder="cnn"), settings)
@@ -151,77 +130,44 @@ def test_the_ingredients_are_there_for_behavioural_cloning_too(problem_of: Probl
     assert np.mean(losses[-3:]) < np.mean(losses[:3])
 
 
-def test_it_solves_labyrinths_never_seen_where_behavioural_cloning_fails(
-    problem_of: Problems, small_dataset: Run
-) -> None:
+def test_it_solves_labyrinths_never_seen(problem_of: Problems, small_dataset: Run) -> None:
+    # After 8 epochs it solves 4 to 7 of 8, depending on the seed and on the processor.
+    learner = toy(problem_of(encoder="cnn"), epochs=20)
+    for _ in range(learner.settings.epochs):
+        learner.epoch()
     held_out = load_arrays(small_dataset.data_dir, "3x3", "test")
-    rates = []
-    for learner in (
-        # After 8 epochs it solves 4 to 7 of 8, depending on the seed and on the processor.
-        toy(problem_of(encoder="cnn"), epochs=20),
-        bc.Method(problem_of(encoder="cnn"), settings_of("bc", epochs=8)),
-    ):
-        for _ in range(learner.settings.epochs):
-            learner.epoch()
-        rates.append(success_rate(NetworkPolicy(learner.policy), held_out))
-    planned, cloned = rates
-    assert planned >= 0.75
-    assert planned > cloned + 0.25
+    assert success_rate(NetworkPolicy(learner.policy), held_out) >= 0.75
 
 
-def released() -> NetworkPolicy:
-    """Return the policy that was released."""
+def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_in_numbers() -> None:
     record = read_record(RELEASED)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 1, 5, 5, "navigation")
-    return read_policy(
-        RELEASED / POLICY, spec, make=partial(planner.Method.make, settings=settings)
-    )
-
-
-def test_the_released_policy_scores_the_same_however_it_is_asked(
-    build: Callable[..., Run], tmp_path: Path
-) -> None:
-    run = build(tmp_path / "labyrinth", size="5", labyrinths=4, random_steps=5)
-    policy = released()
-    found = [
-        evaluate(each, run.source, "5x5", splits=["test", "s0_and_g"])
-        for each in (policy, policy.network, Remembering(policy))
-    ]
-    assert [each.way for each in found] == ["look-ups", "look-ups", "steps"]
-    for split in ("test", "s0_and_g"):
-        scores = [each.splits[split] for each in found]
-        assert len({(each.sr, each.aer, each.path_efficiency) for each in scores}) == 1
-        assert len({tuple(each.episodes.moves.ravel()) for each in scores}) == 1
-        assert scores[0].sr >= 0.75
-
-
-def test_an_agent_in_another_colour_is_nowhere_and_the_scores_are_numbers() -> None:
-    structure = next(sample_structures(5, 5, np.random.default_rng(0)))
-    labyrinth = Labyrinth(structure, 0, 24, look=Look.RECOLOURED)
-    pictures = np.stack([render(labyrinth, State(cell), 64) for cell in (0, 1)])
-    assert np.isfinite(released()(pictures)).all()
-
-
-def test_the_released_policy_solves_fresh_labyrinths() -> None:
-    policy = released()
+    make = partial(planner.Method.make, settings=settings)
+    policy = read_policy(RELEASED / POLICY, spec, make=make)
     structures = sample_structures(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
     pictures = ObservationSpec("image", 64, draw=True)
     assert solved_by(policy, as_arrays(labyrinths, pictures)).mean() >= 0.9
+    recoloured = replace(labyrinths[0], look=Look.RECOLOURED)
+    assert np.isfinite(policy(np.stack([render(recoloured, State(7), 64)]))).all()
 
 
 def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_refused() -> None:
     spec, settings = NetworkSpec("planner", 1, 5, 5, "navigation"), settings_of("planner")
     assert planner.Method.image_size(spec, settings, 5, 5) == 64
     assert planner.Method.image_size(spec, settings, 10, 10) == 128
-    with pytest.raises(
-        ConfigError, match=r"\Asize=4x6: method\.grid_prior=true needs as many rows"
-    ):
+    refused = r"\Asize=4x6: method\.grid_prior=true needs as many rows .*method.grid_prior=false\Z"
+    with pytest.raises(ConfigError, match=refused):
         planner.Method.image_size(spec, settings, 4, 6)
-    freely = settings_of("planner", grid_prior=False)
+    oblong = NetworkSpec("planner", 1, 4, 6, "navigation")
+    with pytest.raises(ConfigError, match=refused):
+        planner.Method.make(oblong, settings)
+    freely = settings_of("planner", grid_prior=False, colour_prior=False)
     assert planner.Method.image_size(spec, freely, 4, 6) == 77
+    pictures = torch.zeros(2, 64, 64, 3, dtype=torch.uint8)
+    assert planner.Method.make(oblong, freely)(pictures).shape == (2, 4)
     assert bc.Method.image_size(spec, settings_of("bc"), 4, 6) == 64

@@ -5,8 +5,7 @@ Among them is the last row of each episode, the agent on the goal, with the acti
 
 from __future__ import annotations
 
-from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings
-from pipeline.studies.methods.authors.trial import rows_of
+from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings, rows_of
 from pipeline.training.methods.method import Problem
 
 __all__ = ["Method", "Settings"]
@@ -17,7 +16,7 @@ class Method(AuthorsLearner):
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
-        self.states, self.labels = rows_of(problem.arrays)
+        self.states, self.labels, _ = rows_of(problem.arrays)
 
     def epoch(self) -> dict[str, float]:
         loss = self.clone(self.policy, self.optimizer, (self.states,), self.labels)

@@ -17,8 +17,7 @@ from torch import Tensor, nn
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import WIDTH, Network, as_input
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings
-from pipeline.studies.methods.authors.trial import try_out
+from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings, try_out
 from pipeline.training.methods.acting import softmax
 from pipeline.training.methods.method import Problem
 

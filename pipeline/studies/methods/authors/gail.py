@@ -14,11 +14,16 @@ from torch.nn import functional
 
 from labyrinth_core.policies.networks.network import ACTIONS, as_input
 from pipeline.studies.methods.authors import bc
-from pipeline.studies.methods.authors.learner import Settings, called
+from pipeline.studies.methods.authors.learner import Settings
 from pipeline.training.methods.gail import Discriminator
 from pipeline.training.methods.method import Problem
 
 __all__ = ["Method", "Settings"]
+
+
+def called(logits: Tensor, value: float) -> Tensor:
+    """Return the binary cross-entropy of logits that should all have one label."""
+    return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, value))
 
 
 class Method(bc.Method):

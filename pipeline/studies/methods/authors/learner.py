@@ -1,4 +1,7 @@
-"""What the authors' methods have in common: settings, optimizer, and how a policy is tried."""
+"""What the authors' methods have in common: settings, optimizer, rows, and how a policy is tried.
+
+A policy is tried on rows, and in episodes that are cut where they repeat.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,18 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn import functional
 from torch.optim import Adam
 
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation.playing import Episodes, play
 from labyrinth_core.evaluation.scores import Scores
-from pipeline.studies.methods.authors.trial import VISITS, accuracy, certain, try_out
+from labyrinth_core.policies.networks.network import ACTIONS
+from pipeline.training.methods.acting import Steps, draw
 from pipeline.training.methods.method import BaseSettings, Learner, setting
+
+VISITS = 5
+"""An episode is cut where the agent comes to a state in which it has acted so often already."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,7 @@ class AuthorsLearner(Learner):
 
     selected_by = "validation_accuracy"
     visits: int | None = VISITS
-    """As `trial.try_out` has it."""
+    """As `try_out` has it."""
 
     def adam(self, network: nn.Module) -> Adam:
         # Fused, because Adam is most of the work of a step with one row.
@@ -39,7 +46,8 @@ class AuthorsLearner(Learner):
     @classmethod
     def chances(cls, scores: Tensor) -> NDArray[np.float64]:
         """Return the probabilities of the actions of a trained policy, shape (S, 4)."""
-        return certain(scores.argmax(1).cpu().numpy())
+        certain: NDArray[np.float64] = np.eye(ACTIONS)[scores.argmax(1).cpu().numpy()]
+        return certain
 
     @classmethod
     def chances_in_training(cls, scores: Tensor) -> NDArray[np.float64]:
@@ -57,8 +65,11 @@ class AuthorsLearner(Learner):
             for arrays in (train, validation)
         )
         episodes, _ = try_out(train, of_train, rng, cls.visits)
+        rows = rows_of(validation)
         return {
-            "validation_accuracy": accuracy(validation, of_validation, rng),
+            "validation_accuracy": float(
+                (draw(of_validation[rows.states], rng) == rows.actions).mean()
+            ),
             "train_return": float(episodes.returns.mean()),
         }
 
@@ -69,6 +80,44 @@ class AuthorsLearner(Learner):
         return Scores.of(episodes, arrays).summary()
 
 
-def called(logits: Tensor, value: float) -> Tensor:
-    """Return the binary cross-entropy of logits that should all have one label."""
-    return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, value))
+def rows_of(arrays: LabyrinthArrays) -> Steps:
+    """Return the rows of all episodes of a split, in order: its steps and the last states.
+
+    The action of a last row is that of the row before it, and the next state is the goal itself.
+    """
+    states, actions = [], []
+    for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
+        states.append(start)
+        for action in route.tolist():
+            states.append(int(arrays.next_state[states[-1], action]))
+        actions += [*route.tolist(), int(route[-1])]
+    return Steps(np.array(states), np.array(actions), arrays.next_state[states, actions])
+
+
+def try_out(
+    arrays: LabyrinthArrays,
+    probabilities: NDArray[np.float64],
+    rng: np.random.Generator,
+    visits: int | None = VISITS,
+) -> tuple[Episodes, NDArray[np.int64]]:
+    """Let a policy act for one episode in each labyrinth.
+
+    Args:
+        arrays: The labyrinths.
+        probabilities: The probability of each action in each state, shape (S, 4).
+        rng: Draws the actions.
+        visits: An episode is cut, and counts like one that reached the step limit, where the agent
+            comes to a state in which it has acted so often; None for the step limit alone.
+
+    Returns:
+        The results, and all steps, as rows of s, a, s', shape (N, 3).
+    """
+    taken = [np.zeros((0, 3), np.int64)]
+
+    def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
+        here = state[running]
+        actions = draw(probabilities[here], rng)
+        taken.append(np.stack([here, actions, arrays.next_state[here, actions]], axis=1))
+        return actions
+
+    return play(arrays, choose, visits=visits), np.concatenate(taken)

@@ -16,8 +16,8 @@ with alpha 4 a difference of 1 makes an action 1.3 times likelier than another.
 A gradient step is on as many of the learner's own steps as of rows, whose reward is 1. The learner
 begins with a full buffer of its own steps, here in all labyrinths of train in lock-step, and takes
 one step before each gradient step, in a labyrinth drawn for each episode. An epoch is as many
-gradient steps as there are batches of rows. In a last row, where the authors' have no next state,
-that is the goal itself.
+gradient steps as there are batches of rows. The authors' last rows have no next state; ours
+have the goal itself.
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ from torch.nn import functional
 
 from labyrinth_core.policies.networks.acting import outputs_of
 from pipeline.studies.methods.authors import learner
-from pipeline.studies.methods.authors.learner import AuthorsLearner
-from pipeline.studies.methods.authors.trial import rows_of
+from pipeline.studies.methods.authors.learner import AuthorsLearner, rows_of
 from pipeline.training.methods.acting import draw, roll_out, softmax
 from pipeline.training.methods.method import Problem, setting
 
@@ -62,8 +61,7 @@ class Method(AuthorsLearner):
         arrays = problem.arrays
         self.target = self.make(problem.spec, settings).to(problem.device)
         self.copy()
-        states, actions = rows_of(arrays)
-        self.rows = np.stack([states, actions, arrays.next_state[states, actions]], axis=1)
+        self.rows = np.stack(rows_of(arrays), axis=1)
         self.own = self.first_steps()
         self.written = self.steps = 0
         self.where, self.taken = self.begin(), 0
