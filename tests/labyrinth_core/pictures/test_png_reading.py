@@ -7,14 +7,9 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
-from strategies import labyrinths
 
-from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_of
-from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import state_at, state_count
+from labyrinth_core.pictures.png import encode, strips_of
 
 NOISE = Random(0).randbytes
 STRIPS = [((NOISE(90), 1), (b"\xff" * 90, 20)), ((NOISE(90), 4),), ((NOISE(90), 5),)]
@@ -49,14 +44,6 @@ def file_of(data, *, header=HEADER, more=()):
 
 def data_of(png):
     return png[41:-16]
-
-
-@given(labyrinths(), st.data())
-def test_every_picture_of_a_labyrinth_is_read_back(labyrinth, data):
-    painter = Painter(labyrinth)
-    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
-    strips = strips_of(painter.png(state), PICTURE_SIZE)
-    assert pixels(strips) == painter.array(state).tobytes()
 
 
 def test_repeated_rows_are_counted_and_not_unpacked():

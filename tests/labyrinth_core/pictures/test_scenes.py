@@ -12,7 +12,7 @@ from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
+from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, render, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
@@ -54,6 +54,7 @@ def test_large_pictures_are_those_drawn_plainly_too(image_size):
     labyrinth = parse(KEY_AND_DOOR)
     drawn = [(labyrinth, State(4)), (labyrinth, State(8, True)), (labyrinth, State(8, True, True))]
     assert_plain(draw(drawn, image_size), drawn)
+    assert_plain(np.stack([render(*view, image_size) for view in drawn]), drawn)
 
 
 @pytest.mark.slow

@@ -62,23 +62,6 @@ def state_of(world, situation):
 # Properties.
 
 
-@pytest.mark.slow
-@given(labyrinths(), actions)
-def test_walking_gives_the_situations_and_rewards_that_the_rules_say(labyrinth, route):
-    world = world_of(labyrinth)
-    situation, state = (world.start, False, False), initial(labyrinth)
-    assert state == state_of(world, situation)
-    assert not is_terminal(labyrinth, state)
-    for action in route:
-        situation, expected, over = step(world, situation, action)
-        state = transition(labyrinth, state, action)
-        assert state == state_of(world, situation)
-        assert reward(labyrinth, state) == pytest.approx(expected, abs=1e-12)
-        assert is_terminal(labyrinth, state) == over
-        if over:
-            break
-
-
 @given(labyrinths())
 def test_every_state_has_a_number_of_its_own(labyrinth):
     numbers = range(state_count(labyrinth))
