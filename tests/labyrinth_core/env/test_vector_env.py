@@ -232,10 +232,11 @@ def test_an_episode_that_never_ends_returns_minus_four():
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("task", ["key_and_door", "icy_floor"])
 @pytest.mark.parametrize("kind", ["image", "vector", "state"])
-def test_what_was_returned_is_the_callers_own(kind, mode):
+def test_what_was_returned_is_the_callers_own(kind, task, mode):
     options = {"observation": kind, "autoreset_mode": mode, "max_episode_steps": 20}
-    ours, untouched = (LabyrinthVectorEnv(3, 3, "key_and_door", **options) for _ in range(2))
+    ours, untouched = (LabyrinthVectorEnv(3, 3, task, **options) for _ in range(2))
     returned, _ = ours.reset(seed=0), untouched.reset(seed=0)
     kept = []
     for action in np.random.default_rng(0).integers(4, size=(100, 3)):

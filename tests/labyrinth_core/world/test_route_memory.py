@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.solver import shortest_routes
@@ -50,3 +50,10 @@ def test_the_best_way_is_the_shortest_part_of_a_route_that_is_open(labyrinth, da
     assert (None if best is None else len(best)) == min(ways, default=None)
     if best is not None:
         assert replay(labyrinth, best).states[-1].agent == labyrinth.goal
+
+
+def test_ice_bars_a_route():
+    room = Structure.without_walls(2, 2)
+    labyrinth = Labyrinth(room, 0, 3, Task.ICY_FLOOR, ice=frozenset({1}))
+    assert RouteMemory([[0, 1, 3]]).best(labyrinth) is None
+    assert RouteMemory([[0, 1, 3], [0, 2, 3]]).best(labyrinth) == [0, 1]
