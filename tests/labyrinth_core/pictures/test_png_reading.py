@@ -95,38 +95,23 @@ def rows(*filtered):
 PLAIN = [b"\0" + bytes(90)] * 30
 
 
-@pytest.mark.parametrize(
-    "png",
-    [
-        b"",
-        file_of(b""),
-        file_of(rows(*PLAIN)[:-1]),
-        file_of(rows(*PLAIN) + b"more"),
-        file_of(rows(*PLAIN[1:])),
-        file_of(rows(*PLAIN, *PLAIN)),
-        file_of(rows(b"\1" + NOISE(90), *PLAIN[1:])),
-        file_of(rows(*PLAIN[1:], b"\2" + NOISE(90))),
-        file_of(rows(b"\2" + bytes(90), *PLAIN[1:])),
-        file_of(zlib.compress(bytes(10**6))),
-        file_of(rows(*PLAIN), more=[(b"tRNS", bytes(6))]),
-        file_of(rows(*PLAIN), header=struct.pack(">IIBBBBB", 30, 30, 8, 2, 0, 0, 1)),
-        file_of(rows(*(b"\0" + NOISE(90) for _ in PLAIN))),
-    ],
-    ids=[
-        "no file",
-        "no data",
-        "cut short",
-        "more after the end",
-        "a row missing",
-        "rows too many",
-        "another filter",
-        "differences from above",
-        "above the first row",
-        "far too much",
-        "a chunk more",
-        "interlaced",
-        "too many different rows to remember",
-    ],
-)
+NOT_OURS = {
+    "no file": b"",
+    "no data": file_of(b""),
+    "cut short": file_of(rows(*PLAIN)[:-1]),
+    "more after the end": file_of(rows(*PLAIN) + b"more"),
+    "a row missing": file_of(rows(*PLAIN[1:])),
+    "rows too many": file_of(rows(*PLAIN, *PLAIN)),
+    "another filter": file_of(rows(b"\1" + NOISE(90), *PLAIN[1:])),
+    "differences from above": file_of(rows(*PLAIN[1:], b"\2" + NOISE(90))),
+    "above the first row": file_of(rows(b"\2" + bytes(90), *PLAIN[1:])),
+    "far too much": file_of(zlib.compress(bytes(10**6))),
+    "a chunk more": file_of(rows(*PLAIN), more=[(b"tRNS", bytes(6))]),
+    "interlaced": file_of(rows(*PLAIN), header=struct.pack(">IIBBBBB", 30, 30, 8, 2, 0, 0, 1)),
+    "too many different rows to remember": file_of(rows(*(b"\0" + NOISE(90) for _ in PLAIN))),
+}
+
+
+@pytest.mark.parametrize("png", NOT_OURS.values(), ids=NOT_OURS)
 def test_what_the_encoder_does_not_write_is_left_to_others(png):
     assert strips_of(png, 30) is None
