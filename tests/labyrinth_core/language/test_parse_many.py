@@ -4,6 +4,7 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
@@ -77,16 +78,18 @@ def test_labyrinths_that_differ_in_kind_are_left_to_the_parser(first, second):
     assert (parse_many([dump(first), dump(second)]) is not None) == alike
 
 
+@pytest.mark.parametrize("opened", [False, True])
 @given(labyrinths(), st.data())
-def test_labyrinths_that_break_a_rule_are_left_to_the_parser(labyrinth, data):
-    # A wall is closed; what can still be solved is as good as before.
+def test_labyrinths_that_break_a_rule_are_left_to_the_parser(opened, labyrinth, data):
+    # A wall is opened or closed; what can still be solved is as good as before.
     structure, whole = labyrinth.structure, dump(labyrinth)
-    passages = list(structure.passages())
-    passages.remove(data.draw(st.sampled_from(passages)))
-    walled = copy(labyrinth)
-    closed = Structure.from_passages(structure.height, structure.width, passages)
-    object.__setattr__(walled, "structure", closed)  # Unchecked.
-    text = dump(walled)
+    height, width, passages = structure.height, structure.width, {*structure.passages()}
+    walls = {*Structure.without_walls(height, width).passages()} - passages
+    pair = data.draw(st.sampled_from(sorted(walls if opened and walls else passages)))
+    changed = Structure.from_passages(height, width, passages ^ {pair})
+    unchecked = copy(labyrinth)
+    object.__setattr__(unchecked, "structure", changed)
+    text = dump(unchecked)
     try:
         parse(text)
     except LabyrinthSyntaxError:
