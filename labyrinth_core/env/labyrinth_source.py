@@ -52,7 +52,8 @@ class LabyrinthSource(NamedTuple):
             ValueError: An argument has a value that is impossible.
         """
         if kept is None:
-            return cls(Shape(*as_size(size), chosen("task", task, Task)))
+            written = "x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size)
+            return cls(Shape(*parse_size(written), chosen("task", task, Task)))
         labyrinth = as_labyrinth(kept)
         return cls(Shape.of(labyrinth), labyrinth)
 
@@ -114,15 +115,6 @@ def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
             return choice
     names = ", ".join(str(getattr(choice, "value", choice)) for choice in choices)
     raise ValueError(f"{name}={value}: choose one of {names}")
-
-
-def as_size(size: Size) -> tuple[int, int]:
-    """Return `(height, width)` of a size given as `5`, `"4x6"` or `(4, 6)`.
-
-    Raises:
-        ValueError: It is none of these, or too small or too large.
-    """
-    return parse_size("x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size))
 
 
 def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:

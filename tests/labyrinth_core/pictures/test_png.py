@@ -1,26 +1,19 @@
 """The encoder's files: strict PNG, and the pixels that were given."""
 
-import base64
 import io
 import random
 import shutil
 import subprocess
-import zlib
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from known_labyrinths import KEY_AND_DOOR
 from PIL import Image
 
-from labyrinth_core.language.text import parse
-from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, encode
-from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.pictures.png import Mosaic, encode
 
-LABYRINTH = parse(KEY_AND_DOOR)
 WHITE, BLACK = b"\xff\xff\xff", b"\0\0\0"
 
 
@@ -64,42 +57,6 @@ def test_pillow_and_opencv_decode_the_pixels_that_were_given(picture):
     by_opencv = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_UNCHANGED)[..., ::-1]
     np.testing.assert_array_equal(by_pillow, pixels(strips, width))
     np.testing.assert_array_equal(by_opencv, pixels(strips, width))
-
-
-PAGE = """<!doctype html><script>
-onload = () => {
-  document.body.dataset.sums = [...document.images].map(image => {
-    const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
-    const context = canvas.getContext("2d");
-    context.drawImage(image, 0, 0);
-    const pixels = context.getImageData(0, 0, canvas.width, canvas.height).data;
-    let a = 1, b = 0;
-    for (let place = 0; place < pixels.length; place += 1) {
-      a = (a + pixels[place]) % 65521;
-      b = (b + a) % 65521;
-    }
-    return b * 65536 + a;
-  }).join(" ");
-};
-</script>"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
-def test_chromium_decodes_the_pixels_that_were_given(tmp_path):
-    some = [large_picture(), ([((BLACK + WHITE, 1), (WHITE + BLACK, 7))], 2)]
-    states = State(0), State(7, has_key=True)
-    some += [(Painter(LABYRINTH).strips(state), PICTURE_SIZE) for state in states]
-    images = [base64.b64encode(encode(*picture)).decode() for picture in some]
-    page = tmp_path / "page.html"
-    page.write_text(PAGE + "".join(f'<img src="data:image/png;base64,{i}">' for i in images))
-    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}/profile"]
-    browser = subprocess.run(
-        ["chromium", *options, "--dump-dom", page], capture_output=True, text=True, timeout=120
-    )
-    opaque = [np.insert(pixels(*picture), 3, 255, axis=2) for picture in some]
-    sums = " ".join(str(zlib.adler32(picture.tobytes())) for picture in opaque)
-    assert f'data-sums="{sums}"' in browser.stdout, browser.stderr
 
 
 @given(pictures(), st.data())
