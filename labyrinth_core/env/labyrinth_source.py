@@ -124,7 +124,7 @@ def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
     the same way.
 
     Raises:
-        ValueError: It is none of these, the text is not a labyrinth, or the file cannot be read.
+        ValueError: It has another type, the text is not a labyrinth, or the file cannot be read.
     """
     if isinstance(labyrinth, Labyrinth):
         return labyrinth
@@ -139,7 +139,7 @@ def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
 
 
 def step_limit(cells: int, max_episode_steps: int | None) -> int:
-    """Return the number of steps after which an episode in so many cells is truncated.
+    """Return the number of steps after which an episode in a labyrinth is truncated.
 
     Raises:
         ValueError: `max_episode_steps`, a limit that may be lower, is no whole number from 1 on.

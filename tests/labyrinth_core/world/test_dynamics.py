@@ -33,7 +33,7 @@ def test_every_state_has_a_number_of_its_own(labyrinth):
     world = world_of(labyrinth)
     allowed = {state_of(world, situation) for situation in situations(world)}
     assert allowed <= set(states)
-    # Nobody stands in a closed door, nor on the key without it: those three mean nothing.
+    # The agent is never in a closed door, nor on the key without it: those three mean nothing.
     assert len(states) - len(allowed) == (3 if world.door else 0)
     assert state_index(labyrinth, initial(labyrinth)) == labyrinth.start
 
