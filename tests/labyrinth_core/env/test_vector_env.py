@@ -10,6 +10,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from known_labyrinths import OPEN
+from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 
 from labyrinth_core.env import LabyrinthEnv, next_labyrinths
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
@@ -22,16 +23,6 @@ from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
 CLOSER = OPEN.replace("|     E |", "| E     |")
-KEY_AND_DOOR = """
-key_and_lock: True
-labyrinth:
----------
-| K | E |
-|   +   |
-| S   D |
----------
-end
-"""
 
 
 def assert_same(ours, theirs, where=""):
@@ -340,7 +331,7 @@ def test_only_the_four_actions_are_actions(actions, message):
         ({"autoreset_mode": "never"}, "autoreset_mode=never: choose one of NextStep, SameStep"),
         ({"labyrinths": []}, "labyrinths: give at least one"),
         ({"labyrinths": [OPEN], "labyrinth": OPEN}, "give labyrinth or labyrinths, not both"),
-        ({"labyrinths": [OPEN, KEY_AND_DOOR]}, "2x2 and navigation, not 2x2 and key_and_door"),
+        ({"labyrinths": [OPEN, KEY_AND_DOOR]}, "2x2 and navigation, not 2x3 and key_and_door"),
         ({"reward": "much"}, "reward=much: choose one of"),
         ({"max_episode_steps": 0}, "max_episode_steps=0"),
         ({"size": 1}, "size=1"),

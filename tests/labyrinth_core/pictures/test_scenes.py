@@ -30,15 +30,12 @@ def views(draw_from: st.DrawFn, *tasks: Task) -> list[tuple[Labyrinth, State]]:
     return [(labyrinth, state_at(labyrinth, number)) for number in draw_from(numbers)]
 
 
-def plainly(labyrinth: Labyrinth, state: State, image_size: int) -> np.ndarray:
-    return area_average(Painter(labyrinth).array(state), image_size)
-
-
 def assert_plain(pictures: np.ndarray, drawn: list[tuple[Labyrinth, State]]) -> None:
     image_size = pictures.shape[1]
     assert (pictures.shape, pictures.dtype) == ((len(drawn), image_size, image_size, 3), np.uint8)
-    for picture, view in zip(pictures, drawn, strict=True):
-        np.testing.assert_array_equal(picture, plainly(*view, image_size), repr(view))
+    for picture, (labyrinth, state) in zip(pictures, drawn, strict=True):
+        plain = area_average(Painter(labyrinth).array(state), image_size)
+        np.testing.assert_array_equal(picture, plain, repr((labyrinth, state)))
 
 
 @pytest.mark.slow
