@@ -142,11 +142,11 @@ def parser() -> argparse.ArgumentParser:
     play.add_argument("--gif", type=_file(".gif"), metavar="OUT", help=text)
     text = "show every route without a loop, one after the other (with --gif)"
     play.add_argument("--all", action="store_true", help=text)
-    text = f"stop --all after so many routes (default: {GIF_ROUTES})"
+    text = f"stop --all after N routes (default: {GIF_ROUTES})"
     play.add_argument("--limit", type=_whole(1), metavar="N", help=text)
 
     solve.add_argument("--all", action="store_true", help="print every route without a loop")
-    text = f"stop --all after so many routes (default: {ROUTES:,})"
+    text = f"stop --all after N routes (default: {ROUTES:,})"
     solve.add_argument("--limit", type=_whole(1), metavar="N", help=text)
 
     text = "height x width such as 4x6, or one number for a square (default: 5)"

@@ -183,7 +183,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
 
         Raises:
             ResetNeeded: The episode is over, or has not begun.
-            ValueError: The action is none of the four.
+            ValueError: The action is not one of the four.
         """
         if self._over:
             raise ResetNeeded("no episode is under way: call reset() before step()")

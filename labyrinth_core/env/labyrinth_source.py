@@ -52,7 +52,8 @@ class LabyrinthSource(NamedTuple):
             ValueError: An argument has a value that is impossible.
         """
         if kept is None:
-            return cls(Shape(*as_size(size), chosen("task", task, Task)))
+            written = "x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size)
+            return cls(Shape(*parse_size(written), chosen("task", task, Task)))
         labyrinth = as_labyrinth(kept)
         return cls(Shape.of(labyrinth), labyrinth)
 
@@ -116,15 +117,6 @@ def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
     raise ValueError(f"{name}={value}: choose one of {names}")
 
 
-def as_size(size: Size) -> tuple[int, int]:
-    """Return `(height, width)` of a size given as `5`, `"4x6"` or `(4, 6)`.
-
-    Raises:
-        ValueError: It is none of these, or too small or too large.
-    """
-    return parse_size("x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size))
-
-
 def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
     """Return a labyrinth given as such, as its text, or as the path of a file.
 
@@ -132,7 +124,7 @@ def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
     the same way.
 
     Raises:
-        ValueError: It is none of these, the text is not a labyrinth, or the file cannot be read.
+        ValueError: It has another type, the text is not a labyrinth, or the file cannot be read.
     """
     if isinstance(labyrinth, Labyrinth):
         return labyrinth
@@ -147,7 +139,7 @@ def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
 
 
 def step_limit(cells: int, max_episode_steps: int | None) -> int:
-    """Return the number of steps after which an episode in so many cells is truncated.
+    """Return the number of steps after which an episode in a labyrinth is truncated.
 
     Raises:
         ValueError: `max_episode_steps`, a limit that may be lower, is no whole number from 1 on.

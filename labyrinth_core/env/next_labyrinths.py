@@ -46,7 +46,7 @@ class NextLabyrinths:
 
     @staticmethod
     def pay(count: int, shape: Shape) -> bool:
-        """Return whether so many labyrinths of a shape can be drawn together, in less time."""
+        """Return whether `count` labyrinths of a shape can be drawn together, in less time."""
         without_tiles = shape.task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
         return without_tiles and count >= FEWEST and shape.height * shape.width <= WORD
 
@@ -64,7 +64,7 @@ class NextLabyrinths:
             generator: Returns the generator of a sub-environment.
 
         Returns:
-            The places for which there is none; their generators are ready to draw it.
+            The places for which none was drawn; their generators are ready to draw it.
         """
         if not self._there[places].all():
             empty = np.flatnonzero(~(self._there | self._left_out))

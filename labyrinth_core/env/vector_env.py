@@ -246,7 +246,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
         Raises:
             ResetNeeded: An episode has not begun, or is over and `autoreset_mode` is `DISABLED`.
-            ValueError: An action is none of the four.
+            ValueError: An action is not one of the four.
         """
         actions = self._checked_actions(actions)
         if not self._begun.all():

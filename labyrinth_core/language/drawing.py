@@ -46,7 +46,7 @@ def draw_text(
 def describe(labyrinth: Labyrinth, state: State) -> str:
     """Return what the agent observes in words: the text of the language, with `draw_text` in it.
 
-    Where the episode began is none of it.
+    The text does not say where the episode began.
     """
     text = without_agent(dump(labyrinth))
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"

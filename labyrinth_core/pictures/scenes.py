@@ -59,7 +59,7 @@ def draw(
     Raises:
         ValueError: A labyrinth is too large for every wall to have a pixel.
     """
-    # Labyrinths are told apart by identity: to compare them takes as long as to draw one twice.
+    # Labyrinths are compared by identity: by value it takes as long as to draw one twice.
     kinds: dict[int, tuple[Any, ...]] = {}
     groups: dict[tuple[Any, ...], list[int]] = {}
     for place, (labyrinth, _) in enumerate(views):

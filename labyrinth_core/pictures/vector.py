@@ -31,12 +31,6 @@ def tile_count(task: Task) -> int:
     return 5 if task is Task.KEY_AND_DOOR else 3
 
 
-def grid_index(cell: int, width: int) -> int:
-    """Return where a cell lies in the flattened wall grid."""
-    row, column = divmod(cell, width)
-    return 2 * row * (2 * width - 1) + 2 * column
-
-
 def grid_indices(height: int, width: int) -> VectorArray:
     """Return where each cell lies in the flattened wall grid, shape (cells,)."""
     grid = np.arange((2 * height - 1) * (2 * width - 1), dtype=np.int32)
@@ -115,7 +109,8 @@ def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
     """
     structure = labyrinth.structure
     vector: VectorArray = initial_vector(labyrinth).copy()
-    vector[0] = grid_index(state.agent, structure.width)
+    row, column = divmod(state.agent, structure.width)
+    vector[0] = 2 * row * (2 * structure.width - 1) + 2 * column
     if labyrinth.door is not None:
         if state.has_key:
             vector[3] = GONE

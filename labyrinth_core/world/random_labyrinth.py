@@ -150,7 +150,7 @@ def _ends(
     Args:
         structure: The structure.
         other: The cell of the other one of the two, which has to be far enough away.
-        former: The cell that is left, None if there is none.
+        former: The cell that is left; None if every cell may be taken.
         rng: Draws the order.
         nearer: Whether the farthest cells are accepted where no cell is far enough.
     """

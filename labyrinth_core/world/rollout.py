@@ -74,7 +74,7 @@ def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: in
 
 
 def pieces(episode: Episode, steps: int) -> Iterator[Episode]:
-    """Yield the parts of an episode of so many steps each, the last one of those that are left.
+    """Yield the parts of an episode, each of `steps` steps, the last of those that are left.
 
     Each is an episode of the same labyrinth in which the agent begins where the part does.
     """

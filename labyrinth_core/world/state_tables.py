@@ -17,10 +17,9 @@ from labyrinth_core.world.dynamics import (
     reward,
     state_count,
     state_index,
-    transition_table,
 )
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth
-from labyrinth_core.world.solver import distances, optimal_actions
+from labyrinth_core.world.solver import optimal_actions, table_and_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +51,7 @@ def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
         normalised: Whether the goal pays so much that an optimal episode returns exactly 1.
     """
     cells, count = labyrinth.structure.cells, state_count(labyrinth)
-    transitions = transition_table(labyrinth)
-    distance = distances(labyrinth, transitions)
+    transitions, distance = table_and_distances(labyrinth)
     first = initial(labyrinth)
     start = state_index(labyrinth, first)
     rewards = np.full(count, reward(labyrinth, first))

@@ -10,9 +10,9 @@ from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import grouped, read_rows
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse, without_agent
-from labyrinth_core.world.dynamics import initial, state_index, transition_table
+from labyrinth_core.world.dynamics import initial, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import distances
+from labyrinth_core.world.solver import table_and_distances
 
 
 class Route(NamedTuple):
@@ -49,9 +49,9 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
         if is_first:
             before = text
             labyrinth = parse(text).from_start()
-            table = transition_table(labyrinth)
+            table, distances = table_and_distances(labyrinth)
             start = state_index(labyrinth, initial(labyrinth))
-            shortest = distances(labyrinth, table)[start]
+            shortest = distances[start]
         begin = start if info == text else state_index(labyrinth, initial(parse(info)))
         if min(actions, default=0) < 0:
             raise ValueError(f"{min(actions)} is not an action")

@@ -105,7 +105,7 @@ def world_of(labyrinth: Labyrinth) -> World:
 
 
 def labyrinth_of(world: World, task: Task = Task.NAVIGATION) -> Labyrinth:
-    """Return the labyrinth of a world; an error if the library finds that it is none."""
+    """Return the labyrinth of a world; an error if the library refuses it."""
 
     def cell(place: Place | None) -> int | None:
         return None if place is None else place[0] * world.width + place[1]

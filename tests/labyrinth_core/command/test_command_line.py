@@ -175,7 +175,10 @@ def test_new_without_a_seed_prints_another_one_each_time(run):
             ["new", "--size", "9", "--task", "icy-floor", "--open-walls", "0"],
             "labyrinth: open_walls=0 task=icy_floor: ",
         ),
-        (["new", "--size", "2", "--task", "icy-floor"], "labyrinth: size=2x2, task=icy_floor, "),
+        (
+            ["new", "--size", "2", "--task", "icy-floor"],
+            "goal=(1, 1): none of 10,000 labyrinths can",
+        ),
         (["new", "--task", "maze"], "argument --task: 'maze': choose one of navigation, "),
         (["new", "--seed", "-1"], "argument --seed: '-1': give a whole number from 0 on"),
         (["new", "--sampler", "maze"], "sampler=maze: choose one of wilson, "),
@@ -319,9 +322,11 @@ def play(file, *keys, interrupt=False):
     return process.wait(), shown
 
 
-def test_play_follows_the_arrow_keys_to_the_goal():
-    status, shown = play(NAVIGATION, b"\x1b[A", b"\x1b[C", b"\x1b[A", b"\x1b[C")
+def test_play_counts_bumps_starts_again_and_follows_the_arrow_keys_to_the_goal():
+    status, shown = play(NAVIGATION, b"\x1bOD", b"xr", b"\x1b[A", b"\x1b[C", b"\x1b[A", b"\x1b[C")
     assert status == 0
+    assert "1 move; that way is closed" in shown
+    assert shown.count("0 moves") == 2
     assert "4 moves" in shown
     assert "The episode ends: you have reached the goal." in shown
 
@@ -333,16 +338,10 @@ def test_play_ends_on_ice():
 
 
 @pytest.mark.slow
-def test_play_counts_bumps_starts_again_and_quits():
-    status, shown = play(NAVIGATION, b"\x1bOD", b"r", b"xq")
+def test_q_and_ctrl_c_leave_a_game():
+    status, shown = play(NAVIGATION, b"q")
     assert status == 0
-    assert "1 move; that way is closed" in shown
-    assert shown.count("0 moves") == 2
     assert "The episode ends" not in shown
-
-
-@pytest.mark.slow
-def test_ctrl_c_leaves_a_game_with_status_130():
     assert play(NAVIGATION, b"w", interrupt=True)[0] == 130
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.language.drawing import describe, dump_many
+from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode
 from labyrinth_core.language.text import (
@@ -19,16 +19,13 @@ from labyrinth_core.language.text import (
     parse,
     without_agent,
 )
-from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import initial
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 
 ROOT = Path(__file__).parents[3]
 VALID = ROOT / "tests" / "data" / "valid"
-UP, RIGHT, DOWN, LEFT = range(4)
 
 TINY = """\
 key_and_lock: False
@@ -101,22 +98,16 @@ def test_thousands_of_damaged_texts_are_labyrinths_or_syntax_errors():
 @pytest.mark.parametrize(
     ("figure", "task", "route", "tiles"),
     [
-        ("1a_navigation", Task.NAVIGATION, [UP, RIGHT, UP, RIGHT], [None, None]),
-        (
-            "1b_partial_observability",
-            Task.PARTIAL_OBSERVABILITY,
-            [UP, RIGHT, UP, RIGHT],
-            [None] * 2,
-        ),
+        ("1a_navigation", Task.NAVIGATION, [0, 1, 0, 1], [None, None]),
+        ("1b_partial_observability", Task.PARTIAL_OBSERVABILITY, [0, 1, 0, 1], [None, None]),
         ("1c_key_and_door", Task.KEY_AND_DOOR, [0, 1, 1, 2, 0, 3, 0, 1], [2, 7]),
-        ("1d_ice_floor", Task.ICY_FLOOR, [UP, RIGHT, UP, RIGHT], [None, None, 1, 2, 5]),
+        ("1d_ice_floor", Task.ICY_FLOOR, [0, 1, 0, 1], [None, None, 1, 2, 5]),
     ],
 )
 def test_the_figures_of_the_supplement_have_these_solutions(figure, task, route, tiles):
     labyrinth = load(VALID / f"figure_{figure}.labyrinth")
-    assert labyrinth.task is task
-    assert (labyrinth.start, labyrinth.goal) == (0, 8)
-    assert [labyrinth.key, labyrinth.door, *sorted(labyrinth.ice)] == tiles
+    found = [labyrinth.key, labyrinth.door, *sorted(labyrinth.ice)]
+    assert (labyrinth.task, labyrinth.start, labyrinth.goal, found) == (task, 0, 8, tiles)
     assert shortest_routes(labyrinth) == [route]
 
 
@@ -140,15 +131,9 @@ def test_missing_tiles_follow_from_the_seed():
 def test_an_error_knows_place_line_and_what_was_expected():
     error = mistake(TINY.replace("| S ", "| s "), file="mine.labyrinth")
     assert (error.file, error.line, error.column) == ("mine.labyrinth", 9, 3)
-    assert error.source_line == "| s     |"
-    assert error.expected == "S, E, K, D, I or a blank"
-    assert error.found == "'s'"
+    assert (error.message, error.source_line) == ("in a line of cells", "| s     |")
+    assert (error.expected, error.found) == ("S, E, K, D, I or a blank", "'s'")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
-    assert str(error) == (
-        "mine.labyrinth:9:3: in a line of cells: expected S, E, K, D, I or a blank, found 's'\n"
-        "| s     |\n"
-        "  ^"
-    )
 
 
 def test_a_broken_rule_is_chained_to_the_syntax_error():
@@ -157,20 +142,13 @@ def test_a_broken_rule_is_chained_to_the_syntax_error():
     assert (error.line, error.column) == (7, 7)
 
 
-def test_a_long_line_is_shown_in_part_with_the_caret_below_the_place():
-    line = "x" * 5_000 + "\t" + "y" * 5_000
-    message, shown, caret = str(mistake(f"occlusion: True\n{line}\n")).split("\n")
-    assert message.startswith("<text>:2:5001: ")
-    assert len(shown) <= 100
-    assert shown[caret.index("^")] == "?"
-
-
 def test_line_breaks_of_every_kind_give_the_same_labyrinth():
     for breaks in ("\r\n", "\r"):
         assert parse(TINY.replace("\n", breaks)) == parse(TINY)
 
 
 def test_what_is_too_long_is_refused(tmp_path):
+    assert MAX_TEXT > 3 * (4 * 1_000 + 2) * (2 * 1_000 + 1), "the largest drawing has to fit"
     error = mistake(TINY + " " * MAX_TEXT)
     assert error.message == "the text is too long"
     assert len(str(error)) < 300
@@ -188,11 +166,9 @@ def test_bytes_that_are_no_utf_8_are_reported_where_they_are():
         decode(b"a\r\nbc\xff", "f")
 
 
-@pytest.mark.slow
-def test_the_largest_labyrinth_comes_back_the_same():
-    random = int.from_bytes(np.random.default_rng(0).bytes(125_000), "little")
-    right = random & horizontal_edges(1_000, 1_000) | (1 << 999) - 1  # Row 0 joins all columns.
-    labyrinth = Labyrinth(Structure(1_000, 1_000, vertical_edges(1_000, 1_000), right), 0, 999_999)
+@pytest.mark.parametrize(("height", "width"), [(1_000, 2), (2, 1_000)])
+def test_a_labyrinth_with_as_many_rows_or_columns_as_may_be_comes_back_the_same(height, width):
+    labyrinth = Labyrinth(Structure.without_walls(height, width), 0, height * width - 1)
     assert parse(dump(labyrinth)) == labyrinth
 
 
@@ -220,14 +196,9 @@ def test_a_list_of_edges_without_a_size_is_the_smallest_square():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "1:1: in a list of edges: expected '[', found the end of the text"),
         ("__import__('os')", "1:1: in a list of edges: expected '[', found '_'"),
         ("[(0, 1)", "1:8: in a list of edges: expected ',' or ']', found the end of the text"),
         ("[(0, 1),];(0, 0);(1, 1)", "1:9: in a list of edges: expected '(', found ']'"),
-        (
-            "[(0, -1)];(0, 0);(1, 1)",
-            "1:6: in a list of edges: expected a whole number of at most six digits, found '-'",
-        ),
         (
             "[(0, ²)];(0, 0);(1, 1)",
             "1:6: in a list of edges: expected a whole number of at most six digits, found '²'",
@@ -265,16 +236,3 @@ def test_a_labyrinth_is_the_same_wherever_its_episodes_begin(labyrinth):
     assert labyrinth_id(labyrinth) == labyrinth_id(text) == labyrinth_id(from_start)
     state = initial(labyrinth)
     assert describe(labyrinth, state) == describe(from_start, state)
-
-
-def test_a_text_that_begins_as_no_canonical_one_does_keeps_its_agent():
-    for text in ("", "agent: (0, 0)", "\nagent: ", "x\nagent: (0, 0)", "\n" * 300 + "\nagent: 1\n"):
-        assert without_agent(text) in (text, text.partition("agent")[0])
-
-
-@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY])
-def test_many_texts_are_those_of_each_labyrinth(task):
-    structures = sample_each(6, 3, np.random.default_rng(0).spawn(20)).structures
-    texts = dump_many(structures, 4, 11, task)
-    labyrinths = [Labyrinth(structures[place], 4, 11, task) for place in range(len(structures))]
-    assert texts == [dump(labyrinth) for labyrinth in labyrinths]

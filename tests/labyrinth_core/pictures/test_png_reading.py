@@ -7,14 +7,9 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
-from strategies import labyrinths
 
-from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_of
-from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import state_at, state_count
+from labyrinth_core.pictures.png import encode, strips_of
 
 NOISE = Random(0).randbytes
 STRIPS = [((NOISE(90), 1), (b"\xff" * 90, 20)), ((NOISE(90), 4),), ((NOISE(90), 5),)]
@@ -49,14 +44,6 @@ def file_of(data, *, header=HEADER, more=()):
 
 def data_of(png):
     return png[41:-16]
-
-
-@given(labyrinths(), st.data())
-def test_every_picture_of_a_labyrinth_is_read_back(labyrinth, data):
-    painter = Painter(labyrinth)
-    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
-    strips = strips_of(painter.png(state), PICTURE_SIZE)
-    assert pixels(strips) == painter.array(state).tobytes()
 
 
 def test_repeated_rows_are_counted_and_not_unpacked():
@@ -108,38 +95,23 @@ def rows(*filtered):
 PLAIN = [b"\0" + bytes(90)] * 30
 
 
-@pytest.mark.parametrize(
-    "png",
-    [
-        b"",
-        file_of(b""),
-        file_of(rows(*PLAIN)[:-1]),
-        file_of(rows(*PLAIN) + b"more"),
-        file_of(rows(*PLAIN[1:])),
-        file_of(rows(*PLAIN, *PLAIN)),
-        file_of(rows(b"\1" + NOISE(90), *PLAIN[1:])),
-        file_of(rows(*PLAIN[1:], b"\2" + NOISE(90))),
-        file_of(rows(b"\2" + bytes(90), *PLAIN[1:])),
-        file_of(zlib.compress(bytes(10**6))),
-        file_of(rows(*PLAIN), more=[(b"tRNS", bytes(6))]),
-        file_of(rows(*PLAIN), header=struct.pack(">IIBBBBB", 30, 30, 8, 2, 0, 0, 1)),
-        file_of(rows(*(b"\0" + NOISE(90) for _ in PLAIN))),
-    ],
-    ids=[
-        "no file",
-        "no data",
-        "cut short",
-        "more after the end",
-        "a row missing",
-        "rows too many",
-        "another filter",
-        "differences from above",
-        "above the first row",
-        "far too much",
-        "a chunk more",
-        "interlaced",
-        "too many different rows to remember",
-    ],
-)
+NOT_OURS = {
+    "no file": b"",
+    "no data": file_of(b""),
+    "cut short": file_of(rows(*PLAIN)[:-1]),
+    "more after the end": file_of(rows(*PLAIN) + b"more"),
+    "a row missing": file_of(rows(*PLAIN[1:])),
+    "rows too many": file_of(rows(*PLAIN, *PLAIN)),
+    "another filter": file_of(rows(b"\1" + NOISE(90), *PLAIN[1:])),
+    "differences from above": file_of(rows(*PLAIN[1:], b"\2" + NOISE(90))),
+    "above the first row": file_of(rows(b"\2" + bytes(90), *PLAIN[1:])),
+    "far too much": file_of(zlib.compress(bytes(10**6))),
+    "a chunk more": file_of(rows(*PLAIN), more=[(b"tRNS", bytes(6))]),
+    "interlaced": file_of(rows(*PLAIN), header=struct.pack(">IIBBBBB", 30, 30, 8, 2, 0, 0, 1)),
+    "too many different rows to remember": file_of(rows(*(b"\0" + NOISE(90) for _ in PLAIN))),
+}
+
+
+@pytest.mark.parametrize("png", NOT_OURS.values(), ids=NOT_OURS)
 def test_what_the_encoder_does_not_write_is_left_to_others(png):
     assert strips_of(png, 30) is None

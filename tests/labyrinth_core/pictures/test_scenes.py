@@ -12,7 +12,7 @@ from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
+from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, render, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
@@ -30,15 +30,12 @@ def views(draw_from: st.DrawFn, *tasks: Task) -> list[tuple[Labyrinth, State]]:
     return [(labyrinth, state_at(labyrinth, number)) for number in draw_from(numbers)]
 
 
-def plainly(labyrinth: Labyrinth, state: State, image_size: int) -> np.ndarray:
-    return area_average(Painter(labyrinth).array(state), image_size)
-
-
 def assert_plain(pictures: np.ndarray, drawn: list[tuple[Labyrinth, State]]) -> None:
     image_size = pictures.shape[1]
     assert (pictures.shape, pictures.dtype) == ((len(drawn), image_size, image_size, 3), np.uint8)
-    for picture, view in zip(pictures, drawn, strict=True):
-        np.testing.assert_array_equal(picture, plainly(*view, image_size), repr(view))
+    for picture, (labyrinth, state) in zip(pictures, drawn, strict=True):
+        plain = area_average(Painter(labyrinth).array(state), image_size)
+        np.testing.assert_array_equal(picture, plain, repr((labyrinth, state)))
 
 
 @pytest.mark.slow
@@ -54,6 +51,7 @@ def test_large_pictures_are_those_drawn_plainly_too(image_size):
     labyrinth = parse(KEY_AND_DOOR)
     drawn = [(labyrinth, State(4)), (labyrinth, State(8, True)), (labyrinth, State(8, True, True))]
     assert_plain(draw(drawn, image_size), drawn)
+    assert_plain(np.stack([render(*view, image_size) for view in drawn]), drawn)
 
 
 @pytest.mark.slow

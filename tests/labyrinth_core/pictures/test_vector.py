@@ -8,10 +8,9 @@ from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from strategies import labyrinths
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.pictures.vector import initial_vectors, vector_observation
-from labyrinth_core.world.batch_sampling import sample_each
+from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import initial, state_at, state_count
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Task
 
 
 def expected(labyrinth, state):
@@ -42,23 +41,8 @@ def test_a_vector_has_the_positions_and_what_is_seen_of_the_walls(labyrinth, dat
     assert vector.tolist() == expected(labyrinth, state)
 
 
-def test_a_vector_reads_as_its_drawing():
-    labyrinth = parse(KEY_AND_DOOR)
-    # Three cells and two passages a row, the bottom one first; key and door at (1, 0) and (1, 1).
-    drawn = [0, 0, 14, 10, 12, *(0, 0, 0, 0, 0), *(0, 1, 0, 1, 1), *(0, 1, 0, 0, 0)]
-    assert vector_observation(labyrinth, initial(labyrinth)).tolist() == drawn
-
-
 def test_each_vector_is_the_callers_own():
     labyrinth = parse(KEY_AND_DOOR)
     first = vector_observation(labyrinth, initial(labyrinth))
     first[:] = 9
     assert vector_observation(labyrinth, initial(labyrinth)).max() < 15
-
-
-def test_many_initial_vectors_are_those_of_each_labyrinth():
-    structures = sample_each(3, 6, np.random.default_rng(0).spawn(20)).structures
-    vectors = initial_vectors(structures, np.tile((2, 9), (len(structures), 1)))
-    for place, vector in enumerate(vectors):
-        labyrinth = Labyrinth(structures[place], 2, 9)
-        np.testing.assert_array_equal(vector, vector_observation(labyrinth, initial(labyrinth)))

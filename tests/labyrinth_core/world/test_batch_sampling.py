@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.sampling import sample_structures
@@ -32,11 +30,3 @@ def test_generators_that_are_read_otherwise_are_left_alone():
     assert drawn.numbers.tolist() == [1]
     assert halfway.bit_generator.state == before
     assert twister.random() == np.random.Generator(np.random.MT19937(0)).random()
-
-
-@pytest.mark.slow
-@given(st.integers(2, 8), st.integers(2, 8), st.integers(0, 2**64 - 1))
-def test_moves_are_those_of_each_structure(height, width, seed):
-    structures = sample_each(height, width, np.random.default_rng(seed).spawn(4)).structures
-    for place, moves in enumerate(structures.moves().tolist()):
-        assert list(map(tuple, moves)) == structures[place].moves

@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 from labyrinth_core.world.grid import (
     MAX_SIDE,
     MIN_SIDE,
-    Action,
     horizontal_edges,
-    manhattan,
     neighbours,
     parse_size,
     vertical_edges,
@@ -18,15 +16,6 @@ from labyrinth_core.world.grid import (
 
 sides = st.integers(2, 12)
 valid_sides = st.integers(MIN_SIDE, MAX_SIDE)
-
-
-def test_the_actions_are_numbered_up_right_down_left():
-    assert [(action.name, action.value) for action in Action] == [
-        ("UP", 0),
-        ("RIGHT", 1),
-        ("DOWN", 2),
-        ("LEFT", 3),
-    ]
 
 
 @given(sides, sides, st.data())
@@ -39,14 +28,6 @@ def test_an_action_leads_to_the_neighbour_in_its_direction(height, width, data):
         if 0 <= row + rows < height and 0 <= column + columns < width
     }
     assert neighbours(cell, height, width) == expected
-
-
-@given(sides, sides, st.data())
-def test_the_manhattan_distance_counts_rows_and_columns_apart(height, width, data):
-    row_a, row_b = data.draw(st.tuples(*[st.integers(0, height - 1)] * 2))
-    column_a, column_b = data.draw(st.tuples(*[st.integers(0, width - 1)] * 2))
-    apart = manhattan(row_a * width + column_a, row_b * width + column_b, width)
-    assert apart == abs(row_a - row_b) + abs(column_a - column_b)
 
 
 @given(sides, sides)

@@ -2,12 +2,11 @@
 
 import pickle
 from collections import Counter
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import pytest
 from brute_force import (
-    all_structures,
-    drawn,
+    WAYS,
     grid_passages,
     is_connected,
     keeps_the_rules,
@@ -19,53 +18,30 @@ from brute_force import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import connected_structures, labyrinths, randoms, structures
+from strategies import labyrinths, randoms, structures
 
 from labyrinth_core.world.dynamics import State, initial, state_at
-from labyrinth_core.world.labyrinth import (
-    UNREACHABLE,
-    Labyrinth,
-    LabyrinthError,
-    Structure,
-    Task,
-    breadth_first,
-)
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.solver import distances
-
-
-def as_places(structure, pairs):
-    width = structure.width
-    return Counter(frozenset({divmod(a, width), divmod(b, width)}) for a, b in pairs)
-
 
 # Passages.
 
 
 @given(structures())
 def test_passages_and_moves_show_the_bits_that_define_a_structure(structure):
-    expected = Counter(passages_of(structure))
-    assert as_places(structure, structure.passages()) == expected
-    led = as_places(
-        structure,
-        (
-            (cell, target)
-            for cell, targets in enumerate(structure.moves)
-            for target in targets
-            if target != cell
-        ),
-    )
-    assert led == Counter(dict.fromkeys(expected, 2))
-    assert structure.loops == len(expected) - structure.cells + 1
+    height, width, expected = structure.height, structure.width, passages_of(structure)
+    pairs = [frozenset(divmod(cell, width) for cell in pair) for pair in structure.passages()]
+    assert Counter(pairs) == Counter(expected)
+    for cell, targets in enumerate(structure.moves):
+        row, column = divmod(cell, width)
+        for target, (rows, columns) in zip(targets, WAYS.values(), strict=True):
+            ahead = (row + rows, column + columns)
+            is_open = frozenset({(row, column), ahead}) in expected
+            assert divmod(target, width) == (ahead if is_open else (row, column))
     ways = Counter(place for pair in expected for place in pair)
     assert structure.junctions == sum(count > 2 for count in ways.values())
-
-
-@given(structures())
-def test_a_move_goes_in_its_direction_or_nowhere(structure):
-    for cell, targets in enumerate(structure.moves):
-        for target, step in zip(targets, (structure.width, 1, -structure.width, -1), strict=True):
-            assert target in (cell, cell + step)
-            assert 0 <= target < structure.cells
+    assert structure.loops == len(expected) - structure.cells + 1
+    assert structure.is_connected == is_connected(height, width, expected)
 
 
 @given(structures(), randoms)
@@ -108,14 +84,6 @@ def test_a_structure_of_a_wrong_size_is_refused(height, width):
 # Distances.
 
 
-def test_exactly_the_connected_ones_of_all_structures_are_called_connected():
-    sizes = [(2, 2), (2, 3), (3, 2), (3, 3), (2, 4)]
-    for height, width in sizes:
-        for structure in all_structures(height, width):
-            connected = is_connected(height, width, passages_of(structure))
-            assert structure.is_connected == connected
-
-
 @given(structures(), st.data())
 def test_distances_never_enter_blocked_cells(structure, data):
     cells = st.integers(0, structure.cells - 1)
@@ -143,52 +111,18 @@ def test_the_least_moves_between_two_cells_are_those_that_a_search_finds(structu
     assert structure.least_moves(source, target) == structure.distances(source)[target]
 
 
-@given(connected_structures(), st.data())
-def test_a_search_from_several_sources_finds_the_nearest(structure, data):
-    sources = data.draw(st.sets(st.integers(0, structure.cells - 1), min_size=1, max_size=4))
-    nearest = [min(each) for each in zip(*map(structure.distances, sources), strict=True)]
-    assert breadth_first(structure.moves, sources) == nearest
-
-
 # Identity.
 
 
 @pytest.mark.parametrize(
     ("structure", "structure_id"),
     [
-        (Structure(2, 2, 0, 0), "4e752f8b02cf3ce3"),
-        (Structure(3, 3, 0b111111, 0b011011011), "1adc6a45a340b03b"),
         (Structure(2, 3, 0b101, 0b010001), "3d0b8b09680c5edf"),
-        (Structure(3, 2, 0b1001, 0b010001), "1eec707a5be0fe64"),
         (Structure(5, 5, 0xFFFFF, 0), "33101e57e1df2199"),
     ],
 )
 def test_a_structure_id_is_the_same_on_every_machine(structure, structure_id):
     assert structure.structure_id == structure_id
-
-
-def test_no_two_structures_of_three_by_three_share_an_id():
-    ids = {structure.structure_id for structure in all_structures(3, 3)}
-    assert len(ids) == 4096
-    assert all(len(name) == 16 and int(name, 16) < 2**63 for name in ids)
-
-
-@given(structures(), structures())
-def test_structures_are_equal_when_their_size_and_passages_are(a, b):
-    same = (a.height, a.width, passages_of(a)) == (b.height, b.width, passages_of(b))
-    assert (a == b) == same
-    again = Structure(a.height, a.width, a.up, a.right)
-    assert a == again
-    assert len({a, again}) == 1
-
-
-@given(labyrinths())
-def test_labyrinths_are_equal_when_they_hold_the_same(labyrinth):
-    again = labyrinth_of(world_of(labyrinth), labyrinth.task)
-    assert labyrinth == again
-    assert hash(labyrinth) == hash(again)
-    backwards = Labyrinth(labyrinth.structure, labyrinth.goal, labyrinth.start)
-    assert labyrinth != backwards
 
 
 @given(labyrinths())
@@ -200,14 +134,6 @@ def test_a_pickle_leaves_out_what_can_be_computed(labyrinth):
     assert again.cell_distances == labyrinth.cell_distances
     assert labyrinth.structure.structure_id
     assert pickle.dumps(labyrinth) == held
-
-
-def test_structures_and_labyrinths_do_not_change():
-    labyrinth = Labyrinth(Structure(2, 2, 0b11, 0b0101), 0, 3)
-    with pytest.raises(FrozenInstanceError):
-        labyrinth.start = 1
-    with pytest.raises(FrozenInstanceError):
-        labyrinth.structure.up = 0
 
 
 # Symmetries.
@@ -283,91 +209,30 @@ def test_a_labyrinth_is_refused_exactly_when_it_breaks_a_rule(task_and_world):
             labyrinth_of(world, task)
 
 
-SNAKE = drawn(
-    """
-    -------------
-    |         E |
-    |   + - + - |
-    |           |
-    | - + - +   |
-    | S         |
-    -------------
-    """
-)
-"""Right, right, up, left, left, up, right, right, past nothing else."""
-
-NO_WAY = drawn(
-    """
-    ---------
-    |   | E |
-    |   + - |
-    | S     |
-    ---------
-    """
-)
-
-DEAD_END = drawn(
-    """
-    -------------
-    |         E |
-    |   + - + - |
-    |           |
-    |   + - + - |
-    | S         |
-    -------------
-    """
-)
-"""Right of the start a dead end, two places deep; the left column leads up to the goal."""
-
-LOCKED = replace(DEAD_END, key=(0, 1), door=(1, 0))
+ROOM = world_of(Labyrinth(Structure.without_walls(3, 3), 0, 8))
+LOCKED = {"key": (0, 1), "door": (1, 0)}
 
 
 @pytest.mark.parametrize(
-    ("world", "changes", "task", "message", "cell"),
+    ("changes", "task", "message", "cell"),
     [
-        (SNAKE, {"start": (2, 2)}, "navigation", "the start and the goal share a cell", 8),
-        (SNAKE, {"start": (3, 0)}, "navigation", "the start is outside the grid: cell 9", None),
-        (SNAKE, {"goal": (-1, 0)}, "navigation", "the goal is outside the grid: cell -3", None),
-        (NO_WAY, {}, "navigation", "no route leads from start to goal", 3),
-        (NO_WAY, {}, "partial_observability", "no route leads from start to goal", 3),
-        (SNAKE, {"key": (0, 1)}, "navigation", "a key and a door belong to key_and_door", None),
-        (SNAKE, {"door": (0, 1)}, "icy_floor", "a key and a door belong to key_and_door", None),
-        (SNAKE, {}, "key_and_door", "a key and a door belong to key_and_door, both or none", None),
-        (SNAKE, {"key": (0, 1)}, "key_and_door", "both or none", None),
-        (SNAKE, {"door": (0, 1)}, "key_and_door", "both or none", None),
-        (SNAKE, {"ice": {(0, 1)}}, "navigation", "ice belongs to icy_floor", None),
-        (SNAKE, {}, "icy_floor", "ice belongs to icy_floor, which needs some", None),
-        (SNAKE, {"ice": {(2, 2)}}, "icy_floor", "the goal and the ice share a cell", 8),
-        (SNAKE, {"ice": {(3, 1)}}, "icy_floor", "the ice is outside the grid: cell 10", None),
-        (SNAKE, {"ice": {(1, 1)}}, "icy_floor", "no route without ice leads from start to goal", 8),
-        (LOCKED, {"door": (0, 1)}, "key_and_door", "the key and the door share a cell", 1),
-        (LOCKED, {"key": (0, 0)}, "key_and_door", "the start and the key share a cell", 0),
-        (LOCKED, {"door": (2, 2)}, "key_and_door", "the goal and the door share a cell", 8),
-        (LOCKED, {"door": (0, 2)}, "key_and_door", "a route from start to goal avoids the door", 2),
-        (LOCKED, {"key": (2, 1)}, "key_and_door", "the key cannot be reached without passing", 7),
+        ({"start": (3, 0)}, "navigation", "the start is outside the grid: cell 9", None),
+        ({"goal": (-1, 0)}, "navigation", "the goal is outside the grid: cell -3", None),
+        ({"key": (0, 1)}, "navigation", "a key and a door belong to key_and_door", None),
+        ({"door": (0, 1)}, "icy_floor", "a key and a door belong to key_and_door", None),
+        ({"door": (0, 1)}, "key_and_door", "both or none", None),
+        ({"ice": {(0, 1)}}, "navigation", "ice belongs to icy_floor", None),
+        ({}, "icy_floor", "ice belongs to icy_floor, which needs some", None),
+        ({"ice": {(2, 2)}}, "icy_floor", "the goal and the ice share a cell", 8),
+        ({"ice": {(3, 1)}}, "icy_floor", "the ice is outside the grid: cell 10", None),
+        (LOCKED | {"door": (0, 1)}, "key_and_door", "the key and the door share a cell", 1),
+        (LOCKED | {"key": (0, 0)}, "key_and_door", "the start and the key share a cell", 0),
     ],
 )
-def test_a_broken_rule_is_named_with_the_cell_at_fault(world, changes, task, message, cell):
+def test_a_broken_rule_that_no_text_can_break_is_named_with_the_cell(changes, task, message, cell):
     with pytest.raises(LabyrinthError, match=message) as caught:
-        labyrinth_of(replace(world, **changes), Task(task))
+        labyrinth_of(replace(ROOM, **changes), Task(task))
     assert caught.value.cell == cell
-    assert isinstance(caught.value, ValueError)
-
-
-def test_a_labyrinth_names_its_size_height_first_and_its_cells_by_row():
-    labyrinth = Labyrinth(Structure(2, 3, 0b111, 0b011011), 0, 5)
-    assert labyrinth.size_name == "2x3"
-    assert [labyrinth.position(cell) for cell in (0, 2, 3)] == [(0, 0), (0, 2), (1, 0)]
-
-
-def test_a_task_is_the_text_of_its_name():
-    assert [str(task) for task in Task] == [
-        "navigation",
-        "partial_observability",
-        "key_and_door",
-        "icy_floor",
-    ]
-    assert Task("icy_floor") is Task.ICY_FLOOR
 
 
 @given(labyrinths())

@@ -59,20 +59,6 @@ def test_every_sampled_structure_is_connected(height, width, seed, algorithm, op
             assert structure == Structure.without_walls(height, width)
 
 
-@given(sides, sides, seeds, algorithms, st.integers(0, 20))
-def test_fewer_structures_are_the_beginning_of_more(height, width, seed, algorithm, fewer):
-    many = draw(20, height, width, seed, algorithm=algorithm)
-    assert draw(fewer, height, width, seed, algorithm=algorithm) == many[:fewer]
-    rng = np.random.default_rng(seed)
-    assert next(sample_structures(height, width, rng, algorithm=algorithm)) == many[0]
-
-
-@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
-def test_other_seeds_give_other_structures(algorithm):
-    firsts = {draw(1, 6, 6, seed, algorithm=algorithm)[0] for seed in range(50)}
-    assert len(firsts) == 50
-
-
 @pytest.mark.parametrize(
     ("algorithm", "structure_id"),
     [

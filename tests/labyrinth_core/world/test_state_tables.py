@@ -3,27 +3,14 @@
 from dataclasses import fields
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
-from labyrinth_core.world.batch_sampling import Structures, sample_each
+from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import is_terminal, reward, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.state_tables import Tables, tabulate, tabulate_many
-
-
-@given(labyrinths())
-def test_a_normalised_goal_makes_an_optimal_episode_return_one(labyrinth):
-    tables, total = tabulate(labyrinth, normalised=True), 0.0
-    state = tables.initial
-    for action in shortest_route(labyrinth, np.random.default_rng(0)):
-        state = tables.transitions[state, action]
-        total += tables.rewards[state]
-    assert total == pytest.approx(1)
-    assert tables.terminal[state]
 
 
 @given(labyrinths())
@@ -47,8 +34,3 @@ def test_tables_of_many_are_those_of_each_labyrinth(height, width, seed, normali
             ours, theirs = getattr(together, name)[place], getattr(alone, name)
             assert ours.dtype == theirs.dtype, name
             np.testing.assert_array_equal(ours, theirs, name)
-
-
-def test_no_structures_have_no_tables():
-    none = np.zeros((0, 12), np.bool_)
-    assert tabulate_many(Structures(3, 4, none, none), 0, 11).transitions.shape == (0, 12, 4)

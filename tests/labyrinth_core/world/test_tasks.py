@@ -1,5 +1,6 @@
 """Where start, goal, key, door and ice lie: the heuristics, against their rules by brute force."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from itertools import combinations, permutations
@@ -10,11 +11,9 @@ from brute_force import (
     World,
     all_structures,
     chi_square,
-    drawn,
     fewest_moves,
     is_connected,
     keeps_the_rules,
-    labyrinth_of,
     passages_of,
     reachable,
     unavoidable,
@@ -26,12 +25,13 @@ from strategies import connected_structures, labyrinths
 
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.random_labyrinth import (
+    change_goal,
     change_start,
     change_start_and_goal,
     draw_start_and_goal,
 )
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
+from labyrinth_core.world.tasks import place, tiles_matter
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -74,11 +74,6 @@ def ice_can_matter(world):
     )
 
 
-def cell(world, letter):
-    row, column = getattr(world, letter)
-    return row * world.width + column
-
-
 def made_or_reason(make, *arguments):
     """Return the labyrinth, or the message that says why there is none."""
     try:
@@ -88,15 +83,11 @@ def made_or_reason(make, *arguments):
 
 
 @st.composite
-def ends(draw, among=connected_structures):
+def ends(draw):
     """A structure, a start and a goal."""
-    structure = draw(among())
+    structure = draw(connected_structures())
     cells = st.integers(0, structure.cells - 1)
     return structure, *draw(st.lists(cells, min_size=2, max_size=2, unique=True))
-
-
-def test_start_and_goal_lie_bottom_left_and_top_right_by_default():
-    assert default_start_and_goal(4, 6) == (0, 23)
 
 
 # Placing.
@@ -176,65 +167,42 @@ def test_ice_is_placed_wherever_it_can_matter():
 
 
 def test_every_place_for_key_and_door_comes_up():
-    world = drawn(
-        """
-        -----------------
-        |   |   |       |
-        |   +   +   + - |
-        |           | E |
-        |   + - + - +   |
-        | S             |
-        -----------------
-        """
-    )
-    structure = labyrinth_of(world).structure
-    start, goal = cell(world, "start"), cell(world, "goal")
-    allowed = keys_and_doors(world)
+    structure = next(sample_structures(4, 4, np.random.default_rng(1)))
+    allowed = keys_and_doors(world_between(structure, 0, 15))
     placed = Counter()
     for seed in range(400):
         rng = np.random.default_rng(seed)
-        labyrinth = place(structure, start, goal, Task.KEY_AND_DOOR, rng)
+        labyrinth = place(structure, 0, 15, Task.KEY_AND_DOOR, rng)
         placed[labyrinth.key, labyrinth.door] += 1
     assert len(allowed) > 10
     assert set(placed) == allowed
 
 
-def test_the_same_seed_places_the_same_tiles():
-    structure = next(sample_structures(6, 6, np.random.default_rng(2), open_walls=0.15))
-    for task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR):
-        first, second = (
-            place(structure, 0, 35, task, np.random.default_rng(3)) for _ in ("once", "again")
-        )
-        assert first == second
-
-
 @pytest.mark.parametrize("task", list(Task))
-def test_a_start_or_goal_that_cannot_be_is_named_before_anything_is_placed(task):
+@pytest.mark.parametrize("goal", [0, 9, 8])  # The start, outside, and where no route leads.
+def test_an_end_that_cannot_be_is_named_before_anything_is_placed(task, goal):
     island = Structure(3, 3, 0b11, 0b1)
-    for start, goal, message in (
-        (0, 0, "the start and the goal share a cell"),
-        (0, 9, "the goal is outside the grid: cell 9"),
-        (-1, 8, "the start is outside the grid: cell -1"),
-        (0, 8, "no route leads from start to goal"),
-    ):
-        with pytest.raises(LabyrinthError, match=f"^{message}$"):
-            place(island, start, goal, task, np.random.default_rng(0))
+    with pytest.raises(LabyrinthError, match=r"share a cell|outside the grid|no route leads"):
+        place(island, 0, goal, task, np.random.default_rng(0))
 
 
-def test_where_tiles_cannot_be_placed_the_reason_is_given():
-    room = Structure.without_walls(3, 3)
-    corridor = Structure(2, 2, 0b10, 0b0101)
-    rng = np.random.default_rng(0)
-    for structure, goal, task, given_tiles, message in (
-        (room, 8, Task.KEY_AND_DOOR, {}, "no place for the door: no cell lies on every route"),
-        (room, 8, Task.ICY_FLOOR, {}, "ice would not matter: no longer route avoids"),
-        (corridor, 2, Task.ICY_FLOOR, {}, "ice would not matter"),
-        (corridor, 2, Task.KEY_AND_DOOR, {}, "no place for the key: none is off the route"),
-        (corridor, 2, Task.KEY_AND_DOOR, {"key": 1}, "no place for the door that fits the key"),
-        (corridor, 2, Task.KEY_AND_DOOR, {"door": 1}, "no place for the key"),
-    ):
-        with pytest.raises(LabyrinthError, match=f"^{message}"):
-            place(structure, 0, goal, task, rng, **given_tiles)
+ROOM, CORRIDOR = Structure.without_walls(3, 3), Structure(2, 2, 0b10, 0b0101)
+
+
+@pytest.mark.parametrize(
+    ("structure", "goal", "task", "given_tiles", "message"),
+    [
+        (ROOM, 8, Task.KEY_AND_DOOR, {}, "no place for the door: no cell lies on every route"),
+        (ROOM, 8, Task.ICY_FLOOR, {}, "ice would not matter: no longer route avoids"),
+        (CORRIDOR, 2, Task.KEY_AND_DOOR, {}, "no place for the key: none is off the route"),
+        (CORRIDOR, 2, Task.KEY_AND_DOOR, {"key": 1}, "no place for the door that fits the key"),
+    ],
+)
+def test_where_tiles_cannot_be_placed_the_reason_is_given(
+    structure, goal, task, given_tiles, message
+):
+    with pytest.raises(LabyrinthError, match=f"^{message}"):
+        place(structure, 0, goal, task, np.random.default_rng(0), **given_tiles)
 
 
 @given(labyrinths())
@@ -256,86 +224,44 @@ def apart(labyrinth, start, goal):
     return abs(row - other_row) + abs(column - other_column)
 
 
-@pytest.mark.parametrize("change", [change_start, change_start_and_goal])
+def draw_anew(labyrinth, rng):
+    return draw_start_and_goal(labyrinth.structure, labyrinth.task, rng)
+
+
+def far_enough(labyrinth, change):
+    """Return the starts and goals that a change may give, far enough apart."""
+    pairs = [
+        (start, goal)
+        for start, goal in permutations(range(labyrinth.structure.cells), 2)
+        if change is draw_anew
+        or (
+            (start != labyrinth.start) == (change is not change_goal)
+            and (goal != labyrinth.goal) == (change is not change_start)
+        )
+    ]
+    least = (labyrinth.structure.height + labyrinth.structure.width) // 2
+    if change in (change_start, change_goal):
+        least = min(least, max(apart(labyrinth, *pair) for pair in pairs))
+    return [pair for pair in pairs if apart(labyrinth, *pair) >= least]
+
+
+@pytest.mark.parametrize("change", [change_start, change_goal, change_start_and_goal, draw_anew])
 @given(labyrinths(), seeds)
-def test_a_changed_start_or_goal_is_another_one_far_enough_from_the_other(change, labyrinth, seed):
-    structure = labyrinth.structure
+def test_start_and_goal_change_to_cells_far_enough_apart_unless_none_hold_the_task(
+    change, labyrinth, seed
+):
+    structure, task, pairs = labyrinth.structure, labyrinth.task, far_enough(labyrinth, change)
     changed = made_or_reason(change, labyrinth, np.random.default_rng(seed))
     if isinstance(changed, str):
-        assert changed == f"no other start or goal can hold {labyrinth.task}"
-        assert labyrinth.task in (Task.KEY_AND_DOOR, Task.ICY_FLOOR)
-        return
-    assert (changed.structure, changed.task) == (structure, labyrinth.task)
-    assert changed.start not in (labyrinth.start, changed.goal)
-    assert (changed.goal == labyrinth.goal) == (change is change_start)
-    far_enough = (structure.height + structure.width) // 2
-    if change is change_start:
-        others = set(range(structure.cells)) - {labyrinth.start}
-        farthest = max(apart(labyrinth, start, labyrinth.goal) for start in others)
-        far_enough = min(far_enough, farthest)
-    assert apart(changed, changed.start, changed.goal) >= far_enough
-    assert tiles_matter(changed)
-
-
-@given(labyrinths(Task.KEY_AND_DOOR, Task.ICY_FLOOR), seeds)
-def test_a_start_is_only_given_up_when_no_other_can_hold_the_task(labyrinth, seed):
-    structure, goal = labyrinth.structure, labyrinth.goal
-    others = [cell for cell in range(structure.cells) if cell not in (labyrinth.start, goal)]
-    farthest = max(apart(labyrinth, start, goal) for start in others)
-    far_enough = min((structure.height + structure.width) // 2, farthest)
-    holds = False
-    for start in others:
-        if apart(labyrinth, start, goal) >= far_enough:
-            try:
-                place(structure, start, goal, labyrinth.task, np.random.default_rng(0))
-            except LabyrinthError:
-                continue
-            holds = True
-    if holds:
-        change_start(labyrinth, np.random.default_rng(seed))
-    else:
-        with pytest.raises(LabyrinthError, match=r"^no other start or goal can hold"):
-            change_start(labyrinth, np.random.default_rng(seed))
-
-
-def test_on_two_by_two_cells_start_and_goal_change_to_any_other_corners():
-    labyrinth = Labyrinth(Structure.without_walls(2, 2), 0, 3)
-    pairs = {
-        (changed.start, changed.goal)
-        for seed in range(50)
-        for changed in [change_start_and_goal(labyrinth, np.random.default_rng(seed))]
-    }
-    assert pairs == {(3, 0), (1, 2), (2, 1)}
-
-
-def test_every_start_that_is_far_enough_is_equally_likely():
-    labyrinth = Labyrinth(Structure.without_walls(4, 4), 0, 15)
-    allowed = [start for start in range(1, 15) if apart(labyrinth, start, labyrinth.goal) >= 4]
-    rng = np.random.default_rng(22)
-    counts = Counter(change_start(labyrinth, rng).start for _ in range(100 * len(allowed)))
-    assert set(counts) == set(allowed)
-    assert chi_square(counts.values(), [100.0] * len(allowed)) < 5
-
-
-@given(connected_structures(), st.sampled_from(list(Task)), seeds)
-def test_a_drawn_start_and_goal_are_far_enough_apart_and_hold_the_task(structure, task, seed):
-    far_enough = (structure.height + structure.width) // 2
-    pairs = [
-        pair
-        for pair in permutations(range(structure.cells), 2)
-        if apart(Labyrinth(structure, *pair), *pair) >= far_enough
-    ]
-    found = made_or_reason(draw_start_and_goal, structure, task, np.random.default_rng(seed))
-    if isinstance(found, str):
-        assert found == f"no start or goal can hold {task}"
-        for start, goal in pairs:
+        assert re.fullmatch(rf"no (other )?(start or )?goal can hold {task}", changed)
+        for pair in pairs:
             with pytest.raises(LabyrinthError):
-                place(structure, start, goal, task, np.random.default_rng(seed))
+                place(structure, *pair, task, np.random.default_rng(seed))
         return
-    assert (found.structure, found.task) == (structure, task)
-    assert (found.start, found.goal) in pairs
-    assert keeps_the_rules(world_of(found), task)
-    assert tiles_matter(found)
+    assert (changed.structure, changed.task) == (structure, task)
+    assert (changed.start, changed.goal) in pairs
+    assert keeps_the_rules(world_of(changed), task)
+    assert tiles_matter(changed)
 
 
 def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough():
