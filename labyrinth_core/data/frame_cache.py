@@ -15,7 +15,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -43,8 +43,8 @@ LARGE = 500_000_000
 
 _ALIGNMENT = 64
 
-Fill = Callable[[], Iterator[tuple[NDArray[Any], Columns]]]
-"""Yields frames, shape (any number, ...), with the columns of their transitions, in order."""
+Content = Iterable[tuple[NDArray[np.uint8], Columns]]
+"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
 
 
 def name_of(config: str, split: str, image_size: int, key: str) -> str:
@@ -67,7 +67,7 @@ def user_folder() -> Path:
     return base / "labyrinth-datasets"
 
 
-def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Transitions:
+def load(path: Path, key: str, shape: tuple[int, ...], content: Content) -> Transitions:
     """Return the transitions of a cache file, which is made if it is missing or wrong.
 
     The files that were used least recently are removed if the folder would exceed its limit.
@@ -75,9 +75,8 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
     Args:
         path: The file.
         key: Identifies the content: everything that it depends on.
-        size: The bytes that the frames will have.
-        fill: Makes the content.
-        large: The bytes from which on a warning says that the file is written.
+        shape: The shape of all frames together.
+        content: What the file holds; iterated only to make it.
 
     Raises:
         OSError: The file can be neither read nor made.
@@ -88,13 +87,13 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
         with suppress(OSError):  # The folder may be read-only.
             os.utime(path)
         return found
-    most = _limit()
+    size, most = math.prod(shape), _limit()
     if size > most:
         raise DatasetError(
             f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
             f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
         )
-    if size >= large:
+    if size >= LARGE:
         warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {path}", stacklevel=4)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path.parent)
@@ -103,7 +102,7 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
         if found is None:
             _make_room(path, most - size)
             with replacing(path) as temporary:
-                _write(temporary, key, fill)
+                _write(temporary, key, shape, content)
             found = _read(path, key)
     if found is None:
         raise OSError(f"{path} was made, but is not what was written")
@@ -166,15 +165,13 @@ def _digest(key: str, frames: tuple[int, ...], columns: Columns) -> bytes:
     return digest.digest()
 
 
-def _write(path: Path, key: str, fill: Fill) -> None:
+def _write(path: Path, key: str, shape: tuple[int, ...], content: Content) -> None:
     """Write a cache file, which is on the disk when this returns."""
     with path.open("wb") as file:
-        shape: tuple[int, ...] = ()
+        header = {"descr": "|u1", "fortran_order": False, "shape": shape}
+        npy.write_array_header_1_0(file, header)
         parts: list[Columns] = []
-        for frames, columns in fill():
-            if not parts:  # The number of frames is filled in at the end; the length stays.
-                _write_header(file, (0, *frames.shape[1:]))
-            shape = (sum(shape[:1]) + len(frames), *frames.shape[1:])
+        for frames, columns in content:
             file.write(np.ascontiguousarray(frames).data)
             parts.append(columns)
         joined = joined_columns(parts)
@@ -183,15 +180,9 @@ def _write(path: Path, key: str, fill: Fill) -> None:
             npy.write_array(file, array, (1, 0))
             file.write(bytes(-file.tell() % _ALIGNMENT))
         file.write(_digest(key, shape, joined))
-        file.seek(0)
-        _write_header(file, shape)
         file.flush()
         # Otherwise, after a power failure, the name could be there without the content.
         os.fsync(file.fileno())
-
-
-def _write_header(file: BinaryIO, shape: tuple[int, ...]) -> None:
-    npy.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": shape})
 
 
 def _make_room(path: Path, most: int) -> None:

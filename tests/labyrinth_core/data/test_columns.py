@@ -9,7 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.data.columns import arrow_schema, open_shard, read_schema
+from labyrinth_core.data.columns import arrow_schema
+from labyrinth_core.data.rows import open_shard, read_schema
 from pipeline.config.run import Run
 
 

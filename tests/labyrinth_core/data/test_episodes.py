@@ -13,7 +13,7 @@ import pytest
 from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.rows import read_rows
+from labyrinth_core.data.part import Part
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language.drawing import describe
@@ -136,7 +136,7 @@ def test_optimal_actions_are_those_of_each_state(run):
 
 
 def rows_of(run, split):
-    return read_rows(run.folder, Manifest.read(run.folder).of(split), pictures=False)
+    return Part(run.folder, Manifest.read(run.folder).of(split)).rows(pictures=False)
 
 
 @pytest.mark.parametrize("cells", [1, 40])

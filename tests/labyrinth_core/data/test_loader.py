@@ -17,10 +17,11 @@ import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
 
-from labyrinth_core.data.columns import MOST_ROWS, arrow_schema
+from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.rows import MOST_ROWS
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
