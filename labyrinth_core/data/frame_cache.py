@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -122,7 +123,7 @@ def _read(path: Path, key: str) -> Transitions | None:
     """Return the transitions of a file, None if it is missing or damaged, or has another key."""
     try:
         frames, columns, digest = _parts(path)
-    except (FileNotFoundError, ValueError, OverflowError):
+    except (FileNotFoundError, ValueError):
         return None
     return Transitions(frames, **columns) if digest == _digest(key, frames.shape, columns) else None
 
@@ -140,14 +141,17 @@ def _is_cache(path: Path) -> bool:
     """Return whether a file with the name of a cache file is one, of any key."""
     try:
         return len(_parts(path)[2]) == hashlib.sha256().digest_size
-    except (OSError, ValueError, OverflowError):
+    except (OSError, ValueError):
         return False
 
 
 def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return the mapped array that begins where a file is read; raise ValueError if none does."""
     npy.read_magic(file)
-    shape, _, found = npy.read_array_header_1_0(file)
+    try:
+        shape, _, found = npy.read_array_header_1_0(file)
+    except (SyntaxError, TokenError) as error:  # Of numpy, for some damaged headers.
+        raise ValueError(str(error)) from error
     if found != dtype or min(shape) < 1:
         raise ValueError(f"shape {shape} and type {found}, instead of type {dtype}")
     begin = file.tell()

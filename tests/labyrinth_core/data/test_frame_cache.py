@@ -138,10 +138,12 @@ DAMAGE = {
     "digest changed": lambda content: content[:-1] + bytes([content[-1] ^ 1]),
     "shape changed": lambda content: content.replace(b", 8, 8, 3)", b", 8, 4, 6)", 1),
     "shape beyond all bounds": lambda content: content.replace(
-        b", 8, 8, 3), }     ", b"1" * 5 + b", 8, 8, 3), }", 1
+        b", 8, 8, 3), }" + b" " * 18, b"1" * 18 + b", 8, 8, 3), }", 1
     ),
     "objects instead of numbers": lambda content: content.replace(b"'<i8'", b"'|O8'", 1),
     "header changed": lambda content: content.replace(b"'|u1'", b"'|i1'", 1),
+    "bracket lost": lambda content: content.replace(b"), }", b" , }", 1),
+    "type garbled": lambda content: content.replace(b"'<i8'", b"',i8'", 1),
     "column changed": lambda content: content[:-100] + bytes([content[-100] ^ 1]) + content[-99:],
 }
 
@@ -242,18 +244,24 @@ def test_a_large_file_is_announced_when_it_is_made(cache, monkeypatch):
 # Several processes.
 
 
-def test_who_waits_takes_what_the_other_has_made(cache):
-    written, found = [], []
+def test_who_waits_takes_what_the_other_has_made(cache, monkeypatch):
+    written, found, barrier = [], [], threading.Barrier(8)
 
-    def load():
-        found.append(load_few(cache / "name", written))
+    def locked_by_one_of_all(path):
+        barrier.wait(timeout=60)
+        return locked(path)
 
-    threads = [threading.Thread(target=load) for _ in range(8)]
+    monkeypatch.setattr(frame_cache, "locked", locked_by_one_of_all)
+    threads = [
+        threading.Thread(target=lambda: found.append(load_few(cache / "name", written)))
+        for _ in range(8)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     assert written == [0, 2]
+    assert len(found) == 8
     for transitions in found:
         assert_same(transitions, found[0])
 
