@@ -99,7 +99,7 @@ def test_all_ranks_and_workers_together_get_every_item_once_an_epoch(
     folders, place, ranks, workers, shuffle, epoch, part
 ):
     folder, split = folders[place[0]], place[1]
-    options = {"split": split, "where": pc.field("moves") >= 4 if part else None, **VECTOR}
+    options = {"split": split, "where": pc.field("moves") >= 6 if part else None, **VECTOR}
     expected = Counter(keys(load_episodes(folder, CONFIG, **options)))
     met: Counter[tuple] = Counter()
     for rank in range(ranks):
