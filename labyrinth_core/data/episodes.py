@@ -148,7 +148,7 @@ class Episodes:
         )
 
     def parts(self, rows: int) -> Generator[Episodes]:
-        """Yield consecutive episodes with about so many rows together."""
+        """Yield consecutive episodes, about `rows` rows of them together."""
         number = self.whole.lasts // rows
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
@@ -164,12 +164,8 @@ class Episodes:
         return tables[self.which, self.states]
 
 
-def replayed(blocks: Iterable[Rows], cells: int = PARSED_CELLS) -> Generator[Episodes]:
+def replayed(blocks: Iterable[Rows]) -> Generator[Episodes]:
     """Yield the episodes of rows in order, many together.
-
-    Args:
-        blocks: The rows.
-        cells: The cells of labyrinths that are parsed and replayed together.
 
     Raises:
         DatasetError: The rows do not make episodes; raised after the episodes before that row.
@@ -177,7 +173,7 @@ def replayed(blocks: Iterable[Rows], cells: int = PARSED_CELLS) -> Generator[Epi
     for whole in grouped(blocks):
         rows = whole.rows
         # A text of a labyrinth has at least eight characters for each cell.
-        together = max(1, cells * 8 // (len(rows.texts[0]) + 1))
+        together = max(1, PARSED_CELLS * 8 // (len(rows.texts[0]) + 1))
         number = np.maximum.accumulate(rows.info[whole.firsts]) // together
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):

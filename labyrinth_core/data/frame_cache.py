@@ -129,7 +129,7 @@ def _read(path: Path, key: str) -> Transitions | None:
 
 
 def _parts(path: Path) -> tuple[NDArray[Any], Columns, bytes]:
-    """Return the frames, the columns and the hash in a cache file; ValueError if it is none."""
+    """Return the frames, the columns and the hash in a cache file; ValueError for another file."""
     with file_at(path).open("rb") as file:
         mapped = np.asarray(np.memmap(path, np.uint8, "r"))
         frames = _next(file, mapped, np.dtype("u1"))
@@ -146,7 +146,7 @@ def _is_cache(path: Path) -> bool:
 
 
 def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the mapped array that begins where a file is read; raise ValueError if none does."""
+    """Return the mapped array that begins where a file is read, or raise ValueError."""
     npy.read_magic(file)
     try:
         shape, _, found = npy.read_array_header_1_0(file)
@@ -190,7 +190,7 @@ def _write(path: Path, key: str, shape: tuple[int, ...], content: Content) -> No
 
 
 def _make_room(path: Path, most: int) -> None:
-    """Remove the cache files beside a path that were used least recently, down to so many bytes."""
+    """Remove the least recently used cache files beside a path until `most` bytes are left."""
     others = [each for each in path.parent.iterdir() if _NAME.fullmatch(each.name) and each != path]
     states = sorted(((each.stat(), each) for each in others), key=lambda pair: pair[0].st_mtime)
     total = sum(state.st_size for state, _ in states)

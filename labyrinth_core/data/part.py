@@ -171,7 +171,7 @@ def _blocks(file: ParquetFile, groups: Sequence[int], *, pictures: bool) -> Iter
 
 @dataclass(frozen=True)
 class Wanted:
-    """A split or a part of it, as asked for; `loader.load_episodes` explains the fields."""
+    """A split or a part of it that a caller wants; see `loader.load_episodes` for the fields."""
 
     source: str | Path
     config: str
@@ -189,7 +189,7 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     """Return a split or a part of it; from the Hub come only the shards that hold some of it.
 
     Args:
-        wanted: What is asked for.
+        wanted: The split or part of it.
         in_place: Whether shards on the Hub are not downloaded, but read where they are.
 
     Raises:

@@ -208,7 +208,7 @@ class Stream(Generic[Item]):
             number: Its number.
             before: How many rows there are before it in the order of the epoch.
             own: The numbers in this order of the rows that are this process's.
-            at: The place, which tells the epoch.
+            at: The place, with the number of the epoch.
         """
         rows = np.diff(self._found.kept_before(self._found.group_rows(file, number)))
         order, cost, limit = np.arange(len(rows)), rows, self._buffer

@@ -277,7 +277,7 @@ def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
     assert only_file(cache).name == f"{again}{SUFFIX}"
 
 
-def test_a_file_that_somebody_is_writing_is_not_taken_for_a_leftover(cache):
+def test_a_file_that_another_process_writes_is_not_taken_for_a_leftover(cache):
     cache.mkdir()
     temporary = temporary_beside(cache / f"name{SUFFIX}")
     temporary.touch()

@@ -193,7 +193,7 @@ def test_an_id_that_the_hub_forbids_is_refused_here():
         load_transitions("user/labyrinth.", "3x3")
 
 
-# Mistakes of a person.
+# Errors of a user.
 
 
 @LOADS

@@ -58,7 +58,7 @@ def filtered_by_hand(data_dir, split, keep):
     return [int(row["labyrinth_id"], 16) for row in rows if row["split"] == split and keep(row)]
 
 
-# The first so many.
+# The first labyrinths.
 
 
 @pytest.mark.slow
@@ -168,7 +168,7 @@ def test_from_the_hub_come_only_the_shards_that_hold_some(data_dir, monkeypatch,
     assert [how for _, how in calls] == [[f"3x4/{name}" for name in names] for names in asked]
 
 
-# Mistakes.
+# Errors of a user.
 
 ALL = (load_transitions, load_episodes, stream_episodes, stream_transitions)
 
