@@ -89,6 +89,7 @@ def test_shapes_and_types_are_as_documented(data_dir):
         assert getattr(images, field).shape == (count,)
         assert getattr(images, field).dtype == kind
     assert len(list(images)) == count
+    assert type(images[0].action) is int
     assert str(images).startswith(f"Transitions({count} of ")
     assert str(images).endswith(" labyrinths; observations (64, 64, 3) uint8)")
 
