@@ -39,10 +39,6 @@ def _option(
     return field(default=default, metadata=metadata)
 
 
-def _count() -> Any:
-    return _option(lambda number: number >= 1, "give 1 or more")
-
-
 def _limit() -> Any:
     return _option(lambda number: 1 <= number <= 10**9, "give a number from 1 to 10**9")
 
@@ -65,7 +61,7 @@ class DatasetConfig:
     height: int
     width: int
     task: Task
-    labyrinths: int = _count()
+    labyrinths: int = _option(lambda number: number >= 1, "give 1 or more")
     solutions: str = _one_of(*SOLUTIONS)
     solutions_limit: int = _limit()
     random_steps: int = _limit()
@@ -170,7 +166,7 @@ class DatasetConfig:
         return self.pieces > 0 and split != "random"
 
     def is_cut(self, split: str, routes: int) -> bool:
-        """Return whether `solutions_limit` may have left out routes of a labyrinth with so many."""
+        """Return whether `solutions_limit` may have left out some of the `routes`."""
         several = self.solutions != "shortest" and split != "random"
         return several and routes == self.solutions_limit
 

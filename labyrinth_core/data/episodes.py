@@ -6,15 +6,16 @@ form: pictures, vectors and texts are made from it, and so are the arrays of `ev
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.rows import Rows, WholeEpisodes, grouped
+from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.parse_many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse, without_agent
 from labyrinth_core.world.batch_labyrinths import Labyrinths, replay_many
@@ -24,6 +25,81 @@ from labyrinth_core.world.solver import optimal_actions
 
 PARSED_CELLS = 2**16
 """The cells of labyrinths that are parsed and replayed together."""
+
+
+class WholeEpisodes(NamedTuple):
+    """The rows of one or more episodes, e of them."""
+
+    rows: Rows
+    firsts: NDArray[np.int64]
+    """The first row of each episode, shape (e,)."""
+    lasts: NDArray[np.int64]
+    """The last row of each, which takes no action, shape (e,)."""
+
+    def each(self) -> Iterator[tuple[str, list[int], float]]:
+        """Yield the text, the actions and the return of each episode."""
+        for first, last in zip(self.firsts.tolist(), self.lasts.tolist(), strict=True):
+            text = self.rows.texts[self.rows.info[first]]
+            rewards = self.rows.rewards[first:last].tolist()
+            yield text, self.rows.actions[first:last].tolist(), sum(rewards)
+
+    def take(self, episodes: slice | NDArray[np.bool_]) -> WholeEpisodes:
+        """Return some of the episodes."""
+        chosen = np.zeros(len(self.firsts), np.bool_)
+        chosen[episodes] = True
+        lengths = self.lasts - self.firsts + 1
+        rows = self.rows.take(np.repeat(chosen, lengths))
+        ends = np.cumsum(lengths[chosen])
+        return WholeEpisodes(rows, ends - lengths[chosen], ends - 1)
+
+
+def grouped(blocks: Iterable[Rows]) -> Iterator[WholeEpisodes]:
+    """Yield the episodes of rows, which may cross the ends of blocks.
+
+    Raises:
+        DatasetError: The rows do not make episodes; raised after the episodes before that row.
+    """
+    pending: Rows | None = None
+    before = 0
+    for block in blocks:
+        rows = block if pending is None else joined([pending, block])
+        ends = np.flatnonzero(rows.actions == NO_ACTION)
+        problem = _problem(rows, ends, before)
+        if problem is not None:
+            ends = ends[ends < problem[0]]
+        whole = int(ends[-1]) + 1 if len(ends) else 0
+        if whole:
+            yield WholeEpisodes(rows.take(slice(whole)), np.append(0, ends[:-1] + 1), ends)
+        if problem is not None:
+            raise DatasetError(problem[1])
+        before += whole
+        pending = rows.take(slice(whole, None)) if whole < len(rows.actions) else None
+    if pending is not None:
+        raise DatasetError("the last episode ends without its last row, actions=-1")
+
+
+def _problem(rows: Rows, ends: NDArray[np.int64], before: int) -> tuple[int, str] | None:
+    """Return the first row that makes no episode with the others, and why, None if all do.
+
+    Args:
+        rows: The rows, of which the first has to begin an episode.
+        ends: Those that take no action.
+        before: How many rows there are before these.
+    """
+    begins = np.zeros(len(rows.actions), np.bool_)
+    begins[:1] = True
+    begins[ends[ends < len(begins) - 1] + 1] = True
+    starts, other = rows.episode_starts, np.diff(rows.info, prepend=rows.info[:1]) != 0
+    wrong = np.where(begins, ~starts | (rows.actions == NO_ACTION), starts | other)
+    if not wrong.any():
+        return None
+    row = int(wrong.argmax())
+    reason = ": an episode ends without its last row, actions=-1"
+    if begins[row]:
+        reason = " actions: -1 in the first row of an episode"
+        if not starts[row]:
+            reason = " episode_starts: False where an episode must begin"
+    return row, f"row {before + row}{reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +148,7 @@ class Episodes:
         )
 
     def parts(self, rows: int) -> Generator[Episodes]:
-        """Yield consecutive episodes with about so many rows together."""
+        """Yield consecutive episodes, about `rows` rows of them together."""
         number = self.whole.lasts // rows
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
@@ -88,12 +164,8 @@ class Episodes:
         return tables[self.which, self.states]
 
 
-def replayed(blocks: Iterable[Rows], cells: int = PARSED_CELLS) -> Generator[Episodes]:
+def replayed(blocks: Iterable[Rows]) -> Generator[Episodes]:
     """Yield the episodes of rows in order, many together.
-
-    Args:
-        blocks: The rows.
-        cells: The cells of labyrinths that are parsed and replayed together.
 
     Raises:
         DatasetError: The rows do not make episodes; raised after the episodes before that row.
@@ -101,7 +173,7 @@ def replayed(blocks: Iterable[Rows], cells: int = PARSED_CELLS) -> Generator[Epi
     for whole in grouped(blocks):
         rows = whole.rows
         # A text of a labyrinth has at least eight characters for each cell.
-        together = max(1, cells * 8 // (len(rows.texts[0]) + 1))
+        together = max(1, PARSED_CELLS * 8 // (len(rows.texts[0]) + 1))
         number = np.maximum.accumulate(rows.info[whole.firsts]) // together
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):

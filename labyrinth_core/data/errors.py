@@ -7,13 +7,13 @@ MALFORMED = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
 
 
 class DatasetError(RuntimeError):
-    """A dataset is missing, unfinished, damaged, or another than asked for."""
+    """A dataset is missing, unfinished, damaged, or not the one that was asked for."""
 
 
 def one_line(error: BaseException) -> str:
     """Return the message of an error in one line, or its type if there is no message."""
     try:
         message = " ".join(str(error).split())
-    except Exception:  # An error of a stranger's program, such as a policy.
+    except Exception:  # An error of another program, such as a policy.
         message = ""
     return message or type(error).__name__

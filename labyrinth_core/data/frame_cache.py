@@ -15,9 +15,10 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -43,8 +44,8 @@ LARGE = 500_000_000
 
 _ALIGNMENT = 64
 
-Fill = Callable[[], Iterator[tuple[NDArray[Any], Columns]]]
-"""Yields frames, shape (any number, ...), with the columns of their transitions, in order."""
+Content = Iterable[tuple[NDArray[np.uint8], Columns]]
+"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
 
 
 def name_of(config: str, split: str, image_size: int, key: str) -> str:
@@ -67,7 +68,7 @@ def user_folder() -> Path:
     return base / "labyrinth-datasets"
 
 
-def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Transitions:
+def load(path: Path, key: str, shape: tuple[int, ...], content: Content) -> Transitions:
     """Return the transitions of a cache file, which is made if it is missing or wrong.
 
     The files that were used least recently are removed if the folder would exceed its limit.
@@ -75,9 +76,8 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
     Args:
         path: The file.
         key: Identifies the content: everything that it depends on.
-        size: The bytes that the frames will have.
-        fill: Makes the content.
-        large: The bytes from which on a warning says that the file is written.
+        shape: The shape of all frames together.
+        content: What the file holds; iterated only to make it.
 
     Raises:
         OSError: The file can be neither read nor made.
@@ -88,13 +88,13 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
         with suppress(OSError):  # The folder may be read-only.
             os.utime(path)
         return found
-    most = _limit()
+    size, most = math.prod(shape), _limit()
     if size > most:
         raise DatasetError(
             f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
             f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
         )
-    if size >= large:
+    if size >= LARGE:
         warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {path}", stacklevel=4)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(path.parent)
@@ -103,7 +103,7 @@ def load(path: Path, key: str, size: int, fill: Fill, large: int = LARGE) -> Tra
         if found is None:
             _make_room(path, most - size)
             with replacing(path) as temporary:
-                _write(temporary, key, fill)
+                _write(temporary, key, shape, content)
             found = _read(path, key)
     if found is None:
         raise OSError(f"{path} was made, but is not what was written")
@@ -123,13 +123,13 @@ def _read(path: Path, key: str) -> Transitions | None:
     """Return the transitions of a file, None if it is missing or damaged, or has another key."""
     try:
         frames, columns, digest = _parts(path)
-    except (FileNotFoundError, ValueError, OverflowError):
+    except (FileNotFoundError, ValueError):
         return None
     return Transitions(frames, **columns) if digest == _digest(key, frames.shape, columns) else None
 
 
 def _parts(path: Path) -> tuple[NDArray[Any], Columns, bytes]:
-    """Return the frames, the columns and the hash in a cache file; ValueError if it is none."""
+    """Return the frames, the columns and the hash in a cache file; ValueError for another file."""
     with file_at(path).open("rb") as file:
         mapped = np.asarray(np.memmap(path, np.uint8, "r"))
         frames = _next(file, mapped, np.dtype("u1"))
@@ -141,14 +141,17 @@ def _is_cache(path: Path) -> bool:
     """Return whether a file with the name of a cache file is one, of any key."""
     try:
         return len(_parts(path)[2]) == hashlib.sha256().digest_size
-    except (OSError, ValueError, OverflowError):
+    except (OSError, ValueError):
         return False
 
 
 def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the mapped array that begins where a file is read; raise ValueError if none does."""
+    """Return the mapped array that begins where a file is read, or raise ValueError."""
     npy.read_magic(file)
-    shape, _, found = npy.read_array_header_1_0(file)
+    try:
+        shape, _, found = npy.read_array_header_1_0(file)
+    except (SyntaxError, TokenError) as error:  # Of numpy, for some damaged headers.
+        raise ValueError(str(error)) from error
     if found != dtype or min(shape) < 1:
         raise ValueError(f"shape {shape} and type {found}, instead of type {dtype}")
     begin = file.tell()
@@ -166,15 +169,13 @@ def _digest(key: str, frames: tuple[int, ...], columns: Columns) -> bytes:
     return digest.digest()
 
 
-def _write(path: Path, key: str, fill: Fill) -> None:
+def _write(path: Path, key: str, shape: tuple[int, ...], content: Content) -> None:
     """Write a cache file, which is on the disk when this returns."""
     with path.open("wb") as file:
-        shape: tuple[int, ...] = ()
+        header = {"descr": "|u1", "fortran_order": False, "shape": shape}
+        npy.write_array_header_1_0(file, header)
         parts: list[Columns] = []
-        for frames, columns in fill():
-            if not parts:  # The number of frames is filled in at the end; the length stays.
-                _write_header(file, (0, *frames.shape[1:]))
-            shape = (sum(shape[:1]) + len(frames), *frames.shape[1:])
+        for frames, columns in content:
             file.write(np.ascontiguousarray(frames).data)
             parts.append(columns)
         joined = joined_columns(parts)
@@ -183,19 +184,13 @@ def _write(path: Path, key: str, fill: Fill) -> None:
             npy.write_array(file, array, (1, 0))
             file.write(bytes(-file.tell() % _ALIGNMENT))
         file.write(_digest(key, shape, joined))
-        file.seek(0)
-        _write_header(file, shape)
         file.flush()
         # Otherwise, after a power failure, the name could be there without the content.
         os.fsync(file.fileno())
 
 
-def _write_header(file: BinaryIO, shape: tuple[int, ...]) -> None:
-    npy.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": shape})
-
-
 def _make_room(path: Path, most: int) -> None:
-    """Remove the cache files beside a path that were used least recently, down to so many bytes."""
+    """Remove the least recently used cache files beside a path until `most` bytes are left."""
     others = [each for each in path.parent.iterdir() if _NAME.fullmatch(each.name) and each != path]
     states = sorted(((each.stat(), each) for each in others), key=lambda pair: pair[0].st_mtime)
     total = sum(state.st_size for state, _ in states)

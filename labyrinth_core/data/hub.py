@@ -180,7 +180,7 @@ class _Received(_Sent):
         except httpx.TimeoutException:
             self._call.unanswered()
             raise
-        self._call.answered()  # In whole: half an answer, again and again, is none.
+        self._call.answered()  # In whole: half an answer, again and again, counts as silence.
 
     def close(self) -> None:
         self._call.ended.set()

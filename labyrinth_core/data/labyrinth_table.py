@@ -60,7 +60,7 @@ def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[Path]:
     """Lend the table of a dataset as a local file, after comparing it with the manifest.
 
     Raises:
-        DatasetError: There is none, or it is damaged, or what is done with it cannot read it.
+        DatasetError: The table is missing or damaged, or the caller cannot read it.
     """
     import pyarrow as pa
 

@@ -14,12 +14,10 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator
-from dataclasses import KW_ONLY, dataclass, replace
-from functools import wraps
-from inspect import signature
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +26,8 @@ from labyrinth_core.data import frame_cache
 from labyrinth_core.data.episodes import Episodes, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.data.part import Part
+from labyrinth_core.data.part import Filter, Part, Wanted, find_part
 from labyrinth_core.data.rows import Rows
-from labyrinth_core.data.source import Wanted, find_part
 from labyrinth_core.data.transitions import (
     Columns,
     LoadedEpisode,
@@ -41,68 +38,22 @@ from labyrinth_core.data.transitions import (
 )
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 
-P = ParamSpec("P")
-AnyRequest = TypeVar("AnyRequest")
-Result = TypeVar("Result")
 
-
-@dataclass(frozen=True)
-class Request(Wanted):
-    """What to load and how states are observed; `load_episodes` explains the fields."""
-
-    _: KW_ONLY
-    observation: str = "image"
-    image_size: int = DEFAULT_IMAGE_SIZE
-    draw: bool = False
-    resize: str = "area"
-
-    def spec(self) -> ObservationSpec:
-        """Return how states are observed; raise ValueError for a value that is not allowed."""
-        return ObservationSpec(self.observation, self.image_size, self.draw, self.resize)
-
-
-@dataclass(frozen=True)
-class TransitionsRequest(Request):
-    """What to load and where to keep it; `load_transitions` explains the fields."""
-
-    _: KW_ONLY
-    cache_dir: str | Path | bool | None = True
-    optimal: bool = False
-
-    def cache(self) -> Path | None:
-        """Return the folder of the cache file, None for no cache; raise OSError if unknown."""
-        if self.observation != "image" or self.cache_dir is None or self.cache_dir is False:
-            return None
-        if self.cache_dir is True:
-            return frame_cache.user_folder()
-        return Path(self.cache_dir).expanduser()
-
-
-def asked_by(
-    request: Callable[P, AnyRequest],
-) -> Callable[[Callable[[AnyRequest], Result]], Callable[P, Result]]:
-    """Give a function of a request the fields of the request as arguments, `help` included."""
-
-    def decorate(function: Callable[[AnyRequest], Result]) -> Callable[P, Result]:
-        returned = signature(function).return_annotation
-        shown = signature(request).replace(return_annotation=returned)
-
-        @wraps(function)
-        def asked(*args: P.args, **kwargs: P.kwargs) -> Result:
-            try:
-                shown.bind(*args, **kwargs)
-            except TypeError as error:  # Which would name the class of the request.
-                raise TypeError(f"{function.__name__}() {error}") from None
-            return function(request(*args, **kwargs))
-
-        asked.__signature__ = shown  # type: ignore[attr-defined]
-        return asked
-
-    return decorate
-
-
-@asked_by(TransitionsRequest)
-def load_transitions(request: TransitionsRequest) -> Transitions:  # noqa: D417
+def load_transitions(  # noqa: D417
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    draw: bool = False,
+    resize: str = "area",
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+    cache_dir: str | Path | bool | None = True,
+    optimal: bool = False,
+) -> Transitions:
     """Return all transitions of a split.
 
     Pictures are made once and kept in a cache file, which is memory-mapped from then on. Its name
@@ -126,32 +77,36 @@ def load_transitions(request: TransitionsRequest) -> Transitions:  # noqa: D417
         DatasetError: As for `load_episodes`, or there is no episode in the split, or the cache file
             would exceed its limit.
     """
-    spec, cache_dir = request.spec(), request.cache_dir
+    spec = ObservationSpec(observation, image_size, draw, resize)
     named = isinstance(cache_dir, str) and cache_dir.strip()
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
-    part = find_part(request)
-    found = _cached(request, part, spec) or _in_memory(part, spec)
-    if not request.optimal:
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    part = find_part(wanted)
+    found = None
+    if observation == "image" and cache_dir is not None and cache_dir is not False:
+        found = _cached(cache_dir, split, part, spec)
+    if found is None:
+        found = _in_memory(part, spec)
+    if not optimal:
         return found
     blocks = [block.optimal()[block.acting] for block in replayed(part.rows(pictures=False))]
     return replace(found, optimal=np.concatenate(blocks))
 
 
-def _cached(request: TransitionsRequest, part: Part, spec: ObservationSpec) -> Transitions | None:
+def _cached(
+    cache_dir: str | Path | Literal[True], split: str, part: Part, spec: ObservationSpec
+) -> Transitions | None:
     """Return the transitions in a cache file, None if they are to be held in memory."""
     try:
-        folder = request.cache()
-        if folder is None:
-            return None
-        key = _key(part, spec)
-        path = folder / frame_cache.name_of(part.config, request.split, spec.image_size, key)
-        size = len(part) * 3 * spec.image_size**2
-        rows = part.rows(pictures=spec.decodes)
-        return frame_cache.load(path, key, size, lambda: _observed(_parts(rows, spec), spec))
+        folder = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
+        key, size = _key(part, spec), int(spec.image_size)
+        path = folder / frame_cache.name_of(part.folder.name, split, size, key)
+        content = _observed(_parts(part.rows(pictures=spec.decodes), spec), spec)
+        return frame_cache.load(path, key, (len(part), size, size, 3), content)
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
-        warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=4)
+        warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
         return None
 
 
@@ -209,8 +164,19 @@ def _key(part: Part, spec: ObservationSpec) -> str:
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-@asked_by(Request)
-def load_episodes(request: Request) -> Generator[LoadedEpisode]:  # noqa: D417
+def load_episodes(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    draw: bool = False,
+    resize: str = "area",
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+) -> Generator[LoadedEpisode]:
     """Yield the episodes of a split, in order.
 
     Args:
@@ -235,8 +201,9 @@ def load_episodes(request: Request) -> Generator[LoadedEpisode]:  # noqa: D417
         ValueError: An argument has a value that is not allowed.
         DatasetError: There is no such dataset or split, or its rows do not make episodes.
     """
-    spec = request.spec()
-    return episodes_of(find_part(request).rows(pictures=spec.decodes), spec)
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    return episodes_of(find_part(wanted).rows(pictures=spec.decodes), spec)
 
 
 def episodes_of(rows: Iterable[Rows], spec: ObservationSpec) -> Generator[LoadedEpisode]:

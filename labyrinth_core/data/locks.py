@@ -22,9 +22,9 @@ def locked(
     """Hold the lock of a file, which is made if need be and removed at the end.
 
     Args:
-        path: The file; nobody but this function may make, remove or rename it. Beside it, with
+        path: The file; only this function may make, remove or rename it. Beside it, with
             the suffix `.holder`, lies a file that says which process has the lock, since
-            Windows lets nobody read a locked file.
+            on Windows no process can read a locked file.
         before_waiting: Called with the holder, such as `process 1 on host`, if there is one.
         wait: Whether to wait for another holder.
 
@@ -65,7 +65,7 @@ def _refuse_others(path: Path) -> None:
     """Raise FileExistsError if something is at a path that `locked` has not left there."""
     with suppress(FileNotFoundError):
         found = path.lstat()
-        # The file of a lock is empty; Windows lets nobody read one that is locked.
+        # The file of a lock is empty; on Windows no process can read a locked one.
         content = path.read_bytes() if stat.S_ISREG(found.st_mode) and found.st_size else b""
         if not stat.S_ISREG(found.st_mode) or not _HOLDER.fullmatch(content):
             raise FileExistsError(errno.EEXIST, "is not a lock: move it away", str(path))

@@ -139,7 +139,7 @@ class Manifest:
         """Return the manifest of a folder.
 
         Raises:
-            DatasetError: There is none, or it is malformed.
+            DatasetError: The manifest is missing or malformed.
         """
         path = folder / MANIFEST
         try:

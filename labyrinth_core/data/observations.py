@@ -142,13 +142,13 @@ class ObservationSpec:
     def look_later(
         self, views: Sequence[tuple[Labyrinth, State]], held_bytes: int = HELD_BYTES
     ) -> NDArray[Any] | Looks:
-        """Return the observations, or what makes them once they are asked for if they are large."""
+        """Return the observations, or, if they are large, what makes them when they are indexed."""
         large = self.observation == "image" and len(views) * 3 * self.image_size**2 > held_bytes
         return Looks(self, views) if large else self.look(views)
 
 
 class Looks:
-    """Observations of states which are made anew whenever they are asked for."""
+    """Observations of states which are made anew whenever they are indexed."""
 
     def __init__(self, spec: ObservationSpec, views: Sequence[tuple[Labyrinth, State]]) -> None:
         self._spec, self._views = spec, views

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import BATCH_ROWS, NO_ACTION
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.rows import (
+    BATCH_ROWS,
     Rows,
     columns_read,
     opened,
@@ -20,10 +23,16 @@ from labyrinth_core.data.rows import (
     rows_of_table,
     rows_together,
 )
+from labyrinth_core.data.source import local_folder, locate
 from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.language.text import without_agent
 
 if TYPE_CHECKING:
+    from pyarrow.compute import Expression
     from pyarrow.parquet import ParquetFile
+
+Filter: TypeAlias = "Expression"
+"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +44,6 @@ class Part:
     """
 
     folder: AnyPath
-    config: str
-    """The name of its config."""
     shards: Sequence[Shard]
     """All shards of the split."""
     kept: NDArray[np.bool_] | None = None
@@ -50,6 +57,8 @@ class Part:
 
     def held(self) -> list[int]:
         """Return the numbers of the shards that hold some of its rows."""
+        if self.kept is None:
+            return [*range(len(self.shards))]
         kept: list[int] = np.flatnonzero(np.diff(self.kept_before(self.first_rows()))).tolist()
         return kept
 
@@ -158,3 +167,125 @@ def _blocks(file: ParquetFile, groups: Sequence[int], *, pictures: bool) -> Iter
 
     for batch in file.iter_batches(BATCH_ROWS, groups, columns_read(pictures)):
         yield rows_of_table(pa.Table.from_batches([batch]), pictures=pictures)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A split or a part of it that a caller wants; see `loader.load_episodes` for the fields."""
+
+    source: str | Path
+    config: str
+    split: str
+    revision: str | None
+    labyrinths: int | None
+    where: Filter | None
+
+    def locate(self, files: Iterable[str]) -> AnyPath:
+        """Return the folder with the manifest and other files; see `locate`."""
+        return locate(self.source, self.config, files, self.revision)
+
+
+def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
+    """Return a split or a part of it; from the Hub come only the shards that hold some of it.
+
+    Args:
+        wanted: The split or part of it.
+        in_place: Whether shards on the Hub are not downloaded, but read where they are.
+
+    Raises:
+        ValueError, DatasetError: As for `loader.load_episodes`.
+    """
+    if wanted.labyrinths is None and wanted.where is None and not in_place:
+        folder = wanted.locate([f"{wanted.split}-*.parquet"])
+        manifest = Manifest.read(folder)
+        return Part(folder, manifest.of(wanted.split))
+    folder = wanted.locate([])
+    manifest = Manifest.read(folder)
+    part = Part(folder, manifest.of(wanted.split))
+    if local_folder(wanted.source, wanted.config, wanted.revision) is None:
+        commit = folder.parent.name
+        place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
+        part = replace(part, place=place)
+    part = replace(part, kept=_kept(wanted, part, manifest))
+    if in_place:
+        return part
+    files = [part.shards[number].path for number in part.held()]
+    return replace(part, folder=wanted.locate(files))
+
+
+def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] | None:
+    """Return which of a split's first rows are those of the labyrinths asked for, None for all."""
+    labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
+    if labyrinths is None and where is None:
+        return None
+    count = left = sum(shard.labyrinths for shard in part.shards)
+    if where is not None:
+        ranges = _row_ranges(wanted, manifest)
+        left = len(ranges)
+    if labyrinths is not None:
+        whole = isinstance(labyrinths, int | np.integer) and not isinstance(labyrinths, bool)
+        if not whole or not 1 <= labyrinths <= left:
+            filtered = "" if where is None else f" where {where}"
+            raise ValueError(
+                f"labyrinths={labyrinths!r:.99}: give a whole number from 1 to {left}, as "
+                f"many as split={split} has{filtered}"
+            )
+        left = labyrinths
+    if left == count:
+        return None
+    if manifest.labyrinths is None:
+        return _numbers_of_rows(part, left) < left
+    if where is None:
+        ranges = _row_ranges(wanted, manifest)
+    kept = np.zeros(part.first_rows()[-1], np.bool_)
+    for first, end in ranges[:left].tolist():
+        kept[first:end] = True
+    return kept
+
+
+def _numbers_of_rows(part: Part, count: int) -> NDArray[np.int64]:
+    """Return the number of the labyrinth in each row, up to those of `count` labyrinths or more."""
+    numbers = [np.array([-1])]
+    last = ""
+    for rows in part.rows(pictures=False):
+        if not len(rows.info):
+            continue
+        bare = [without_agent(text) for text in rows.texts]
+        places = {text: place for place, text in enumerate(dict.fromkeys(bare))}
+        labyrinth = np.array([places[text] for text in bare])[rows.info]
+        begins = np.diff(labyrinth, prepend=places.get(last, -1)) != 0
+        numbers.append(numbers[-1][-1] + np.cumsum(begins))
+        if numbers[-1][-1] >= count:
+            break
+        last = bare[rows.info[-1]]
+    return np.concatenate(numbers[1:])
+
+
+def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:
+    """Return the first row of each labyrinth asked for, and the end of its rows, shape (n, 2)."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    split, where = wanted.split, wanted.where
+    if where is not None and not isinstance(where, pc.Expression):
+        raise ValueError(
+            f"where={where!r:.99}: give an expression, such as pyarrow.compute.field('moves') >= 12"
+        )
+    own = pc.field("split") == split
+    filters = own if where is None else own & where
+    with table_file(wanted.locate([TABLE]), manifest) as path:
+        try:
+            table = pq.read_table(path, columns=["first_row", "rows"], filters=filters)
+        except pa.ArrowException as error:
+            if where is None:
+                raise
+            reason = str(error).partition(" in ")[0].partition("\n")[0]
+            columns = ", ".join(column.name for column in TABLE_COLUMNS)
+            raise ValueError(
+                f"where={where}: {reason}; the columns of {TABLE} are {columns}"
+            ) from error
+    if where is not None and not len(table):
+        raise ValueError(f"where={where}: split={split} has no such labyrinth")
+    first_rows = table["first_row"].to_numpy()
+    return np.stack([first_rows, first_rows + table["rows"].to_numpy()], axis=1)

@@ -1,24 +1,30 @@
-"""The rows of shards and streams as arrays, and the episodes that they make."""
+"""Shards, opened and checked, and their rows as arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION, footer_problem, open_shard, tables_of
+from labyrinth_core.data.columns import GROUP_BYTES
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
-from labyrinth_core.language.text import without_agent
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet
+
+BATCH_ROWS = 4096
+"""The rows that are read at once; a hostile file may repeat a large picture in many rows."""
+
+MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
+"""The rows and the bytes that no row group exceeds; no picture has fewer than 512 bytes."""
 
 TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 """Column -> the type of its values, without the pictures."""
@@ -69,15 +75,83 @@ def joined(blocks: Sequence[Rows]) -> Rows:
     )
 
 
-def read_rows(folder: AnyPath, shards: Iterable[Shard], *, pictures: bool) -> Iterator[Rows]:
-    """Yield the rows of shards, after checking that each is the file that the manifest describes.
+def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
+    """Open a Parquet file; a column `info` is read dictionary-encoded, see `texts`.
 
     Raises:
-        DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
+        OSError, ArrowException: The file cannot be read.
     """
-    for shard in shards:
-        with opened(folder, shard) as file:
-            yield from rows_together(file, pictures=pictures)
+    import pyarrow.parquet as pq
+
+    names = read_schema(path).names
+    return pq.ParquetFile(path, read_dictionary=["info"] if "info" in names else [])
+
+
+def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
+    """Return what in the footer of a file shows that it is not ours, before any row is read.
+
+    A few bytes of a file may stand for any number of rows, and a row group is read as a whole.
+
+    Args:
+        file: The file.
+        rows: The number of rows that the manifest says it has.
+    """
+    footer = file.metadata
+    if footer.num_rows != rows:
+        return f"rows {footer.num_rows}, but the manifest says {rows}"
+    for group in map(footer.row_group, range(footer.num_row_groups)):
+        if group.num_rows > MOST_ROWS:
+            return f"a row group of {group.num_rows} rows, but none has more than {MOST_ROWS}"
+        if group.total_byte_size > MOST_BYTES:
+            return f"a row group of {group.total_byte_size} bytes, more than {MOST_BYTES}"
+    return None
+
+
+def tables_of(
+    file: pyarrow.parquet.ParquetFile, columns: list[str] | None = None, *, together: int = 1
+) -> Iterator[pa.Table]:
+    """Yield the rows of a file, those of a row group at once unless they are very many.
+
+    Args:
+        file: The file.
+        columns: The names of the columns to read; None for all.
+        together: How many row groups are opened at once, which is quicker where rows are small.
+    """
+    import pyarrow as pa
+
+    groups = range(file.num_row_groups)
+    for first in groups[::together]:
+        # `map` lets go of each batch, of which there would otherwise be two.
+        batches = file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
+        yield from map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
+
+
+def read_schema(path: Path) -> pa.Schema:
+    """Return the Arrow schema of a Parquet file; raise as `open_shard` does.
+
+    `pyarrow.parquet.read_schema` makes a reference cycle through `FileMetaData.schema`, which keeps
+    megabytes a shard until the garbage collector runs.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.schema_arrow
+
+
+def texts(column: pa.ChunkedArray) -> list[str | None]:
+    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
+
+    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
+    """
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(column.type):
+        return column.to_pylist()  # type: ignore[no-any-return]
+    found: list[str | None] = []
+    for chunk in column.chunks:
+        values = [*chunk.dictionary.to_pylist(), None]
+        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
+    return found
 
 
 def rows_together(file: pyarrow.parquet.ParquetFile, *, pictures: bool) -> Iterator[Rows]:
@@ -197,93 +271,3 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
         texts,
         pngs,
     )
-
-
-def numbered(blocks: Iterable[Rows]) -> Iterator[tuple[Rows, NDArray[np.int64]]]:
-    """Yield blocks of rows with the number of the labyrinth in each row, from 0, shape (n,)."""
-    before, last = -1, ""
-    for rows in blocks:
-        if not len(rows.info):
-            continue
-        bare = [without_agent(text) for text in rows.texts]
-        places = {text: place for place, text in enumerate(dict.fromkeys(bare))}
-        labyrinth = np.array([places[text] for text in bare])[rows.info]
-        begins = np.diff(labyrinth, prepend=places.get(last, -1)) != 0
-        number = before + np.cumsum(begins)
-        yield rows, number
-        before, last = int(number[-1]), bare[rows.info[-1]]
-
-
-class WholeEpisodes(NamedTuple):
-    """The rows of one or more episodes, e of them."""
-
-    rows: Rows
-    firsts: NDArray[np.int64]
-    """The first row of each episode, shape (e,)."""
-    lasts: NDArray[np.int64]
-    """The last row of each, which takes no action, shape (e,)."""
-
-    def each(self) -> Iterator[tuple[str, list[int], float]]:
-        """Yield the text, the actions and the return of each episode."""
-        for first, last in zip(self.firsts.tolist(), self.lasts.tolist(), strict=True):
-            text = self.rows.texts[self.rows.info[first]]
-            rewards = self.rows.rewards[first:last].tolist()
-            yield text, self.rows.actions[first:last].tolist(), sum(rewards)
-
-    def take(self, episodes: slice | NDArray[np.bool_]) -> WholeEpisodes:
-        """Return some of the episodes."""
-        chosen = np.zeros(len(self.firsts), np.bool_)
-        chosen[episodes] = True
-        lengths = self.lasts - self.firsts + 1
-        rows = self.rows.take(np.repeat(chosen, lengths))
-        ends = np.cumsum(lengths[chosen])
-        return WholeEpisodes(rows, ends - lengths[chosen], ends - 1)
-
-
-def grouped(blocks: Iterable[Rows]) -> Iterator[WholeEpisodes]:
-    """Yield the episodes of rows, which may cross the ends of blocks.
-
-    Raises:
-        DatasetError: The rows do not make episodes; raised after the episodes before that row.
-    """
-    pending: Rows | None = None
-    before = 0
-    for block in blocks:
-        rows = block if pending is None else joined([pending, block])
-        ends = np.flatnonzero(rows.actions == NO_ACTION)
-        problem = _problem(rows, ends, before)
-        if problem is not None:
-            ends = ends[ends < problem[0]]
-        whole = int(ends[-1]) + 1 if len(ends) else 0
-        if whole:
-            yield WholeEpisodes(rows.take(slice(whole)), np.append(0, ends[:-1] + 1), ends)
-        if problem is not None:
-            raise DatasetError(problem[1])
-        before += whole
-        pending = rows.take(slice(whole, None)) if whole < len(rows.actions) else None
-    if pending is not None:
-        raise DatasetError("the last episode ends without its last row, actions=-1")
-
-
-def _problem(rows: Rows, ends: NDArray[np.int64], before: int) -> tuple[int, str] | None:
-    """Return the first row that makes no episode with the others, and why, None if all do.
-
-    Args:
-        rows: The rows, of which the first has to begin an episode.
-        ends: Those that take no action.
-        before: How many rows there are before these.
-    """
-    begins = np.zeros(len(rows.actions), np.bool_)
-    begins[:1] = True
-    begins[ends[ends < len(begins) - 1] + 1] = True
-    starts, other = rows.episode_starts, np.diff(rows.info, prepend=rows.info[:1]) != 0
-    wrong = np.where(begins, ~starts | (rows.actions == NO_ACTION), starts | other)
-    if not wrong.any():
-        return None
-    row = int(wrong.argmax())
-    reason = ": an episode ends without its last row, actions=-1"
-    if begins[row]:
-        reason = " actions: -1 in the first row of an episode"
-        if not starts[row]:
-            reason = " episode_starts: False where an episode must begin"
-    return row, f"row {before + row}{reason}"

@@ -15,16 +15,18 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import KW_ONLY, dataclass
 from itertools import chain, islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from labyrinth_core.data.loader import Request, asked_by, episodes_of
+from labyrinth_core.data.loader import episodes_of
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.part import Filter, Wanted, find_part
 from labyrinth_core.data.rows import TOGETHER, Rows, joined
-from labyrinth_core.data.source import find_part
 from labyrinth_core.data.transitions import LoadedEpisode, Transition
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -38,39 +40,28 @@ TOGETHER_BYTES = 8 << 20
 Item = TypeVar("Item", covariant=True)
 
 
-@dataclass(frozen=True)
-class StreamRequest(Request):
-    """What to stream and in which order; `stream_episodes` explains the fields."""
-
-    _: KW_ONLY
-    shuffle: bool | int = False
-    seed: int = 0
-    rank: int | None = None
-    world_size: int | None = None
-
-    def buffer(self) -> int:
-        """Return how many rows are shuffled together, 0 for none."""
-        if isinstance(self.shuffle, bool):
-            return BUFFER * self.shuffle
-        return _whole(self.shuffle, "shuffle", 1, "True, False or a number of rows from 1 on")
-
-    def share(self) -> tuple[int, int]:
-        """Return the rank of this process and the number of ranks, perhaps of torchrun."""
-        rank: Any = self.rank
-        ranks: Any = self.world_size
-        if rank is None and ranks is None:
-            given = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
-            rank, ranks = (int(text) if text.isdecimal() else text for text in given)
-        ranks = _whole(ranks, "world_size", 1, "a whole number from 1 on")
-        return _whole(rank, "rank", 0, f"a whole number from 0 to {ranks - 1}", ranks), ranks
-
-
 def _whole(value: Any, name: str, least: int, allowed: str, end: float = np.inf) -> int:
     """Return a whole number; raise ValueError for any other value."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not least <= value < end:
         raise ValueError(f"{name}={value!r:.99}: give {allowed}")
     return int(value)
+
+
+def _rows_shuffled(shuffle: bool | int) -> int:
+    """Return how many rows are shuffled together, 0 for none."""
+    if isinstance(shuffle, bool):
+        return BUFFER * shuffle
+    return _whole(shuffle, "shuffle", 1, "True, False or a number of rows from 1 on")
+
+
+def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
+    """Return the rank of this process and the number of ranks, perhaps of torchrun."""
+    if rank is None and ranks is None:
+        given = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
+        rank, ranks = (int(text) if text.isdecimal() else text for text in given)
+    ranks = _whole(ranks, "world_size", 1, "a whole number from 1 on")
+    return _whole(rank, "rank", 0, f"a whole number from 0 to {ranks - 1}", ranks), ranks
 
 
 class Stream(Generic[Item]):
@@ -81,14 +72,19 @@ class Stream(Generic[Item]):
 
     def __init__(
         self,
-        request: StreamRequest,
+        wanted: Wanted,
+        spec: ObservationSpec,
         items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]],
+        shuffle: bool | int,
+        seed: int,
+        rank: int | None,
+        world_size: int | None,
     ) -> None:
-        self._spec, self._items_of = request.spec(), items_of
-        self._buffer = request.buffer()
-        self._seed = _whole(request.seed, "seed", 0, "a whole number from 0 on")
-        self._rank, self._ranks = request.share()
-        self._found = find_part(request, in_place=True)
+        self._spec, self._items_of = spec, items_of
+        self._buffer = _rows_shuffled(shuffle)
+        self._seed = _whole(seed, "seed", 0, "a whole number from 0 on")
+        self._rank, self._ranks = _share_of_ranks(rank, world_size)
+        self._found = find_part(wanted, in_place=True)
         self._epoch: Any = np.zeros((), np.int64)
         self._at: dict[str, Any] | None = None
         self._loaded = False
@@ -212,7 +208,7 @@ class Stream(Generic[Item]):
             number: Its number.
             before: How many rows there are before it in the order of the epoch.
             own: The numbers in this order of the rows that are this process's.
-            at: The place, which tells the epoch.
+            at: The place, with the number of the epoch.
         """
         rows = np.diff(self._found.kept_before(self._found.group_rows(file, number)))
         order, cost, limit = np.arange(len(rows)), rows, self._buffer
@@ -269,8 +265,23 @@ def _steps(episodes: Iterable[LoadedEpisode]) -> Iterator[Transition]:
             yield Transition(observations[step], action, observations[step + 1])
 
 
-@asked_by(StreamRequest)
-def stream_episodes(request: StreamRequest) -> Stream[LoadedEpisode]:  # noqa: D417
+def stream_episodes(  # noqa: D417
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    draw: bool = False,
+    resize: str = "area",
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+    shuffle: bool | int = False,
+    seed: int = 0,
+    rank: int | None = None,
+    world_size: int | None = None,
+) -> Stream[LoadedEpisode]:
     """Return the episodes of a split as they are read, to be iterated once an epoch.
 
     From the Hub only the row groups and columns that are needed are downloaded. Each row group
@@ -293,10 +304,29 @@ def stream_episodes(request: StreamRequest) -> Stream[LoadedEpisode]:  # noqa: D
         ValueError: An argument has a value that is not allowed.
         DatasetError: As for `load_episodes`; raised for rows after the items before them.
     """
-    return Stream(request, _whole_episodes)
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    return Stream(wanted, spec, _whole_episodes, shuffle, seed, rank, world_size)
 
 
-@asked_by(StreamRequest)
-def stream_transitions(request: StreamRequest) -> Stream[Transition]:
+def stream_transitions(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    draw: bool = False,
+    resize: str = "area",
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+    shuffle: bool | int = False,
+    seed: int = 0,
+    rank: int | None = None,
+    world_size: int | None = None,
+) -> Stream[Transition]:
     """Return the transitions of a split as they are read; see `stream_episodes`."""
-    return Stream(request, _steps)
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    return Stream(wanted, spec, _steps, shuffle, seed, rank, world_size)

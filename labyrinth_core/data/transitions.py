@@ -152,40 +152,37 @@ class Transitions:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return how to pickle the transitions: arrays of a file by its name."""
-        return _received, tuple(as_sent(getattr(self, field.name)) for field in fields(self))
+        return _received, tuple(_sent(getattr(self, field.name)) for field in fields(self))
 
 
 def _received(*sent: Any) -> Transitions:
-    arrays: list[Any] = [None if each is None else as_received(each) for each in sent]
-    return Transitions(*arrays)
+    return Transitions(*(_mapped(*each) if isinstance(each, tuple) else each for each in sent))
 
 
-def as_sent(array: NDArray[Any] | None) -> NDArray[Any] | tuple[Any, ...] | None:
+def _sent(array: NDArray[Any] | None) -> NDArray[Any] | tuple[Any, ...] | None:
     """Return an array, or the arguments of `numpy.memmap` if it is mapped from a file."""
-    if array is None:
-        return None
     mapped: Any = array
     while mapped is not None and not isinstance(mapped, np.memmap):
         mapped = getattr(mapped, "base", None)
     # A writable array has to be copied, so that the other process does not write to the file.
-    if mapped is None or mapped.mode != "r" or not (mapped.filename and array.flags.c_contiguous):
+    if array is None or mapped is None or mapped.mode != "r" or not mapped.filename:
+        return array
+    if not array.flags.c_contiguous:
         return array
     offset = mapped.offset + array.ctypes.data - mapped.ctypes.data
     return str(mapped.filename), array.dtype.str, "r", offset, array.shape
 
 
-def as_received(sent: NDArray[Any] | tuple[Any, ...]) -> NDArray[Any]:
-    """Return the array that `as_sent` described.
+def _mapped(path: str, *layout: Any) -> NDArray[Any]:
+    """Return the array that `_sent` described.
 
     Raises:
         DatasetError: The file is gone or has become shorter.
     """
-    if isinstance(sent, np.ndarray):
-        return sent
     try:
-        return np.asarray(np.memmap(*sent))
+        return np.asarray(np.memmap(path, *layout))
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{sent[0]} is gone since it was loaded: {error}") from error
+        raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
 
 
 Columns = Mapping[str, NDArray[Any]]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
-from labyrinth_core.data.source import Filter, Wanted, find_part
+from labyrinth_core.data.part import Filter, Wanted, find_part
 from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
@@ -143,10 +143,7 @@ def load_arrays(
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    wanted = Wanted(
-        source, config, split=split, revision=revision, labyrinths=labyrinths, where=where
-    )
-    part = find_part(wanted)
+    part = find_part(Wanted(source, config, split, revision, labyrinths, where))
     for block in replayed(part.rows(pictures=False)):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):

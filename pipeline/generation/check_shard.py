@@ -16,18 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import (
-    Row,
-    arrow_schema,
-    footer_problem,
-    open_shard,
-    read_schema,
-    tables_of,
-    texts,
-)
+from labyrinth_core.data.columns import Row, arrow_schema
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.rows import footer_problem, open_shard, read_schema, tables_of, texts
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.language.text import without_agent

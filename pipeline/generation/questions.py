@@ -12,10 +12,10 @@ from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import Any, NamedTuple
 
-from labyrinth_core.data.columns import arrow_schema, read_schema
+from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest, Shard, current_versions
-from labyrinth_core.data.rows import check_file, check_footer, readable
+from labyrinth_core.data.rows import check_file, check_footer, read_schema, readable
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, new_file
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,

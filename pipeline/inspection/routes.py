@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.rows import grouped, read_rows
+from labyrinth_core.data.part import Part
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse, without_agent
 from labyrinth_core.world.dynamics import initial, state_index
@@ -68,10 +69,10 @@ def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
         DatasetError: The file is missing, damaged, or its rows do not make episodes.
     """
     path = folder / shard.path
-    groups = grouped(read_rows(folder, [shard], pictures=False))
+    groups = grouped(Part(folder, [shard]).rows(pictures=False))
     try:
         yield from routes(episode for group in groups for episode in group.each())
     except (ValueError, IndexError, DatasetError) as error:
-        if str(path) in str(error):  # Of `read_rows`.
+        if str(path) in str(error):  # Of `Part.rows`.
             raise
         raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error

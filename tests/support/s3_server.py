@@ -1,4 +1,4 @@
-"""moto's S3, served on loopback, with a fault for any request that is asked for."""
+"""moto's S3, served on loopback, with a fault for the requests that a test chooses."""
 
 from __future__ import annotations
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,35 @@ def rows_of(folder: Path, file: str = TRAIN) -> Iterator[Rows]:
     yield rows
     pq.write_table(pa.Table.from_pylist(rows, schema=arrow_schema()), folder / file)
     agree(folder, file, rows)
+
+
+def put_shards(
+    folder: Path,
+    split: str,
+    tables: Sequence[pa.Table],
+    groups_of: Callable[[pa.Table], Iterable[int]] = lambda _: [0],
+) -> None:
+    """Make tables the shards of a split, in the manifest as well.
+
+    Args:
+        folder: The folder of the dataset.
+        split: The split.
+        tables: The content of each shard.
+        groups_of: Returns the first row of each row group of a table.
+    """
+    manifest = Manifest.read(folder)
+    old = manifest.of(split)
+    for shard in old:
+        (folder / shard.path).unlink()
+    shards = [shard for shard in manifest.shards if shard.split != split]
+    for number, table in enumerate(tables):
+        path = folder / f"{split}-{number:05d}-of-{len(tables):05d}.parquet"
+        with pq.ParquetWriter(path, table.schema) as writer:
+            for begin, end in pairwise([*groups_of(table), len(table)]):
+                writer.write_table(table.slice(begin, end - begin), row_group_size=end - begin)
+        made = {"path": path.name, "rows": len(table), "sha256": file_sha256(path)}
+        shards.append(replace(old[min(number, len(old) - 1)], **made))
+    replace(manifest, shards=tuple(shards)).write(folder)
 
 
 @contextmanager

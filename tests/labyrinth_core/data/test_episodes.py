@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from tampering import put_shards
 
 from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.rows import read_rows
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.part import Part
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.text import labyrinth_id, parse, without_agent
@@ -136,13 +136,14 @@ def test_optimal_actions_are_those_of_each_state(run):
 
 
 def rows_of(run, split):
-    return read_rows(run.folder, Manifest.read(run.folder).of(split), pictures=False)
+    return Part(run.folder, Manifest.read(run.folder).of(split)).rows(pictures=False)
 
 
 @pytest.mark.parametrize("cells", [1, 40])
-def test_few_episodes_at_once_are_the_same_as_many(run, cells):
+def test_few_episodes_at_once_are_the_same_as_many(run, monkeypatch, cells):
     many = [one for block in replayed(rows_of(run, "random")) for one in block.parts(1)]
-    few = [one for block in replayed(rows_of(run, "random"), cells=cells) for one in block.parts(9)]
+    monkeypatch.setattr("labyrinth_core.data.episodes.PARSED_CELLS", cells)
+    few = [one for block in replayed(rows_of(run, "random")) for one in block.parts(9)]
     assert len(few) > 1
     for name in ("states", "over"):
         one, other = (np.concatenate([getattr(each, name) for each in of]) for of in (many, few))
@@ -165,17 +166,10 @@ def test_some_labyrinths_are_a_part_of_all(run):
 def test_texts_that_are_not_canonical_are_read_too(run, tmp_path):
     """Such as those of another writer: they describe the same labyrinths, with other words."""
     folder = shutil.copytree(run.folder, tmp_path / run.folder.name)
-    path = next(folder.glob("train-*.parquet"))
-    table = pq.read_table(path)
+    table = pa.concat_tables(map(pq.read_table, sorted(folder.glob("train-*.parquet"))))
     texts = [f'"""a comment"""\n{text}' for text in table["info"].to_pylist()]
     place = table.column_names.index("info")
-    pq.write_table(table.set_column(place, table.schema.field("info"), [texts]), path)
-    manifest = Manifest.read(folder)
-    shards = tuple(
-        replace(shard, sha256=file_sha256(path)) if shard.path == path.name else shard
-        for shard in manifest.shards
-    )
-    replace(manifest, shards=shards).write(folder)
+    put_shards(folder, "train", [table.set_column(place, table.schema.field("info"), [texts])])
     options = {"draw": True, "image_size": 9, "cache_dir": False}
     theirs = load_transitions(tmp_path, folder.name, **options)
     ours = load_transitions(run.data_dir, folder.name, **options)

@@ -55,9 +55,7 @@ def run(hub: LocalHub, script: str, **more: str) -> tuple[str, str]:
     [
         (LOAD, "hold", "/api/datasets/"),
         (LOAD, "hold", RESOLVE),
-        (LOAD, "hold", SHARD),
         (LOAD, "stall", SHARD),
-        (STREAM, "hold", "/api/datasets/"),
         (STREAM, "hold", SHARD),
         (STREAM, "stall", SHARD),
         (POLICY, "hold", RESOLVE),

@@ -45,9 +45,9 @@ def test_of_eight_processes_one_at_a_time_has_the_lock_and_none_leaves_a_file(tm
     assert [path.name for path in tmp_path.iterdir()] == ["count"]
 
 
-def test_a_killed_process_holds_nobody_up(tmp_path):
+def test_no_process_waits_for_a_killed_one(tmp_path):
     assert start(DIE, tmp_path).wait(timeout=60) == -signal.SIGKILL
-    assert "lock" in {path.name for path in tmp_path.iterdir()}
+    assert {path.name for path in tmp_path.iterdir()} == {"lock", "lock.holder"}
     with locked(tmp_path / "lock", wait=False):
         pass
     assert list(tmp_path.iterdir()) == []

@@ -15,8 +15,13 @@ from hypothesis import strategies as st
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from labyrinth_core.data.storage import file_sha256, write_text
 from pipeline.config.run import Run
+
+WRONG = (None, True, 1.0, -1, [], {})
+"""Values of which none is that of a field of a shard."""
+
+WELL = {"bytes": 1, "sha256": ""}
+"""The description of a table of labyrinths."""
 
 anything = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
@@ -114,83 +119,48 @@ def test_a_folder_without_manifest_holds_no_finished_dataset(tmp_path: Path) -> 
             Manifest.read(folder)
 
 
+SHARD = "train-00000-of-00001.parquet"
+NO_SHARD = "no split 'train' has a shard"
+
+
+def with_shard(content: Any, **values: Any) -> Any:
+    first, *others = content["shards"]
+    assert first["path"] == SHARD
+    return content | {"shards": [first | values, *others]}
+
+
 @pytest.mark.parametrize(
-    "path",
+    ("edit", "message"),
     [
-        "../train-00000-of-00001.parquet",
-        "/train-00000-of-00001.parquet",
-        "sub/train-00000-of-00001.parquet",
-        "..",
-        ".",
-        "",
-        "train-00000-of-00001.parquet\n",
-        "train-00000-of-00001.parquet\0",
-        "\\train-00000-of-00001.parquet",
-        "test-00000-of-00001.parquet",
-        "train.parquet",
-        "manifest.json",
+        *(
+            (lambda content, path=path: with_shard(content, path=path), NO_SHARD)
+            for path in (
+                *(f"../{SHARD}", f"/{SHARD}", f"sub/{SHARD}", f"\\{SHARD}", "..", ".", ""),
+                *(f"{SHARD}\n", f"{SHARD}\0", "train.parquet", MANIFEST),
+                "test-00000-of-00001.parquet",
+            )
+        ),
+        (
+            lambda content: with_shard(content, split="eval", path="eval-00000-of-00001.parquet"),
+            "no split 'eval'",
+        ),
+        (lambda content: content | {"format": 1}, "its format is 1, not 2"),
+        *(
+            (lambda content, more=more: with_shard(content, **more), "cannot be read: .*a shard")
+            for more in ({field.name: wrong} for field in fields(Shard) for wrong in WRONG)
+        ),
+        *(
+            (lambda content, table=table: content | {"labyrinths": table}, "read: .*a table")
+            for table in (None, [], {}, {"bytes": 1}, WELL | {"bytes": "1"}, WELL | {"x": 1})
+        ),
     ],
 )
-def test_a_shard_anywhere_but_in_its_place_is_refused(
-    content: Any, scratch: Path, path: str
+def test_a_manifest_that_was_edited_is_refused(
+    content: Any, tmp_path: Path, edit: Callable[[Any], Any], message: str
 ) -> None:
-    edited = copy.deepcopy(content)
-    assert edited["shards"][0]["path"] == "train-00000-of-00001.parquet"
-    edited["shards"][0]["path"] = path
-    with pytest.raises(DatasetError, match="no split 'train' has a shard"):
-        read_back(scratch, edited)
-
-
-def test_a_split_that_is_none_of_the_six_is_refused(content: Any, scratch: Path) -> None:
-    edited = copy.deepcopy(content)
-    edited["shards"][0] |= {"split": "eval", "path": "eval-00000-of-00001.parquet"}
-    with pytest.raises(DatasetError, match="no split 'eval'"):
-        read_back(scratch, edited)
-
-
-def test_another_format_is_refused_by_its_number(content: Any, scratch: Path) -> None:
-    with pytest.raises(DatasetError, match="its format is 1, not 2"):
-        read_back(scratch, content | {"format": 1})
-
-
-@pytest.mark.parametrize("name", [field.name for field in fields(Shard)])
-@pytest.mark.parametrize("value", [None, True, 1.0, -1, [], {}])
-def test_a_field_of_a_shard_of_another_kind_is_refused(
-    content: Any, scratch: Path, name: str, value: Any
-) -> None:
-    edited = copy.deepcopy(content)
-    edited["shards"][2][name] = value
-    with pytest.raises(DatasetError, match="cannot be read"):
-        read_back(scratch, edited)
-
-
-@pytest.mark.parametrize(
-    "value",
-    [None, [], {}, {"bytes": 1}, {"bytes": "1", "sha256": ""}, {"bytes": 1, "sha256": "", "x": 1}],
-    ids=str,
-)
-def test_a_table_of_labyrinths_described_otherwise_is_refused(
-    content: Any, scratch: Path, value: Any
-) -> None:
-    with pytest.raises(DatasetError, match="cannot be read"):
-        read_back(scratch, content | {"labyrinths": value})
-    assert read_back(scratch, content).labyrinths is not None
-
-
-def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "text"
-    write_text(path, "before\n")
-    with pytest.raises(UnicodeEncodeError):
-        write_text(path, "\ud800")
-    assert [file.name for file in tmp_path.iterdir()] == ["text"]
-    assert path.read_text() == "before\n"
-
-
-def test_the_hash_of_a_file_is_sha256(tmp_path: Path) -> None:
-    (tmp_path / "abc").write_bytes(b"abc")
-    # FIPS 180-2, appendix B.1
-    expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    assert file_sha256(tmp_path / "abc") == expected
+    assert read_back(tmp_path, content).labyrinths is not None
+    with pytest.raises(DatasetError, match=message):
+        read_back(tmp_path, edit(content))
 
 
 def test_the_fingerprint_of_a_dataset_depends_on_each_shard(small_dataset: Run) -> None:

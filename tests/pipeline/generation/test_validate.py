@@ -26,7 +26,7 @@ from tampering import (
     with_a_wall_opened,
 )
 
-from labyrinth_core.data import columns
+from labyrinth_core.data import rows as reading
 from labyrinth_core.data.columns import COLUMNS, arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
@@ -101,7 +101,7 @@ def test_a_file_that_may_be_huge_is_not_read(
     folder: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
 ) -> None:
     if wrong == "groups":
-        monkeypatch.setattr(columns, "MOST_ROWS", 5)
+        monkeypatch.setattr(reading, "MOST_ROWS", 5)
         expected = "a row group of "
     else:
         expected = "rows "
@@ -120,7 +120,7 @@ def test_a_want_of_memory_is_not_taken_for_a_damaged_file(
     def read(*_: Any) -> None:
         raise pa.ArrowMemoryError("malloc of size 30000000 failed")
 
-    monkeypatch.setattr(columns, "read_schema", read)
+    monkeypatch.setattr(reading, "read_schema", read)
     monkeypatch.setattr(checking, "read_schema", read)
     with pytest.raises(MemoryError):
         problems(folder)

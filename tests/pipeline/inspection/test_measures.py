@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
+from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.rows import grouped, read_rows
+from labyrinth_core.data.part import Part
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -40,7 +41,7 @@ def rows_of(dataset, split):
     """Return the labyrinth and the action, if any, and the agent's cell of each row."""
     shards = Manifest.read(dataset).of(split)
     rows = []
-    for group in grouped(read_rows(dataset, shards, pictures=False)):
+    for group in grouped(Part(dataset, shards).rows(pictures=False)):
         for text, actions, _ in group.each():
             labyrinth = parse(text)
             cells = [state.agent for state in replay(labyrinth, actions).states]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import gc
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.data.columns import arrow_schema, open_shard, read_schema
+from labyrinth_core.data.columns import arrow_schema
+from labyrinth_core.data.rows import open_shard, read_schema
 from pipeline.config.run import Run
 
 
@@ -33,9 +33,3 @@ def test_a_closed_shard_is_out_of_memory_at_once(small_dataset: Run) -> None:
 def _metadata_in_memory() -> int:
     # Not by isinstance, which some libraries' objects answer with a warning.
     return sum(type(each) is pq.FileMetaData for each in gc.get_objects())
-
-
-def test_a_file_without_texts_is_opened_all_the_same(tmp_path: Path) -> None:
-    pq.write_table(pa.table({"actions": [1, 2]}), tmp_path / "other.parquet")
-    with open_shard(tmp_path / "other.parquet") as file:
-        assert file.read()["actions"].to_pylist() == [1, 2]
