@@ -98,17 +98,6 @@ def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):
         run_on(make_run, tmp_path)
 
 
-def test_a_labyrinth_that_is_none_is_refused_in_one_line(analysed, make_run, tmp_path):
-    folder = tmp_path / "copy"
-    shutil.copytree(analysed.parent, folder)
-    (path,) = (folder / "3x3").glob("test-*.parquet")
-    table = pq.read_table(path)
-    texts = pa.array(["no labyrinth"] * len(table))
-    pq.write_table(table.set_column(4, "info", texts), path)
-    with pytest.raises(DatasetError, match="damaged"):
-        run_on(make_run, folder)
-
-
 # From elsewhere.
 
 

@@ -6,9 +6,7 @@ import hashlib
 import json
 import re
 import shutil
-from collections import Counter
 
-import numpy as np
 import pytest
 from reporting import METHOD, analyse, evaluate, evaluate_own
 from tampering import content_of
@@ -16,12 +14,9 @@ from tampering import content_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.language.text import parse
-from labyrinth_core.world.solver import shortest_route
 from pipeline.inspection.counts import count_routes
 from pipeline.inspection.routes import routes
-from pipeline.inspection.statistics import count_dataset, read_analysis
+from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.own_files import HASHES
 from pipeline.release.card import write_card
 from pipeline.release.files import files_of
@@ -47,35 +42,6 @@ def data_of(text: str):
     return json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
 
 
-def test_the_counts_are_those_of_the_episodes(small_dataset):
-    manifest = Manifest.read(small_dataset.folder)
-    counts = count_dataset(small_dataset.folder, manifest)
-    for split in BASE_SPLITS:
-        packed = pack(small_dataset.folder, manifest, split, ROOMY)
-        told = packed.to_json(counts.splits[split], ROOMY)
-        visits, actions, moves = Counter(), Counter(), Counter()
-        labyrinths = {}
-        for episode in load_episodes(
-            small_dataset.data_dir, "3x3", split=split, observation="vector"
-        ):
-            visits.update(episode.observations[:, 0].tolist())
-            actions.update(episode.actions.tolist())
-            labyrinths[episode.labyrinth_id] = parse(episode.info)
-        rng = np.random.default_rng(0)
-        moves.update(len(shortest_route(each, rng)) for each in labyrinths.values())
-        ways = [
-            Counter(cell for pair in each.structure.passages() for cell in pair).values()
-            for each in labyrinths.values()
-        ]
-        assert told["labyrinths"] == told["shown"] == len(labyrinths)
-        assert told["actions"] == [actions[action] for action in range(4)]
-        assert told["moves"] == sorted(moves.items())
-        assert told["loops"] == sorted(Counter(sum(each) // 2 - 8 for each in ways).items())
-        junctions = Counter(sum(count > 2 for count in each) for each in ways)
-        assert told["junctions"] == sorted(junctions.items())
-        assert sum(told["visits"]) == sum(actions.values()) + told["episodes"]
-
-
 def routes_in(dataset):
     """Return the routes of the split train."""
     episodes = load_episodes(dataset.data_dir, "3x3", observation="vector")
@@ -94,7 +60,11 @@ def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_datas
     found = routes_in(small_dataset)
     counts = count_routes(found, (3, 3)).counts
     told = pack_routes(found, ROOMY).to_json(counts, limit)
-    assert told["labyrinths"] == 8
+    assert (told["labyrinths"], told["episodes"]) == (8, counts.episodes)
+    for name in ("moves", "loops", "junctions"):
+        assert told[name] == sorted(getattr(counts, name).items())
+    assert told["actions"] == counts.actions.tolist()
+    assert told["visits"] == counts.visits.ravel().tolist()
     assert told["shown"] == {0: 0, 100: 2, 300: 6, 10**6: 8}[limit]
     assert sum(len(column["data"]) for column in told["columns"].values()) * 3 / 4 <= limit + 30
     assert pack_routes(found, limit).to_json(counts, limit) == told
