@@ -16,9 +16,7 @@ from typing import Any
 
 import distributed
 import pytest
-import ray
 from joblib.externals.loky import get_reusable_executor
-from ray import cluster_utils as ray_cluster
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -216,87 +214,87 @@ def test_nothing_is_left_of_a_build_whose_first_process_is_ended(name: str, tmp_
 # Clusters.
 
 
-@pytest.fixture(scope="module")
-def dask_address() -> Iterator[str]:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
-    ) as started:
-        yield started.scheduler_address
-
-
-def test_dask_makes_the_bytes_that_one_process_makes(
-    build: Build, tmp_path: Path, small_dataset: Run, dask_address: str
+def test_a_cluster_is_started_when_there_is_work_with_no_more_processes_than_items(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with cluster("dask", 2, dask_address):
-        folder = build(tmp_path, workers=2).folder
-        problems = validate(folder, Manifest.read(folder), workers=2)
+    local_cluster, started = distributed.LocalCluster, []
+
+    def start(**options: Any) -> distributed.LocalCluster:
+        started.append((options["n_workers"], local_cluster(**options)))
+        return started[-1][1]
+
+    monkeypatch.setattr(distributed, "LocalCluster", start)
+    with cluster("dask", 500):
+        for items, processes in ((0, []), (1, [1]), (1, [1]), (2, [1, 2])):
+            assert list(ordered_map(abs, [-1] * items, 500)) == [1] * items
+            assert [number for number, _ in started] == processes
+    assert [each.status.name for _, each in started] == ["closed", "closed"]
+
+
+def test_a_running_dask_that_loses_a_worker_makes_the_bytes_that_one_process_makes(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    function = MakesShardsAndDiesOnce(tmp_path / "died")
+    monkeypatch.setattr(generation, "make_shard", function)
+    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with (
+        distributed.LocalCluster(**own) as started,
+        cluster("dask", 2, started.scheduler_address),
+    ):
+        folder = build(tmp_path / "data", workers=2).folder
+        assert validate(folder, Manifest.read(folder), workers=2) == []
+    assert function.marker.exists()
     assert content_of(folder) == content_of(small_dataset.folder)
-    assert problems == []
 
 
 def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
     build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
-    one_process = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+    own = {"processes": False, "protocol": "tcp", "n_workers": 1, "threads_per_worker": 2}
     with (
-        distributed.LocalCluster(**one_process, dashboard_address="127.0.0.1:0") as started,
+        distributed.LocalCluster(**own, dashboard_address="127.0.0.1:0") as started,
         cluster("dask", 2, started.scheduler_address),
     ):
         folder = build(tmp_path).folder
     assert content_of(folder) == content_of(small_dataset.folder)
 
 
-def test_a_shard_of_a_dask_worker_that_is_killed_is_made_by_another(
-    tmp_path: Path, dask_address: str
+OWN_RAY = """
+import sys
+import ray
+from pipeline.machinery.executor import cluster, ordered_map
+
+with cluster("ray", 500):
+    assert not ray.is_initialized()
+    assert list(ordered_map(abs, [-1, -2], 500)) == [1, 2]
+    print(ray.get_runtime_context().gcs_address, flush=True)
+    sys.stdin.read()
+assert not ray.is_initialized()
+"""
+
+
+def test_ray_has_a_process_for_each_item_and_makes_up_for_a_worker_that_is_lost(
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    function = DiesOnce(tmp_path / "died", 5)
-    with cluster("dask", 2, dask_address):
-        assert list(ordered_map(function, range(12), 2)) == [-item for item in range(12)]
-    assert function.marker.exists()
-
-
-@pytest.fixture(scope="module")
-def ray_address() -> Iterator[str]:
-    own = {"num_cpus": 2, "object_store_memory": 80 << 20, "include_dashboard": False}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # For the functions of this module.
-        started = ray_cluster.Cluster(initialize_head=True, head_node_args=own)
-        yield started.address
-        started.shutdown()
-
-
-def test_a_running_ray_that_loses_a_worker_makes_the_bytes_that_one_process_makes(
-    build: Build,
-    tmp_path: Path,
-    small_dataset: Run,
-    ray_address: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    """One cluster, since Ray takes seconds to start: its own run has started it, ours finds it."""
     function = MakesShardsAndDiesOnce(tmp_path / "died")
     monkeypatch.setattr(generation, "make_shard", function)
-    with cluster("ray", 2, ray_address):
-        folder = build(tmp_path / "data", workers=2).folder
+    # Its workers load functions of this module; without a token, as a Ray that was begun by hand.
+    env = {"PYTHONPATH": os.pathsep.join(sys.path), "RAY_AUTH_MODE": "disabled"}
+    command = [sys.executable, "-c", OWN_RAY]
+    with subprocess.Popen(command, env=os.environ | env, stdin=PIPE, stdout=PIPE, text=True) as own:
+        assert own.stdout is not None
+        address = own.stdout.readline().strip()
+        with cluster("ray", 2, address):
+            folder = build(tmp_path / "data", workers=2).folder
+        with pytest.raises(ConfigError) as caught, cluster("ray", 3, address):
+            pass
+        own.communicate()
+    assert own.returncode == 0
     assert function.marker.exists()
     assert content_of(folder) == content_of(small_dataset.folder)
-
-
-def test_more_workers_than_a_cluster_has_room_for_are_answered_with_one_line(
-    ray_address: str,
-) -> None:
-    place = f"executor=ray executor_address={ray_address}"
-    with pytest.raises(ConfigError) as caught, cluster("ray", 3, ray_address):
-        pass
+    place = f"executor=ray executor_address={address}"
     assert str(caught.value) == f"{place}: workers=3: the cluster has room for 2"
-
-
-def test_ray_is_started_when_there_is_work_with_no_more_processes_than_items() -> None:
-    with cluster("ray", 500):
-        assert not ray.is_initialized()
-        assert list(ordered_map(abs, [-1, -2], 500)) == [1, 2]
-        assert ray.cluster_resources()["CPU"] == 2
-        assert list(ordered_map(abs, [-1, -2, -3], 500)) == [1, 2, 3]
-        assert ray.cluster_resources()["CPU"] == 3
-    assert not ray.is_initialized()
 
 
 @pytest.mark.parametrize(
