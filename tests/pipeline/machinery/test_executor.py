@@ -22,7 +22,7 @@ from tampering import content_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, Shard
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
@@ -350,19 +350,3 @@ def test_an_executor_that_is_not_installed_is_answered_with_one_line(
         pass
     install = f"pip install 'labyrinth-datasets[{executor}]'"
     assert str(caught.value) == f"executor={executor} is not installed: {install}"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"executor": "slurm"}, "executor=slurm: choose one of [local, dask, ray]"),
-        ({"executor_address": "tcp://x:1"}, "executor_address=tcp://x:1: executor=local has none"),
-    ],
-    ids=["unknown", "address"],
-)
-def test_an_executor_that_cannot_be_is_answered_with_one_line(
-    options: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        resolve(RunConfig(stages=["build"], data_dir="data", **options))
-    assert str(caught.value) == message
