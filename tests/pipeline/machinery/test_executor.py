@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from subprocess import PIPE
 from typing import Any
@@ -49,28 +50,18 @@ def die_once(marker: Path) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-class DiesOnce:
-    """A function of which the worker that has `fatal` dies, the first time."""
-
-    def __init__(self, marker: Path, fatal: int) -> None:
-        self.marker, self.fatal = marker, fatal
-
-    def __call__(self, item: int) -> int:
-        if item == self.fatal:
-            die_once(self.marker)
-        return -item
+def negated(marker: Path, fatal: int, item: int) -> int:
+    """Return `-item`, but the worker that has `fatal` dies, the first time."""
+    if item == fatal:
+        die_once(marker)
+    return -item
 
 
-class MakesShardsAndDiesOnce:
-    """`make_shard`, but the worker that has the one of `s0` dies, the first time."""
-
-    def __init__(self, marker: Path) -> None:
-        self.marker = marker
-
-    def __call__(self, job: generation.ShardJob) -> Shard:
-        if job.split == "s0":
-            die_once(self.marker)
-        return make_shard(job)
+def made_at_last(marker: Path, job: generation.ShardJob) -> Shard:
+    """Make a shard, but the worker that has the one of `s0` dies, the first time."""
+    if job.split == "s0":
+        die_once(marker)
+    return make_shard(job)
 
 
 def always_die(_item: int) -> None:
@@ -80,16 +71,11 @@ def always_die(_item: int) -> None:
 # This machine.
 
 
-class WaitsFor:
-    """A function that returns when a file is there."""
-
-    def __init__(self, marker: Path) -> None:
-        self.marker = marker
-
-    def __call__(self, item: int) -> int:
-        while not self.marker.exists():
-            time.sleep(0.01)
-        return item
+def wait_for(marker: Path, item: int) -> int:
+    """Return an item when a file is there."""
+    while not marker.exists():
+        time.sleep(0.01)
+    return item
 
 
 def test_items_are_taken_when_a_worker_is_free(tmp_path: Path) -> None:
@@ -108,7 +94,7 @@ def test_items_are_taken_when_a_worker_is_free(tmp_path: Path) -> None:
                 threading.Timer(0.5, go).start()
             yield number
 
-    assert list(ordered_map(WaitsFor(marker), numbers(), 2)) == list(range(100))
+    assert list(ordered_map(partial(wait_for, marker), numbers(), 2)) == list(range(100))
     assert 2 < len(taken_before) < 10
 
 
@@ -126,9 +112,9 @@ def test_an_error_of_the_source_comes_after_the_results_before_it(workers: int) 
 
 
 def test_what_a_lost_worker_had_to_do_is_done_by_another(tmp_path: Path) -> None:
-    function = DiesOnce(tmp_path / "died", 7)
+    function = partial(negated, tmp_path / "died", 7)
     assert list(ordered_map(function, range(20), 2)) == [-item for item in range(20)]
-    assert function.marker.exists()
+    assert (tmp_path / "died").exists()
 
 
 def test_workers_that_are_lost_again_and_again_are_answered_with_one_line() -> None:
@@ -137,15 +123,10 @@ def test_workers_that_are_lost_again_and_again_are_answered_with_one_line() -> N
     assert "\n" not in str(caught.value)
 
 
-class CountsThenWaits:
-    """A function that counts five, and returns when a file is there."""
-
-    def __init__(self, marker: Path) -> None:
-        self.wait = WaitsFor(marker)
-
-    def __call__(self, item: int) -> int:
-        count_done(5)
-        return self.wait(item)
+def count_then_wait(marker: Path, item: int) -> int:
+    """Count five, and return an item when a file is there."""
+    count_done(5)
+    return wait_for(marker, item)
 
 
 def test_what_workers_have_counted_is_known_before_they_return(tmp_path: Path) -> None:
@@ -163,7 +144,7 @@ def test_what_workers_have_counted_is_known_before_they_return(tmp_path: Path) -
 
     thread = threading.Thread(target=look)
     thread.start()
-    assert list(ordered_map(CountsThenWaits(marker), [1, 2], 2)) == [1, 2]
+    assert list(ordered_map(partial(count_then_wait, marker), [1, 2], 2)) == [1, 2]
     thread.join()
     assert seen[-1] == 10
 
@@ -234,8 +215,7 @@ def test_a_cluster_is_started_when_there_is_work_with_no_more_processes_than_ite
 def test_a_running_dask_that_loses_a_worker_makes_the_bytes_that_one_process_makes(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    function = MakesShardsAndDiesOnce(tmp_path / "died")
-    monkeypatch.setattr(generation, "make_shard", function)
+    monkeypatch.setattr(generation, "make_shard", partial(made_at_last, tmp_path / "died"))
     own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with (
         distributed.LocalCluster(**own) as started,
@@ -243,7 +223,7 @@ def test_a_running_dask_that_loses_a_worker_makes_the_bytes_that_one_process_mak
     ):
         folder = build(tmp_path / "data", workers=2).folder
         assert validate(folder, Manifest.read(folder), workers=2) == []
-    assert function.marker.exists()
+    assert (tmp_path / "died").exists()
     assert content_of(folder) == content_of(small_dataset.folder)
 
 
@@ -277,8 +257,7 @@ def test_ray_has_a_process_for_each_item_and_makes_up_for_a_worker_that_is_lost(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One cluster, since Ray takes seconds to start: its own run has started it, ours finds it."""
-    function = MakesShardsAndDiesOnce(tmp_path / "died")
-    monkeypatch.setattr(generation, "make_shard", function)
+    monkeypatch.setattr(generation, "make_shard", partial(made_at_last, tmp_path / "died"))
     # Its workers load functions of this module; without a token, as a Ray that was begun by hand.
     env = {"PYTHONPATH": os.pathsep.join(sys.path), "RAY_AUTH_MODE": "disabled"}
     command = [sys.executable, "-c", OWN_RAY]
@@ -291,7 +270,7 @@ def test_ray_has_a_process_for_each_item_and_makes_up_for_a_worker_that_is_lost(
             pass
         own.communicate()
     assert own.returncode == 0
-    assert function.marker.exists()
+    assert (tmp_path / "died").exists()
     assert content_of(folder) == content_of(small_dataset.folder)
     place = f"executor=ray executor_address={address}"
     assert str(caught.value) == f"{place}: workers=3: the cluster has room for 2"
