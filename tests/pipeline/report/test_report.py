@@ -6,6 +6,8 @@ import hashlib
 import json
 import re
 import shutil
+from functools import reduce
+from operator import getitem
 
 import pytest
 from reporting import METHOD, analyse, evaluate, evaluate_own
@@ -160,26 +162,15 @@ def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_di
     assert method["splits"]["train"]["sr_interval"] == (1, 1)
 
 
-def test_results_that_do_not_add_up_or_are_of_fewer_labyrinths_are_refused_in_one_line(
-    data_dir, tmp_path
-):
+def test_results_that_are_of_fewer_labyrinths_are_refused_in_one_line(data_dir, tmp_path):
     evaluate(data_dir / "3x3", tmp_path / "runs")
     (path,) = (tmp_path / "runs").glob("*/*/results.json")
     content = json.loads(path.read_text())
-    wrong = json.loads(path.read_text())
-    wrong["splits"]["test"]["sr"] = 1.0
-    path.write_text(json.dumps(wrong))
-    with pytest.raises(DatasetError, match=r"^.*results\.json is refused: test: sr is 1\.0, .*$"):
-        write_report(data_dir, tmp_path / "runs")
-    fewer = json.loads(path.read_text()) | {"splits": content["splits"]}
-    fewer["run"]["train_labyrinths"] = 7
-    fewer["method"]["name"] += "-labyrinths7"
-    path.write_text(json.dumps(fewer))
-    with pytest.raises(DatasetError, match=r"is refused: train: 8 labyrinths, but \S* has 7$"):
-        write_report(data_dir, tmp_path / "runs")
-    del content["splits"]["s0"]
+    content["run"]["train_labyrinths"] = 7
+    content["method"]["name"] += "-labyrinths7"
     path.write_text(json.dumps(content))
-    with pytest.raises(DatasetError, match=r"is refused: it has no results on s0$"):
+    message = r"^.*results\.json is refused: train: 8 labyrinths, but \S* has 7$"
+    with pytest.raises(DatasetError, match=message):
         write_report(data_dir, tmp_path / "runs")
 
 
@@ -198,42 +189,21 @@ def test_results_that_do_not_add_up_or_are_of_fewer_labyrinths_are_refused_in_on
         (("shift", "measures", 0, "distance"), float("nan")),
         (("shift", "measures", 0, "p_value"), 7),
         (("shift", "measures", 0), {}),
+        (("shift",), None),
+        ((), "{"),
+        ((), "[]"),
+        ((), "[" * 100_000),
     ],
 )
 def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
     folder = data_dir / "3x3"
     content = analyse(folder)
-    planted(content, place, value)
-    (folder / ANALYSIS).write_text(json.dumps(content))
+    if place:
+        *path, last = place
+        reduce(getitem, path, content)[last] = value
+    (folder / ANALYSIS).write_text(json.dumps(content) if place else value)
     with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it anew$"):
         read_analysis(folder, Manifest.read(folder))
-
-
-def planted(content, place, value):
-    """Put a value into JSON."""
-    *path, last = place
-    for name in path:
-        content = content[name]
-    content[last] = value
-
-
-@pytest.mark.parametrize("damage", ["{", "[]", '{"fingerprint": null}', "[" * 100_000])
-def test_damaged_findings_are_named_in_one_line(data_dir, tmp_path, damage):
-    if damage == '{"fingerprint": null}':
-        damage = json.dumps({"fingerprint": Manifest.read(data_dir / "3x3").fingerprint})
-    (data_dir / "3x3" / ANALYSIS).write_text(damage)
-    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*$"):
-        write_report(data_dir, tmp_path / "runs")
-    assert not (data_dir / "report").exists()
-
-
-def test_a_folder_without_dataset_and_a_damaged_shard_are_refused(data_dir, tmp_path):
-    with pytest.raises(DatasetError, match=r"holds no finished dataset: stages=build"):
-        write_report(tmp_path, tmp_path / "runs")
-    shard = next((data_dir / "3x3").glob("test-*.parquet"))
-    shard.write_bytes(shard.read_bytes()[:-1])
-    with pytest.raises(DatasetError, match="is damaged"):
-        write_report(data_dir, tmp_path / "runs")
 
 
 def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path):
