@@ -13,8 +13,8 @@ try:
         end_if_short_of_memory,
         end_interrupted,
         end_without_output,
+        show_start,
     )
-    from pipeline.machinery.starting import show_start
 except KeyboardInterrupt:  # No signal is answered yet.
     from pipeline.machinery.ending import end_interrupted
 

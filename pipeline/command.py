@@ -40,10 +40,10 @@ from pipeline.machinery.ending import (
     end_without_output,
     interrupt,
     lacks_memory,
+    show_start,
 )
 from pipeline.machinery.executor import cluster
 from pipeline.machinery.hints import hints
-from pipeline.machinery.starting import show_start
 
 INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
 

@@ -5,7 +5,6 @@ Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
@@ -125,6 +124,11 @@ class TrainingOptions:
         "",
         "policy to evaluate instead of a run's: module:name, or a published one such as "
         "user/planner-5x5@1.0.0",
+        like=(
+            r"([\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?)?",
+            "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
+            "@ and a revision if it is not main",
+        ),
     )
     evaluate_on: str = option(
         "",
@@ -157,9 +161,6 @@ class TrainingOptions:
         return self.method_name if own else self.encoder
 
 
-_URL = (r"(https?://\S+)?", "an address such as https://example.org")
-
-
 @dataclass(frozen=True)
 class EvaluationOptions:
     """How the policy is shown labyrinths that `policy` names, and what its results say of it."""
@@ -183,7 +184,11 @@ class EvaluationOptions:
     )
     name: str = option("", "what the policy is called in tables (what policy says)")
     author: str = option("", "who made it")
-    url: str = option("", "where it is described", like=_URL)
+    url: str = option(
+        "",
+        "where it is described",
+        like=(r"(https?://\S+)?", "an address such as https://example.org"),
+    )
     date: str = option("", "when it was evaluated, such as 2026-11-30; no clock is asked")
     budget: str = option("", "what it has learnt from, such as '100 demonstrations of train'")
     train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
@@ -191,23 +196,14 @@ class EvaluationOptions:
     parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
 
 
-_POLICY = (
-    r"[\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?",
-    "module:name, the folder of a run or of a published policy, or an id on the Hub, with @ and a "
-    "revision if it is not main",
-)
-
-
 def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> None:
     """Raise a ConfigError if an option of the policy that is named is impossible."""
-    known = re.fullmatch(_POLICY[0], options.policy, re.ASCII) is not None
-    check(known, f"policy={options.policy}: give {_POLICY[1]}")
+    check_options(options, TrainingOptions)
     check(
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for policies of runs: for policy, give dataset",
     )
     check(not options.memory, "memory=true is for policies of runs; policy may have its own")
-    check_options(options, TrainingOptions)
     check_options(evaluation, EvaluationOptions, "evaluation.")
 
 

@@ -26,7 +26,7 @@ from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.run import Run
 from pipeline.config.training import EvaluationOptions
-from pipeline.machinery.dataset import fingerprint_of
+from pipeline.machinery.dataset import manifest_of
 
 
 class Judged(NamedTuple):
@@ -58,7 +58,7 @@ def judge_named(run: Run) -> Judged:
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / RESULTS
     refuse_others(path, name)
-    fingerprint_of(run)  # Says how the dataset is made, if there is none.
+    manifest_of(run)  # Says how the dataset is made, if there is none.
     policy = named_policy(options.policy)
     try:
         about = _description(name, asked)  # First, as the evaluation may take long.

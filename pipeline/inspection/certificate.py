@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, identity
 from pipeline.inspection.near_twins import passage_table
-from pipeline.inspection.symmetry import canonical_keys
 from pipeline.machinery.markdown import count
 
 Hashes = NDArray[np.int64]
@@ -26,6 +25,12 @@ Hashes = NDArray[np.int64]
 
 Held = Labyrinth | Structure
 """What a split holds: labyrinths, or structures alone where start and goal are unknown."""
+
+Planes = tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
+"""Passages up (n, height - 1, width) and right (n, height, width - 1), marks (n, m, height, width).
+
+Axes of the grid: row 0 at the bottom, column 0 at the left.
+"""
 
 Found = Mapping[str, str]
 """Id of a labyrinth of the second split -> id of its first counterpart in the first split."""
@@ -95,11 +100,55 @@ def canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
         held = [labyrinths[place] for place in places]
         ends = [(each.start, each.goal) for each in held if isinstance(each, Labyrinth)]
         marked = np.array(ends) if with_ends and len(ends) == len(held) else None
-        keys = canonical_keys(*size, passage_table(list(map(structure_of, held))), marked)
-        hashes[places] = [
-            int(identity(f"{height}x{width}:{key.hex()}"), 16) for height, width, key in keys
-        ]
+        keys = _canonical_keys(*size, passage_table(list(map(structure_of, held))), marked)
+        name = f"{min(size)}x{max(size)}"
+        hashes[places] = [int(identity(f"{name}:{key.hex()}"), 16) for key in keys]
     return hashes
+
+
+def _canonical_keys(
+    height: int, width: int, passages: NDArray[np.bool_], cells: NDArray[np.int64] | None
+) -> list[bytes]:
+    """Return a key for each structure, the same for all its rotations and reflections.
+
+    Args:
+        height: Rows of all structures.
+        width: Columns.
+        passages: As `near_twins.passage_table` gives them, shape (n, passages).
+        cells: Marked cells, shape (n, m); if they are given, those whose key is the same are
+            made the same together with them.
+    """
+    count, vertical = len(passages), (height - 1) * width
+    marks = np.zeros((count, 0 if cells is None else cells.shape[1], height * width), np.bool_)
+    if cells is not None:
+        np.put_along_axis(marks, cells[:, :, None], True, axis=2)
+    planes = (
+        passages[:, :vertical].reshape(count, height - 1, width),
+        passages[:, vertical:].reshape(count, height, width - 1),
+        marks.reshape(count, -1, height, width),
+    )
+    least: NDArray[Any] | None = None
+    for image in _images(planes):
+        if image[2].shape[2] <= image[2].shape[3]:
+            flat = np.concatenate([plane.reshape(count, -1) for plane in image], axis=1)
+            packed = np.packbits(flat, axis=1)
+            key = packed.view(f"S{packed.shape[1]}")[:, 0]
+            least = key if least is None else np.where(key < least, key, least)
+    assert least is not None
+    keys: list[bytes] = least.tolist()
+    return keys
+
+
+def _images(planes: Planes) -> Iterator[Planes]:
+    """Yield the eight images, the given one first; see `Structure.symmetries`."""
+    up, right, marks = planes
+    for turn in range(8):
+        yield up, right, marks
+        if turn % 2:  # Left and right exchanged.
+            up, right, marks = up[..., ::-1], right[..., ::-1], marks[..., ::-1]
+        else:  # Rows and columns exchanged.
+            up, right = right.swapaxes(1, 2), up.swapaxes(1, 2)
+            marks = marks.swapaxes(2, 3)
 
 
 def counterparts(

@@ -14,7 +14,7 @@ from labyrinth_core.data.source import why_unavailable
 from labyrinth_core.language.collection import KINDS, is_collection, read_collection
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from pipeline.inspection.certificate import Held, ids_of, structure_of
+from pipeline.inspection.certificate import Held, digits, ids_of, structure_of
 
 
 @dataclass(frozen=True)
@@ -70,24 +70,18 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
 def _in_files(path: Path) -> Elsewhere:
     """Return the labyrinths in a file or a folder."""
     entries = list(read_collection(path))
-    found = [
-        (split, place, _from_start(each)) for split, place, each, _ in entries if each is not None
-    ]
-    alone = any(isinstance(each, Structure) for _, _, each in found)
+    alone = any(isinstance(entry.found, Structure) for entry in entries)
     splits: dict[str, list[Held]] = {}
-    places: dict[str, list[str]] = {}
-    for split, place, each in found:
-        splits.setdefault(split, []).append(structure_of(each) if alone else each)
-        places.setdefault(split, []).append(place)
-    files: dict[str, dict[str, str]] = {split: {} for split in splits}
-    for split, held in splits.items():
-        for number, place in zip(ids_of(held), places[split], strict=True):
-            files[split].setdefault(f"{number:016x}", place)
+    files: dict[str, dict[str, str]] = {}
+    for split, place, found, _ in entries:
+        if found is not None:
+            held: Held = structure_of(found)
+            if isinstance(found, Labyrinth) and not alone:
+                held = found.from_start()
+            splits.setdefault(split, []).append(held)
+            (number,) = ids_of([held])
+            files.setdefault(split, {}).setdefault(digits(number), place)
     return Elsewhere(splits, files, [entry.problem for entry in entries if entry.problem])
-
-
-def _from_start(found: Held) -> Held:
-    return found.from_start() if isinstance(found, Labyrinth) else found
 
 
 def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:

@@ -2,7 +2,7 @@
 
 Everything is found by looking up keys that are equal where two labyrinths have something in common,
 so that the time grows with the number of labyrinths and not of pairs. `near_twins` finds structures
-a few walls apart, `symmetry` those that a rotation or reflection makes the same.
+a few walls apart, `certificate` those that a rotation or reflection makes the same.
 """
 
 from __future__ import annotations
@@ -104,7 +104,6 @@ class Leakage:
 def find_leakage(
     splits: Mapping[str, Iterable[Held]],
     certificate: Certificate | None = None,
-    most_routes: int = ROUTES,
 ) -> Leakage:
     """Return what the splits of a dataset have in common.
 
@@ -112,13 +111,12 @@ def find_leakage(
         splits: The labyrinths of each split, or structures alone, which have no routes; for the
             meaning of the names see `certify`.
         certificate: The certificate of the splits, if it is known.
-        most_routes: The largest number of optimal routes of a labyrinth that are compared.
     """
     held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
     if certificate is None:
         certificate = certify({split: Keys.of(labyrinths) for split, labyrinths in held.items()})
     known = {
-        split: _known(labyrinths, most_routes)
+        split: _known(labyrinths)
         for split, labyrinths in held.items()
         if split not in certificate.strangers
     }
@@ -138,8 +136,8 @@ class _Known(NamedTuple):
     """Height and width -> indices of the labyrinths of that size, and their passages."""
 
 
-def _known(labyrinths: list[Held], most_routes: int) -> _Known:
-    found = [_optimal(each, most_routes + 1) for each in labyrinths]
+def _known(labyrinths: list[Held]) -> _Known:
+    found = [_optimal(each) for each in labyrinths]
     of_size = {
         size: (places, passage_table([structure_of(labyrinths[place]) for place in places]))
         for size, places in places_by_size(labyrinths).items()
@@ -147,17 +145,17 @@ def _known(labyrinths: list[Held], most_routes: int) -> _Known:
     return _Known(
         ids_of(labyrinths),
         canonical_hashes(labyrinths, with_ends=False),
-        [routes[:most_routes] for routes in found],
-        sum(len(routes) > most_routes for routes in found),
+        [routes[:ROUTES] for routes in found],
+        sum(len(routes) > ROUTES for routes in found),
         of_size,
     )
 
 
-def _optimal(labyrinth: Held, most: int) -> list[OptimalRoute]:
-    """Return the optimal routes of a labyrinth; a structure alone has none."""
+def _optimal(labyrinth: Held) -> list[OptimalRoute]:
+    """Return the optimal routes of a labyrinth, `ROUTES` + 1 at most; a structure has none."""
     if not isinstance(labyrinth, Labyrinth):
         return []
-    routes = shortest_routes(labyrinth, most)
+    routes = shortest_routes(labyrinth, ROUTES + 1)
     return [(*size_of(labyrinth), labyrinth.start, bytes(route)) for route in routes]
 
 

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from pipeline.inspection.counts import Content
 from pipeline.inspection.near_twins import passage_table
 from pipeline.inspection.shift import (
-    PERMUTATIONS,
     Floats,
     Statistic,
     cohens_d,
@@ -76,7 +75,6 @@ def compare(
     contents: Mapping[str, Content],
     pairs: list[tuple[str, str]],
     seed: int,
-    permutations: int = PERMUTATIONS,
 ) -> list[MeasuredShift]:
     """Return how the splits of each pair differ, in all measures.
 
@@ -84,7 +82,6 @@ def compare(
         contents: The content of each split.
         pairs: The names of the splits to compare.
         seed: The seed of the permutations.
-        permutations: The number of permutations.
     """
     found = []
     for number, (first, second) in enumerate(pairs):
@@ -96,7 +93,6 @@ def compare(
             np.concatenate([of_b.counts for _, _, of_b in samples], axis=1),
             _side_by_side([of_a for _, of_a, _ in samples]),
             np.random.default_rng([seed, number]),
-            permutations,
             paired=[each.structure for each in a.labyrinths]
             == [each.structure for each in b.labyrinths],
         )

@@ -58,40 +58,32 @@ def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
     return passages
 
 
-def nearest(
-    of: NDArray[np.bool_],
-    among: NDArray[np.bool_],
-    *,
-    most_pairs: int | None = None,
-    held_pairs: int = HELD_PAIRS,
-) -> Nearest:
+def nearest(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
     """Return the nearest structure of `among` for each of `of`; exact wherever it is not `FAR`.
 
     Args:
         of: A `passage_table`, shape (n, passages).
         among: Another for structures of the same size, shape (m, passages), m at least 1.
-        most_pairs: The largest number of pairs to compare in full; None for `MOST_PAIRS`.
-        held_pairs: The number of pairs that are held in memory at a time.
     """
     # Distance and index in one number, the distance first: the least is the nearest.
     best = np.full(len(of), np.iinfo(np.int64).max)
     packed_of, packed_among = np.packbits(of, axis=1), np.packbits(among, axis=1)
-    for queries, others in _candidates(of, among, JOINED_WALLS, held_pairs):
+    for queries, others in _candidates(of, among, JOINED_WALLS):
         walls = _ONES[packed_of[queries] ^ packed_among[others]].sum(axis=1, dtype=np.int64)
         starts = np.flatnonzero(np.diff(queries, prepend=-1))
         found = np.minimum.reduceat(walls * len(among) + others, starts)
         best[queries[starts]] = np.minimum(best[queries[starts]], found)
     walls, which = np.divmod(best, len(among))
     far = np.flatnonzero(walls > JOINED_WALLS)
-    if len(far) * len(among) <= (MOST_PAIRS if most_pairs is None else most_pairs):
-        walls[far], which[far] = _nearest_of_all(of[far], among, held_pairs)
+    if len(far) * len(among) <= MOST_PAIRS:
+        walls[far], which[far] = _nearest_of_all(of[far], among)
     else:
         walls[far], which[far] = FAR, 0
     return Nearest(walls, which)
 
 
 def _candidates(
-    of: NDArray[np.bool_], among: NDArray[np.bool_], walls: int, held_pairs: int
+    of: NDArray[np.bool_], among: NDArray[np.bool_], walls: int
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Yield candidate pairs (indices in `of`, indices in `among`), some of them repeatedly.
 
@@ -117,7 +109,7 @@ def _candidates(
         while start < len(of) and ends[-1]:
             done = ends[start - 1] if start else 0
             # At least one structure, however many share its key.
-            stop = max(int(np.searchsorted(ends, done + held_pairs, side="right")), start + 1)
+            stop = max(int(np.searchsorted(ends, done + HELD_PAIRS, side="right")), start + 1)
             queries = np.repeat(np.arange(start, stop), counts[start:stop])
             if len(queries):
                 place = np.arange(len(queries)) + done - (ends - counts)[queries]
@@ -145,15 +137,13 @@ def _cut(
     return parts, list(combinations(range(blocks), walls))
 
 
-def _nearest_of_all(
-    of: NDArray[np.bool_], among: NDArray[np.bool_], held_pairs: int = HELD_PAIRS
-) -> Nearest:
+def _nearest_of_all(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
     """Return the nearest by comparing all pairs."""
     walls, which = np.empty(len(of), np.int64), np.empty(len(of), np.int64)
     # |a xor b| = |a| + |b| - 2 a.b; float32 is exact for integers below 2 ** 24.
     others = among.astype(np.float32)
     of_others = others.sum(axis=1)
-    step = max(1, 16 * held_pairs // len(among))
+    step = max(1, 16 * HELD_PAIRS // len(among))
     for start in range(0, len(of), step):
         some = of[start : start + step].astype(np.float32)
         apart = some @ others.T

@@ -113,10 +113,8 @@ def permutation_test(
     b: NDArray[Any],
     statistic: Statistic,
     rng: np.random.Generator,
-    permutations: int = PERMUTATIONS,
     *,
     paired: bool = False,
-    block_bytes: int = BLOCK_BYTES,
 ) -> Tested:
     """Return the distances of two samples with the share of permutations that reach each.
 
@@ -128,19 +126,17 @@ def permutation_test(
         b: Shape (m, counts).
         statistic: From the added counts of two samples to their distances.
         rng: Draws the permutations.
-        permutations: The number of permutations.
         paired: Whether a unit of one belongs to the unit of the other in the same place, and is
             exchanged with that one only.
-        block_bytes: The memory for the permutations that are worked on at a time.
     """
     units = np.concatenate([a, b]).astype(np.float64)
     total = units.sum(axis=0)
     of_a = units[: len(a)].sum(axis=0)
     observed = np.atleast_1d(statistic(of_a, total - of_a))
     reached = np.zeros(len(observed), np.int64)
-    block = max(1, block_bytes // units.itemsize // len(units))
-    for first in range(0, permutations, block):
-        chosen = np.zeros((min(block, permutations - first), len(units)))
+    block = max(1, BLOCK_BYTES // units.itemsize // len(units))
+    for first in range(0, PERMUTATIONS, block):
+        chosen = np.zeros((min(block, PERMUTATIONS - first), len(units)))
         if paired:
             chosen[:, : len(a)] = rng.integers(2, size=(len(chosen), len(a)))
             chosen[:, len(a) :] = 1 - chosen[:, : len(a)]
@@ -150,7 +146,7 @@ def permutation_test(
         sums = chosen @ units
         drawn = statistic(sums, total - sums).reshape(len(chosen), -1)
         reached += (drawn >= observed - _ROUNDING).sum(axis=0)
-    return Tested(observed, (1 + reached) / (1 + permutations))
+    return Tested(observed, (1 + reached) / (1 + PERMUTATIONS))
 
 
 def holm(p_values: ArrayLike) -> Floats:

@@ -32,8 +32,3 @@ def manifest_of(run: Run) -> Manifest:
         f"train_labyrinths={asked}: give {most} or fewer, as many as train of {run.source} has",
     )
     return manifest
-
-
-def fingerprint_of(run: Run) -> str:
-    """Return the fingerprint of the dataset of a run; raise as `manifest_of`."""
-    return manifest_of(run).fingerprint

@@ -1,4 +1,4 @@
-"""How the program ends before its work is done: in one line, at once, without leaving workers."""
+"""How the program starts, and how it ends early: in one line, at once, without leaving workers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,18 @@ SPARING = {
 }
 """Variables of the environment by which libraries take less address space, each thread 40 MB."""
 
+STARTING = "starting ..."
+"""What a terminal shows while libraries are imported, which takes seconds."""
+
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+
+def show_start(*, started: bool = False) -> None:
+    """Show that the program starts, in a line that what comes next replaces; or remove it."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        shown = " " * len(STARTING) if started else STARTING
+        sys.stderr.write(f"{shown}\r")
+        sys.stderr.flush()
 
 
 def end(status: int, line: str = "") -> NoReturn:

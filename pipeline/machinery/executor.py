@@ -38,20 +38,29 @@ Losses = tuple[type[Exception], ...]
 class _Cluster:
     """The cluster that `ordered_map` runs on."""
 
-    start: Callable[[ExitStack, int], Losses]
-    """Starts it with a number of processes, and returns what it raises when one is lost."""
+    executor: str
+    address: str | None
+    """That of a running cluster; None for one that is started."""
     stack: ExitStack
     """Ends the cluster when it is closed."""
-    backend: str
     processes: int = 0
     lost: Losses = ()
 
     def provide(self, workers: int) -> None:
-        """Start the cluster again if it has fewer processes than `workers`."""
-        if workers > self.processes:
-            self.stack.close()
-            self.lost = self.start(self.stack, workers)
-            self.processes = workers
+        """Start the cluster, or start it again, if it has fewer processes than `workers`."""
+        if workers <= self.processes:
+            return
+        self.stack.close()
+        start = {"dask": _dask, "ray": _ray}[self.executor]
+        try:
+            options, self.lost = start(self.stack, workers, self.address)
+        except (OSError, ValueError, RuntimeError) as error:
+            place = f" executor_address={self.address}" if self.address else ""
+            raise ConfigError(f"executor={self.executor}{place}: {one_line(error):.300}") from error
+        from joblib import parallel_config
+
+        self.stack.enter_context(parallel_config(backend=self.executor, **options))
+        self.processes = workers
 
 
 _LOST: Losses = (BrokenExecutor,)
@@ -77,24 +86,13 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         yield
         return
 
-    def start(stack: ExitStack, workers: int) -> Losses:
-        try:
-            options, lost = {"dask": _dask, "ray": _ray}[executor](stack, workers, address)
-        except (OSError, ValueError, RuntimeError) as error:
-            place = f" executor_address={address}" if address else ""
-            raise ConfigError(f"executor={executor}{place}: {one_line(error):.300}") from error
-        from joblib import parallel_config
-
-        stack.enter_context(parallel_config(backend=executor, **options))
-        return lost
-
     try:
         import_module({"dask": "distributed", "ray": "ray"}[executor])
     except ImportError as error:
         install = f"pip install 'labyrinth-datasets[{executor}]'"
         raise ConfigError(f"executor={executor} is not installed: {install}") from error
     with ExitStack() as stack:
-        there = _Cluster(start, stack, executor)
+        there = _Cluster(executor, address, stack)
         if address is not None:
             there.provide(workers)
         token = _cluster.set(there)
@@ -111,9 +109,8 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str
     logging.getLogger("distributed").setLevel(logging.ERROR)
     place: Any = address
     if address is not None:
-        if not address.startswith("inproc://"):  # A cluster in this very process has no port.
-            # The number of frames of a message comes first.
-            _check_listened_at(address, lambda came: int.from_bytes(came[:8], "little") < 1_000)
+        # The number of frames of a message comes first.
+        _check_listened_at(address, lambda came: int.from_bytes(came[:8], "little") < 1_000)
     else:
         place = stack.enter_context(
             distributed.LocalCluster(
@@ -195,7 +192,7 @@ def ordered_map(
     elif workers <= 1:
         yield from map(function, items)
         return
-    backend, lost = ("local", _LOST) if there is None else (there.backend, there.lost)
+    backend, lost = ("local", _LOST) if there is None else (there.executor, there.lost)
     source = iter(items)
     again: deque[Item] = deque()  # Taken back from lost workers.
     out: deque[Item] = deque()  # Given to workers, no result yet.

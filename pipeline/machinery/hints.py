@@ -37,18 +37,6 @@ _OF_ONE_RUN = ("stages", "overwrite", "part", "policy", "leakage", "analysis", "
 """Options, and groups of options, that are not repeated for what comes next."""
 
 
-def command_line(program: str, options: Iterable[str]) -> str:
-    """Return a command of the program, with each option quoted for a shell.
-
-    Args:
-        program: `sys.argv[0]`, by which the program was called.
-        options: Each as `name=value`.
-    """
-    script = Path(program).name == "run.py"
-    called = f"python {shlex.quote(program)}" if script else "labyrinth-datasets"
-    return " ".join([called, *map(shlex.quote, options)])
-
-
 def hints(run: Run, given: Iterable[str]) -> list[str]:
     """Return the lines that say what can be done after a run.
 
@@ -72,6 +60,8 @@ def hints(run: Run, given: Iterable[str]) -> list[str]:
     kept = [each for each in given if each.partition("=")[0].split(".")[0] not in _OF_ONE_RUN]
     if not any(each.startswith("size=") for each in kept):
         kept = [f"size={options.size}", *kept]
+    script = Path(sys.argv[0]).name == "run.py"
+    program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
     lines = []
     for added, purpose in NEXT.get(last, {}).items():
         more = added.split()
@@ -79,5 +69,5 @@ def hints(run: Run, given: Iterable[str]) -> list[str]:
             continue
         names = {each.partition("=")[0] for each in more}
         same = [each for each in kept if each.partition("=")[0] not in names]
-        lines += [f"Next, to {purpose}:", f"  {command_line(sys.argv[0], [*same, *more])}"]
+        lines += [f"Next, to {purpose}:", f"  {program} {shlex.join([*same, *more])}"]
     return lines

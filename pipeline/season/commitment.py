@@ -129,7 +129,7 @@ class Season:
             content = read_json(place.season)
             check_shape(content, _SHAPE)
             season = cls(**{each.name: content[each.name] for each in fields(cls)})
-            season.dataset_of(0)
+            season.dataset_of(b"")
         except FileNotFoundError as error:
             raise DatasetError(f"{place.public} is no season: no {place.season.name}") from error
         except (OSError, *MALFORMED) as error:
@@ -156,13 +156,9 @@ class Season:
             raise DatasetError(f"{path} holds another secret than the season commits to")
         return secret
 
-    def dataset_of(self, seed: int) -> DatasetConfig:
-        """Return the config of the dataset with a seed."""
-        return DatasetConfig.from_json({**self.config, "seed": seed})
-
-    def seed(self, secret: bytes) -> int:
-        """Return the seed of the dataset."""
-        return seed_of(secret, self.config)
+    def dataset_of(self, secret: bytes) -> DatasetConfig:
+        """Return the config of the dataset that a secret gives."""
+        return DatasetConfig.from_json({**self.config, "seed": seed_of(secret, self.config)})
 
     def other_shards(self, manifest: Manifest) -> list[str]:
         """Return the paths of files with other bytes than the season commits to.

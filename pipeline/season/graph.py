@@ -23,15 +23,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from pipeline.season.graph_process import (
-    DESCRIPTION,
-    ERROR,
-    FRAME,
-    GRAPH,
-    OBSERVATIONS,
-    SCORES,
-    TYPES,
-)
+from pipeline.season.graph_process import ANSWERED, ASKED, TYPES
 
 MEMORY = 4 << 30
 """The most bytes of memory of the process, that of the libraries included."""
@@ -44,13 +36,12 @@ _LONGEST = 1 << 20
 
 
 @contextmanager
-def computed(content: bytes, named: str, *, seconds: float = SECONDS) -> Iterator[GraphPolicy]:
+def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
     """Lend the policy that an ONNX graph is; its process ends at the end.
 
     Args:
         content: The graph.
         named: What it is called in messages.
-        seconds: The most seconds to load it, and to answer to a batch of observations.
 
     Raises:
         DatasetError: Onnxruntime is not installed, or this is not Linux.
@@ -71,7 +62,7 @@ def computed(content: bytes, named: str, *, seconds: float = SECONDS) -> Iterato
         env={"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},  # No token, no key.
     ) as process:
         try:
-            yield GraphPolicy(process, content, named, seconds)
+            yield GraphPolicy(process, content, named)
         finally:
             process.kill()
             if process.stdin is not None:
@@ -82,12 +73,10 @@ def computed(content: bytes, named: str, *, seconds: float = SECONDS) -> Iterato
 class GraphPolicy:
     """The policy of a graph: a function from observations to scores."""
 
-    def __init__(
-        self, process: subprocess.Popen[bytes], content: bytes, named: str, seconds: float
-    ) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], content: bytes, named: str) -> None:
         """Load the graph into the process that computes it; see `computed`."""
-        self._process, self._named, self._seconds = process, named, seconds
-        inputs, outputs = json.loads(self._ask(GRAPH, content, DESCRIPTION, None))
+        self._process, self._named = process, named
+        inputs, outputs = json.loads(self._ask(content, None))
         if len(inputs) != 1 or len(outputs) != 1:
             self._refuse(f"it has {len(inputs)} inputs and {len(outputs)} outputs, not one of each")
         (_, seen, shape), (_, answered, scores) = inputs[0], outputs[0]
@@ -112,16 +101,14 @@ class GraphPolicy:
         """
         count = len(observations)
         content = np.ascontiguousarray(observations, self._dtype).tobytes()
-        answer = self._ask(OBSERVATIONS, content, SCORES, 4 * ACTIONS * count)
+        answer = self._ask(content, 4 * ACTIONS * count)
         return np.frombuffer(answer, np.float32).reshape(count, ACTIONS)
 
-    def _ask(self, kind: bytes, content: bytes, expected: bytes, size: int | None) -> bytes:
-        """Send a frame, and return the content of the one that answers it.
+    def _ask(self, content: bytes, size: int | None) -> bytes:
+        """Send the graph or observations to the process, and return its answer.
 
         Args:
-            kind: The kind of the frame.
-            content: Its content.
-            expected: The kind of the answer.
+            content: What is sent.
             size: The number of bytes of the answer; None for any up to `_LONGEST`.
         """
         assert self._process.stdin is not None
@@ -132,17 +119,17 @@ class GraphPolicy:
             late.set()
             self._process.kill()
 
-        timer = Timer(self._seconds, end)
+        timer = Timer(SECONDS, end)
         timer.start()
         try:
             with suppress(BrokenPipeError):
-                self._process.stdin.write(FRAME.pack(kind, len(content)) + content)
+                self._process.stdin.write(ASKED.pack(len(content)) + content)
                 self._process.stdin.flush()
-            header = self._process.stdout.read(FRAME.size)
-            if len(header) < FRAME.size:
+            header = self._process.stdout.read(ANSWERED.size)
+            if len(header) < ANSWERED.size:
                 self._refuse_ended(late)
-            found, length = FRAME.unpack(header)
-            if size is None or found == ERROR:
+            is_error, length = ANSWERED.unpack(header)
+            if size is None or is_error:
                 least, most = 0, _LONGEST
             else:
                 least = most = size
@@ -153,15 +140,13 @@ class GraphPolicy:
                 self._refuse_ended(late)
         finally:
             timer.cancel()
-        if found == ERROR:
+        if is_error:
             self._refuse(one_line(ValueError(answer.decode(errors="replace"))))
-        if found != expected:
-            self._refuse("it answers something else than scores")
         return answer
 
     def _refuse_ended(self, late: Event) -> NoReturn:
         if late.is_set():
-            self._refuse(f"it takes more than {self._seconds:g} seconds")
+            self._refuse(f"it takes more than {SECONDS:g} seconds")
         self._refuse("its process ended, perhaps for want of memory")
 
     def _refuse(self, reason: str) -> NoReturn:

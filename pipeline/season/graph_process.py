@@ -1,8 +1,8 @@
 """The process that computes an ONNX graph, for `graph.py` alone; nothing else of ours is in it.
 
-It may use so much memory, and may open no file. Both ways go frames: a letter, the number of bytes,
-and the bytes. In come the graph, then observations. Out go what the graph takes and answers, then
-scores; or an error, as text.
+It may use so much memory, and may open no file. In come the graph, then observations: the number of
+bytes, and the bytes. Out go what the graph takes and answers, then scores, likewise, after a byte
+that is zero; or, after another byte, an error, as text.
 """
 
 from __future__ import annotations
@@ -13,19 +13,18 @@ import struct
 import sys
 from typing import BinaryIO
 
-FRAME = struct.Struct("<cQ")
-GRAPH, OBSERVATIONS = b"G", b"O"
-"""What comes in."""
-DESCRIPTION, SCORES, ERROR = b"D", b"S", b"E"
-"""What goes out."""
+ASKED = struct.Struct("<Q")
+"""The number of bytes that come in."""
+ANSWERED = struct.Struct("<?Q")
+"""Whether an error goes out, and its number of bytes, or those of an answer."""
 
 
 def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
     """Answer until nothing comes in any more.
 
     Args:
-        incoming: The frames that come in.
-        outgoing: Where the others go.
+        incoming: Where the graph and observations come from.
+        outgoing: Where the answers go.
         memory: The most bytes of memory.
     """
     import resource  # Not on Windows.
@@ -34,11 +33,11 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
     import onnxruntime
 
     def receive() -> bytes:
-        header = incoming.read(FRAME.size)
-        return incoming.read(FRAME.unpack(header)[1]) if header else b""
+        header = incoming.read(ASKED.size)
+        return incoming.read(*ASKED.unpack(header)) if header else b""
 
-    def send(kind: bytes, content: bytes) -> None:
-        outgoing.write(FRAME.pack(kind, len(content)) + content)
+    def send(content: bytes, *, error: bool = False) -> None:
+        outgoing.write(ANSWERED.pack(error, len(content)) + content)
         outgoing.flush()
 
     options = onnxruntime.SessionOptions()
@@ -58,7 +57,7 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
         )
         sides = [session.get_inputs(), session.get_outputs()]
         told = [[[each.name, each.type, each.shape] for each in side] for side in sides]
-        send(DESCRIPTION, json.dumps(told).encode())
+        send(json.dumps(told).encode())
         (name, kind, shape), *_ = told[0] or [["", "", []]]
         dtype = np.dtype(TYPES.get(kind, "uint8"))
         while content := receive():
@@ -66,9 +65,9 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
             scores = session.run(None, {name: observations})[0]
             if scores.shape != (len(observations), 4):
                 raise ValueError(f"it answers {scores.shape} to {len(observations)} observations")
-            send(SCORES, scores.astype(np.float32).tobytes())
+            send(scores.astype(np.float32).tobytes())
     except Exception as error:  # Of any kind: the graph is a stranger's.
-        send(ERROR, f"{type(error).__name__}: {error}".encode())
+        send(f"{type(error).__name__}: {error}".encode(), error=True)
 
 
 TYPES = {

@@ -69,7 +69,7 @@ def run(run: Run) -> None:
     with held(place.public.parent, place.public.name), fetched(named) as submission:
         rows = read_rows(place)
         before = next((each for each in rows if _is_of(each, submission)), None)
-        config = season.dataset_of(season.seed(secret))
+        config = season.dataset_of(secret)
         with dataset(run, config) as (data_dir, manifest):
             season.other_shards(manifest)  # Raises if the content is another.
             signed = None if before is None else before["versions"]

@@ -36,4 +36,5 @@ def run(run: Run) -> None:
                 )
         write_text(place.revealed, secret.hex() + "\n")
     say(f"{place.public} is revealed: publish it, and stages=verify checks it anywhere.")
-    say(f"The dataset is that of seed={season.seed(secret)}, with the options in {place.season}.")
+    seed = season.dataset_of(secret).seed
+    say(f"The dataset is that of seed={seed}, with the options in {place.season}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
@@ -37,8 +38,8 @@ def run(run: Run) -> None:
         secret = os.urandom(SECRET_BYTES)
         _keep(place.secret, secret)
         try:
-            config = run.dataset.to_json() | {"seed": seed_of(secret, without_seed(run.dataset))}
-            with dataset(run, type(run.dataset).from_json(config)) as (_, manifest):
+            seed = seed_of(secret, without_seed(run.dataset))
+            with dataset(run, replace(run.dataset, seed=seed)) as (_, manifest):
                 season = Season.of(options.name, options.date, secret, manifest)
             season.write(place)
         except BaseException:

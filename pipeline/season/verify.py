@@ -33,7 +33,7 @@ def run(run: Run) -> None:
     if not place.revealed.exists():
         raise DatasetError(f"{place.public} is not revealed: {place.revealed.name} is missing")
     secret = season.require_secret(place.revealed)
-    config = season.dataset_of(season.seed(secret))
+    config = season.dataset_of(secret)
     with dataset(run, config) as (data_dir, manifest):
         wrong = _other_files(season, season.other_shards(manifest))
         known = KnownDataset.read(str(data_dir), config.name)

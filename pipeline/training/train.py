@@ -33,7 +33,7 @@ from pipeline.config.training import (
     usual_settings,
 )
 from pipeline.machinery.console import console, progress, say
-from pipeline.machinery.dataset import fingerprint_of
+from pipeline.machinery.dataset import manifest_of
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
@@ -117,7 +117,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "config": run.dataset.name,
         "dataset": run.source,
         "revision": options.revision,
-        "fingerprint": fingerprint_of(run),
+        "fingerprint": manifest_of(run).fingerprint,
     }
 
 

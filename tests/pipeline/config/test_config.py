@@ -54,6 +54,11 @@ def dataset(**options: Any) -> DatasetConfig:
 def possible_configs(draw: st.DrawFn) -> RunConfig:
     train = draw(st.integers(1, 98))
     validation = draw(st.integers(1, 99 - train))
+    task = draw(st.sampled_from(Task))
+    # Ice needs a loop, and a door a cell that is on every route.
+    open_walls = st.floats(
+        0, 1, exclude_min=task is Task.ICY_FLOOR, exclude_max=task is Task.KEY_AND_DOOR
+    )
     return config(
         size=f"{draw(st.integers(2, 299))}x{draw(st.integers(2, 299))}",
         labyrinths=draw(st.none() | st.integers(1, 10**9)),
@@ -61,11 +66,11 @@ def possible_configs(draw: st.DrawFn) -> RunConfig:
         solutions_limit=draw(st.integers(1, 10**9)),
         random_steps=draw(st.integers(1, 10**9)),
         sampler=draw(st.sampled_from(sorted(ALGORITHMS))),
-        open_walls=draw(st.none() | st.floats(0, 1)),
+        open_walls=draw(st.none() | open_walls),
         buckets=BucketsConfig(train, validation, 100 - train - validation),
         splits=SplitsConfig(draw(st.integers(1, 4))),
         seed=draw(st.integers(0, 2**64 - 1)),
-        task=draw(st.sampled_from([str(task) for task in Task])),
+        task=str(task),
         goals=draw(st.sampled_from(GOALS)),
     )
 
@@ -76,39 +81,76 @@ def test_a_dataset_config_survives_the_way_to_json_and_back(possible: RunConfig)
     assert DatasetConfig.from_json(resolved.to_json()) == resolved
 
 
-IMPOSSIBLE = [
-    ("size", "1", "2 to 1,000"),
-    ("size", "0", "2 to 1,000"),
-    ("size", "-5", "2 to 1,000"),
-    ("size", "abc", "4x6"),
-    ("size", "4x", "4x6"),
-    ("size", "x4", "4x6"),
-    ("size", "4x6x2", "4x6"),
-    ("size", "5.0", "4x6"),
-    ("size", "", "4x6"),
-    ("size", "1x5", "2 to 1,000"),
-    ("size", "5x1", "2 to 1,000"),
-    ("size", "\u0665", "2 to 1,000"),
-    ("size", "300", "299 rows and columns"),
-    ("size", "2x1000", "299 rows and columns"),
-    ("labyrinths", 0, "1 or more"),
-    ("labyrinths", -3, "1 or more"),
-    ("solutions", "longest", "[shortest, all_shortest, all]"),
-    ("solutions", "", "[shortest, all_shortest, all]"),
-    ("solutions_limit", 0, "from 1 to 10**9"),
-    ("random_steps", 0, "from 1 to 10**9"),
-    ("random_steps", 10**26, "from 1 to 10**9"),
-    ("sampler", "magic", "wilson, depth_first"),
-    ("goals", "random", "[fixed, varied]"),
-    ("open_walls", -0.01, "from 0 to 1"),
-    ("open_walls", 1.01, "from 0 to 1"),
-    ("open_walls", float("nan"), "from 0 to 1"),
-    ("seed", -1, "0 or more"),
-    ("seed", 2**64, "below 2**64"),
-    ("workers", 0, "from 1 to"),
-    ("workers", 1_001, "from 1 to"),
+IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
+    ({"size": "abc"}, ["size=abc", "2 to 1,000", "4x6"]),
+    ({"size": "300"}, ["size=300", "299 rows and columns"]),
+    ({"size": "2x1000"}, ["size=2x1000", "299 rows and columns"]),
+    ({"labyrinths": 0}, ["labyrinths=0", "1 or more"]),
+    ({"labyrinths": -3}, ["labyrinths=-3", "1 or more"]),
+    ({"solutions": "longest"}, ["solutions=longest", "[shortest, all_shortest, all]"]),
+    ({"solutions": ""}, ["solutions=: ", "[shortest, all_shortest, all]"]),
+    ({"solutions_limit": 0}, ["solutions_limit=0", "from 1 to 10**9"]),
+    ({"random_steps": 0}, ["random_steps=0", "from 1 to 10**9"]),
+    ({"random_steps": 10**26}, ["random_steps=1000", "from 1 to 10**9"]),
+    ({"sampler": "magic"}, ["sampler=magic", "wilson, depth_first"]),
+    ({"goals": "random"}, ["goals=random", "[fixed, varied]"]),
+    ({"open_walls": -0.01}, ["open_walls=-0.01", "from 0 to 1"]),
+    ({"open_walls": 1.01}, ["open_walls=1.01", "from 0 to 1"]),
+    ({"open_walls": float("nan")}, ["open_walls=nan", "from 0 to 1"]),
+    ({"seed": -1}, ["seed=-1", "0 or more"]),
+    ({"seed": 2**64}, ["seed=18446744073709551616", "below 2**64"]),
+    ({"workers": 0}, ["workers=0", "from 1 to"]),
+    ({"workers": 1_001}, ["workers=1001", "from 1 to"]),
+    ({"stages": []}, ["stages=[]", *STAGES]),
+    ({"stages": ["build", "sell"]}, ["stages=[build, sell]", *STAGES]),
+    ({"splits": SplitsConfig(0)}, ["splits.min_walls=0", "1 to 40"]),
+    ({"splits": SplitsConfig(13), "size": "3"}, ["splits.min_walls=13", "1 to 12"]),
+    ({"data_dir": ""}, ["data_dir=: ", "give a folder"]),
+    ({"data_dir": "  "}, ["data_dir=  : ", "give a folder"]),
+    ({"run_dir": " "}, ["run_dir= : ", "give a folder"]),
+    ({"task": "chess"}, ["task=chess", "key_and_door"]),
+    ({"task": "icy_floor", "open_walls": 0}, ["open_walls=0 task=icy_floor", "more than 0"]),
+    ({"task": "key_and_door", "open_walls": 1}, ["open_walls=1 task=key_", "less than 1"]),
+    (
+        {"buckets": BucketsConfig(50, 33, 33)},
+        ["buckets.train=50 buckets.validation=33 buckets.test=33", "add up to 100"],
+    ),
+    (
+        {"buckets": BucketsConfig(100, 0, 0)},
+        ["buckets.train=100 buckets.validation=0 buckets.test=0", "1 or more"],
+    ),
+    (
+        {"buckets": BucketsConfig(102, -1, -1)},
+        ["buckets.train=102 buckets.validation=-1 buckets.test=-1", "1 or more"],
+    ),
+    ({"run_dir": "s3://bucket/runs"}, ["run_dir=s3://bucket/runs", "a folder on this machine"]),
+    ({"data_dir": "s3://"}, ["data_dir=s3://", "no bucket"]),
+    ({"executor": "slurm"}, ["executor=slurm: choose one of [local, dask, ray]"]),
+    ({"executor_address": "tcp://x:1"}, ["executor_address=tcp://x:1: executor=local has none"]),
+    (noisy(1.0), ["demonstrations.noise=1.0: give a probability from 0 to below 1"]),
+    (noisy(-0.1), ["demonstrations.noise=-0.1: give a probability from 0 to below 1"]),
+    (noisy(0.1, solutions="all"), ["give solutions=shortest, not all"]),
+    (noisy(0.1, shifts=("one_wall",)), ["the demonstrated route is no shortest one"]),
+    (
+        {"demonstrations": DemonstrationsConfig(pieces=-1)},
+        ["demonstrations.pieces=-1: give a number of steps up to 10**9, or 0"],
+    ),
+    ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
+    ({"shifts": ("all", "g")}, ["shifts=[all, g]: choose from [all, g, "]),
+    ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["no kruskal: train is sampled"]),
+    ({"shifts": ("trees",), "task": "icy_floor"}, ["there is no trees: ice only matters"]),
+    ({"shifts": ("trees",), "open_walls": 0.0}, ["train has no loops already"]),
+    ({"shifts": ("open",), "open_walls": 1.0}, ["train has all loops already"]),
+    ({"shifts": ("one_wall",), "splits": SplitsConfig(2)}, ["splits.min_walls=2 keeps structures"]),
+    ({"shifts": ("thin_walls",), "size": "200"}, ["walls are one pixel thick already"]),
+    *(
+        (
+            {"goals": "varied", "shifts": (shift,)},
+            [f"shifts: there is no {shift}: with goals=varied each labyrinth of test has a"],
+        )
+        for shift in MOVED
+    ),
 ]
-
 
 IMPOSSIBLE_TO_TRAIN = [
     ("encoder", "vgg", "[cnn, resnet18, mlp]"),
@@ -127,17 +169,29 @@ IMPOSSIBLE_TO_TRAIN = [
 ]
 
 
-@pytest.mark.parametrize(("name", "value", "allowed"), IMPOSSIBLE_TO_TRAIN)
-def test_an_impossible_option_of_training_is_refused_where_something_is_trained(
-    name: str, value: Any, allowed: str
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        *IMPOSSIBLE,
+        *(
+            ({"stages": ["train"], name: value}, [name, allowed])
+            for name, value, allowed in IMPOSSIBLE_TO_TRAIN
+        ),
+    ],
+)
+def test_what_is_impossible_is_refused_in_one_line(
+    options: dict[str, Any], parts: list[str]
 ) -> None:
-    resolve(config(**{name: value}))
     with pytest.raises(ConfigError) as caught:
-        resolve(config(stages=["train"], **{name: value}))
+        resolve(config(**options))
     message = str(caught.value)
-    assert message.startswith(name)
-    assert allowed in message
+    assert all(part in message for part in parts)
     assert "\n" not in message
+
+
+def test_options_of_training_are_asked_for_where_something_is_trained() -> None:
+    for name, value, _ in IMPOSSIBLE_TO_TRAIN:
+        resolve(config(**{name: value}))
 
 
 def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
@@ -169,81 +223,6 @@ def test_the_folder_of_a_dataset_is_not_taken_for_one_that_holds_datasets(tmp_pa
         resolve(config(data_dir=str(tmp_path)))
 
 
-@pytest.mark.parametrize(("name", "value", "allowed"), IMPOSSIBLE)
-def test_an_impossible_value_is_refused_in_one_line(name: str, value: Any, allowed: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        resolve(config(**{name: value}))
-    message = str(caught.value)
-    assert message.startswith(f"{name}={value}")
-    assert allowed in message
-    assert "\n" not in message
-
-
-@pytest.mark.parametrize(
-    ("options", "parts"),
-    [
-        ({"stages": []}, ["stages=[]", *STAGES]),
-        ({"stages": ["build", "sell"]}, ["stages=[build, sell]", *STAGES]),
-        ({"splits": SplitsConfig(0)}, ["splits.min_walls=0", "1 to 40"]),
-        ({"splits": SplitsConfig(13), "size": "3"}, ["splits.min_walls=13", "1 to 12"]),
-        ({"data_dir": ""}, ["data_dir=", "give a folder"]),
-        ({"data_dir": "  "}, ["data_dir=", "give a folder"]),
-        ({"run_dir": " "}, ["run_dir=", "give a folder"]),
-        ({"task": "chess"}, ["task=chess", "key_and_door"]),
-        ({"task": "icy_floor", "open_walls": 0}, ["open_walls=0 task=icy_floor", "more than 0"]),
-        ({"task": "key_and_door", "open_walls": 1}, ["open_walls=1 task=key_", "less than 1"]),
-        (
-            {"buckets": BucketsConfig(50, 33, 33)},
-            ["buckets.train=50 buckets.validation=33 buckets.test=33", "add up to 100"],
-        ),
-        (
-            {"buckets": BucketsConfig(100, 0, 0)},
-            ["buckets.train=100 buckets.validation=0 buckets.test=0", "1 or more"],
-        ),
-        (
-            {"buckets": BucketsConfig(102, -1, -1)},
-            ["buckets.train=102 buckets.validation=-1 buckets.test=-1", "1 or more"],
-        ),
-        ({"run_dir": "s3://bucket/runs"}, ["run_dir=s3://bucket/runs", "a folder on this machine"]),
-        ({"data_dir": "s3://"}, ["data_dir=s3://", "no bucket"]),
-        (noisy(1.0), ["demonstrations.noise=1.0: give a probability from 0 to below 1"]),
-        (noisy(-0.1), ["demonstrations.noise=-0.1: give a probability from 0 to below 1"]),
-        (noisy(0.1, solutions="all"), ["give solutions=shortest, not all"]),
-        (noisy(0.1, shifts=("one_wall",)), ["the demonstrated route is no shortest one"]),
-        (
-            {"demonstrations": DemonstrationsConfig(pieces=-1)},
-            ["demonstrations.pieces=-1: give a number of steps up to 10**9, or 0"],
-        ),
-        ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
-        ({"shifts": ("all", "g")}, ["shifts=[all, g]: choose from [all, g, "]),
-        ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["no kruskal: train is sampled"]),
-        ({"shifts": ("trees",), "task": "icy_floor"}, ["there is no trees: ice only matters"]),
-        ({"shifts": ("trees",), "open_walls": 0.0}, ["train has no loops already"]),
-        ({"shifts": ("open",), "open_walls": 1.0}, ["train has all loops already"]),
-        (
-            {"shifts": ("one_wall",), "splits": SplitsConfig(2)},
-            ["splits.min_walls=2 keeps structures"],
-        ),
-        ({"shifts": ("thin_walls",), "size": "200"}, ["walls are one pixel thick already"]),
-        *(
-            (
-                {"goals": "varied", "shifts": (shift,)},
-                [f"shifts: there is no {shift}: with goals=varied each labyrinth of test has a"],
-            )
-            for shift in MOVED
-        ),
-    ],
-)
-def test_impossible_combinations_are_refused_in_one_line(
-    options: dict[str, Any], parts: list[str]
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        resolve(config(**options))
-    message = str(caught.value)
-    assert all(part in message for part in parts)
-    assert "\n" not in message
-
-
 @pytest.mark.parametrize(
     ("options", "left_out"),
     [
@@ -253,19 +232,6 @@ def test_impossible_combinations_are_refused_in_one_line(
 )
 def test_all_shifts_are_those_that_make_sense(options: dict[str, Any], left_out: set[str]) -> None:
     assert set(SHIFTS) - set(dataset(size="5", shifts=("all",), **options).shifts) == left_out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["foo", "buckets.foo", "publish.foo"])
-def test_an_option_that_was_added_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match=f"^{name} is no option: choose from"):
-        composed(f"+{name}=1")
-
-
-def test_a_size_is_height_by_width() -> None:
-    resolved = dataset(size="4x6")
-    assert (resolved.height, resolved.width, resolved.name) == (4, 6, "4x6")
-    assert dataset(size=" 7 ").name == "7x7"
 
 
 @pytest.mark.parametrize("task", list(Task))
@@ -353,12 +319,11 @@ def test_options_are_frozen_as_are_their_groups() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", list(Task))
-def test_hydra_composes_what_resolve_takes(task: Task) -> None:
-    run = composed(f"task={task}", "size=4x6", "seed=3")
+def test_hydra_composes_what_resolve_takes() -> None:
+    run = composed("task=icy_floor", "size=4x6", "seed=3")
     assert run.options.stages[:2] == ("build", "validate")
     assert set(run.options.stages) <= set(STAGES)
-    assert run.dataset == dataset(size="4x6", seed=3, task=str(task))
+    assert run.dataset == dataset(size="4x6", seed=3, task="icy_floor")
 
 
 WRONG_KINDS: dict[str, list[Any]] = {

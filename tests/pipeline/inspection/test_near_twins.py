@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
+from pipeline.inspection import near_twins
 from pipeline.inspection.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
 
 
@@ -59,7 +60,7 @@ def test_a_neighbourhood_knows_who_is_near(seed, walls, size):
 
 
 @pytest.mark.parametrize("held", [5, 3_000])
-def test_near_twins_are_found_whatever_their_walls(held):
+def test_near_twins_are_found_whatever_their_walls(held, monkeypatch):
     """Among few, with short keys, and among many, with long ones; and in many small steps."""
     rng = np.random.default_rng(3)
     among = passage_table(draw(5, 5, held))
@@ -68,13 +69,16 @@ def test_near_twins_are_found_whatever_their_walls(held):
         row[rng.choice(40, size=number % 6, replace=False)] ^= True
     expected = [(row != among).sum(axis=1).min() for row in of]
     assert nearest(of, among).walls.tolist() == expected
-    assert nearest(of, among, held_pairs=50).walls.tolist() == expected
+    monkeypatch.setattr(near_twins, "HELD_PAIRS", 50)
+    assert nearest(of, among).walls.tolist() == expected
 
 
-def test_where_all_pairs_are_too_many_what_is_near_is_found_all_the_same():
+def test_where_all_pairs_are_too_many_what_is_near_is_found_all_the_same(monkeypatch):
     structures = draw(4, 4, 200)
     of, among = passage_table(structures[::2]), passage_table(structures[1::2])
-    whole, cut = nearest(of, among), nearest(of, among, most_pairs=0)
+    whole = nearest(of, among)
+    monkeypatch.setattr(near_twins, "MOST_PAIRS", 0)
+    cut = nearest(of, among)
     near = whole.walls <= JOINED_WALLS
     assert 0 < near.sum() < len(near)
     assert cut.walls.tolist() == np.where(near, whole.walls, FAR).tolist()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import jensenshannon
-from scipy.stats import false_discovery_control, kstest, permutation_test, wasserstein_distance
+from scipy.stats import kstest, permutation_test, wasserstein_distance
 
 from pipeline.inspection import shift
 
@@ -19,11 +19,6 @@ def test_the_jensen_shannon_distance_is_scipys(seed, values):
     rng = np.random.default_rng(seed)
     a, b = rng.integers(0, 5, (2, values)) + np.eye(values, dtype=int)[:2]
     assert shift.jensen_shannon(a, b) == pytest.approx(jensenshannon(a, b, base=2), abs=1e-9)
-
-
-def test_distributions_with_nothing_in_common_are_at_distance_1_and_equal_ones_at_0():
-    assert shift.jensen_shannon([3, 0], [0, 5]) == 1
-    assert shift.jensen_shannon([[3, 1], [1, 3]], [6, 2])[0] == 0
 
 
 @given(SEEDS, st.integers(1, 30), st.integers(1, 30))
@@ -48,27 +43,18 @@ def test_holms_correction_is_the_one_worked_out_by_hand():
     assert shift.holm([]).size == 0
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
-def test_holms_correction_lies_between_none_and_bonferronis(p_values):
-    corrected = shift.holm(p_values)
-    assert (corrected >= np.array(p_values)).all()
-    assert (corrected <= np.minimum(1, np.array(p_values) * len(p_values) + 1e-12)).all()
-    assert (corrected >= false_discovery_control(p_values) - 1e-12).all()
-
-
 def difference_of_means(a, b):
     return np.abs(a[..., :1] / a[..., 1:] - b[..., :1] / b[..., 1:])
 
 
-def test_with_few_units_the_p_value_is_that_of_all_permutations():
+def test_with_few_units_the_p_value_is_that_of_all_permutations(monkeypatch):
+    monkeypatch.setattr(shift, "PERMUTATIONS", 20_000)
     a, b = np.array([0.0, 1, 2, 2.5]), np.array([2.0, 3, 4, 6])
     exact = permutation_test(
         (a, b), lambda x, y: abs(x.mean() - y.mean()), alternative="greater", n_resamples=np.inf
     )
     units = [np.stack([values, np.ones(4)], axis=1) for values in (a, b)]
-    tested = shift.permutation_test(
-        *units, difference_of_means, np.random.default_rng(0), permutations=20_000
-    )
+    tested = shift.permutation_test(*units, difference_of_means, np.random.default_rng(0))
     assert tested.distances == pytest.approx([exact.statistic])
     assert tested.p_values == pytest.approx([exact.pvalue], abs=0.005)
 
@@ -84,12 +70,13 @@ def action_shift(a, b):
     return shift.jensen_shannon(a, b)[..., None]
 
 
-def test_p_values_are_uniform_where_nothing_differs():
+def test_p_values_are_uniform_where_nothing_differs(monkeypatch):
+    monkeypatch.setattr(shift, "PERMUTATIONS", 199)
     rng = np.random.default_rng(7)
     shares = [0.4, 0.3, 0.2, 0.1]
     p_values = [
         shift.permutation_test(
-            episodes(rng, 15, shares), episodes(rng, 25, shares), action_shift, rng, 199
+            episodes(rng, 15, shares), episodes(rng, 25, shares), action_shift, rng
         ).p_values[0]
         for _ in range(300)
     ]
@@ -119,11 +106,10 @@ def test_samples_that_are_the_same_have_a_p_value_of_1():
     assert tested.p_values.tolist() == [1]
 
 
-def test_permutations_worked_on_in_blocks_are_the_same():
+def test_permutations_worked_on_in_blocks_are_the_same(monkeypatch):
     rng = np.random.default_rng(2)
     a, b = episodes(rng, 20, [2, 1, 1, 1]), episodes(rng, 30, [1, 1, 1, 2])
-    whole, cut = (
-        shift.permutation_test(a, b, action_shift, np.random.default_rng(3), block_bytes=size)
-        for size in (shift.BLOCK_BYTES, 5_000)
-    )
+    whole = shift.permutation_test(a, b, action_shift, np.random.default_rng(3))
+    monkeypatch.setattr(shift, "BLOCK_BYTES", 5_000)
+    cut = shift.permutation_test(a, b, action_shift, np.random.default_rng(3))
     assert cut.p_values.tolist() == whole.p_values.tolist()

@@ -81,7 +81,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
     assert f"planner-seed0 is judged again, with the same bytes: {judged[1]}, in " in said
     made, text = Season.read(place), place.secret.read_text(encoding="ascii")
     secret = bytes.fromhex(text)
-    seed = made.seed(secret)
+    seed = made.dataset_of(secret).seed
     for stage, given, message in (
         ("season", {}, "2026-a exists: choose another season.name"),
         ("verify", {}, "is not revealed: secret.txt is missing"),
