@@ -20,7 +20,6 @@ check:
 # Run the benchmarks briefly; without --quick each takes minutes
 bench:
     python scripts/benchmark_build.py --quick
-    python scripts/benchmark_parquet.py --quick
     python scripts/benchmark_load.py --quick
     python run.py size=5 data_dir=build/measured
     python scripts/benchmark_evaluate.py --quick --data build/measured

@@ -1,7 +1,6 @@
 """Measure the driver of a build and its workers apart, and how many workers one driver serves.
 
     python scripts/benchmark_scale.py
-    python scripts/benchmark_scale.py --two 100 --picture docs/pictures/scale.png
 
 A first build, in one process, makes a quarter of a shard of each split, of which a shard takes four
 times the CPU seconds. A second one, with two workers, is of many shards, and is stopped when its
@@ -15,13 +14,11 @@ driver keeps busy: the workers' seconds a shard, with its chunks, over the drive
 from __future__ import annotations
 
 import argparse
-import heapq
 import json
 import os
 import tempfile
 import time
-from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -37,39 +34,22 @@ from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build
 from pipeline.generation.shards import ShardJob
 from pipeline.generation.tabulate import FACTS
-from pipeline.release.canvas import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
 """Size -> shards a split in the second build; at 5x5 those of a million structures."""
 QUARTER = 4
 """The first build makes one such part of each shard."""
-COLOURS = ((0, 102, 204), (204, 85, 0), (0, 140, 90))
-MANY = 6_000
-"""Shards of the builds that are simulated, so that their number is no limit."""
 
 
 class Measured(NamedTuple):
     """CPU seconds of one size."""
 
-    size: int
     labyrinths: int
     shards: int
     driver: float
-    """Of the driver, for the whole build."""
-    chunks: list[float]
-    """Of a worker, for each chunk, the first one first."""
-    shard: float
-    """Of a worker, for a shard: the mean of the splits."""
-
-    @property
-    def of_driver(self) -> float:
-        """The driver's seconds a shard."""
-        return self.driver / self.shards
-
-    @property
-    def of_workers(self) -> float:
-        """The workers' seconds a shard, with the chunks that its structures come from."""
-        return self.shard + sum(self.chunks) / self.shards
+    """The driver's seconds a shard."""
+    workers: float
+    """The workers' seconds a shard, with the chunks that its structures come from."""
 
 
 @dataclass(frozen=True)
@@ -83,20 +63,12 @@ class Timed:
         begun = time.process_time()
         result = self.function(item)
         with self.log.open("a") as file:
-            file.write(f"{os.getpid()} {time.process_time() - begun}\n")
+            file.write(f"{time.process_time() - begun}\n")
         return result
 
     def seconds(self) -> list[float]:
         """Return the CPU seconds of each call."""
-        return [float(line.split()[1]) for line in self.log.read_text().splitlines()]
-
-    def busiest(self) -> float:
-        """Return the CPU seconds of all calls in the process that has the most."""
-        of_process: dict[str, float] = defaultdict(float)
-        for line in self.log.read_text().splitlines():
-            process, seconds = line.split()
-            of_process[process] += float(seconds)
-        return max(of_process.values())
+        return [float(line) for line in self.log.read_text().splitlines()]
 
 
 def stop(_job: ShardJob) -> Shard:
@@ -151,131 +123,28 @@ def measure(size: int, folder: Path) -> Measured:
     driver = time.process_time() - begun
     build.make_shard = make_shard
     seconds = made.seconds()
-    chunks = sorted(drawn.seconds(), reverse=True)
     shards = SHARDS[size] * len(many.dataset.splits)
     shard = QUARTER * sum(seconds) / len(seconds)
-    return Measured(size, many.dataset.labyrinths, shards, driver, chunks, shard)
-
-
-def twice_as_fast(size: int, folder: Path) -> float:
-    """Return how many times as fast as one worker two are, each with the driver's CPU seconds.
-
-    Two shards a split are built with one worker and with two. A build takes as long as its driver
-    and the worker with most to do, if no other program is in the way.
-    """
-    make_shard, draw_chunk, times = build.make_shard, build.draw_chunk, []
-    for workers in (1, 2):
-        place = folder / f"{workers}-workers"
-        place.mkdir()
-        log = place / "calls.log"
-        build.make_shard, build.draw_chunk = Timed(make_shard, log), Timed(draw_chunk, log)
-        begun = time.process_time()
-        build.run(
-            resolve(
-                RunConfig(
-                    stages=("build",),
-                    data_dir=str(place / "data"),
-                    size=str(size),
-                    labyrinths=2 * build.CELLS_PER_SHARD // size**2,
-                    workers=workers,
-                )
-            )
-        )
-        times.append(time.process_time() - begun)
-        if workers > 1:
-            times[-1] += Timed(make_shard, log).busiest()
-    build.make_shard, build.draw_chunk = make_shard, draw_chunk
-    return times[0] / times[1]
-
-
-def makespan(tasks: Sequence[float], workers: int, interval: float = 0.0) -> float:
-    """Return how long workers take for tasks, of which one is given out in each interval."""
-    free = [0.0] * workers
-    for number, seconds in enumerate(tasks):
-        heapq.heapreplace(free, max(free[0], number * interval) + seconds)
-    return max(free)
-
-
-def simulated(measured: Measured, shards: int, workers: int) -> float:
-    """Return how many times as fast as one core some workers and a driver are.
-
-    The chunks are drawn first. The driver then works for all shards at an even rate.
-    """
-    times = shards / measured.shards
-    first, *others = measured.chunks
-    chunks = [first, *others * round(times)]
-    made = makespan([measured.shard] * shards, workers, measured.of_driver)
-    alone = sum(chunks) + shards * (measured.shard + measured.of_driver)
-    return alone / (makespan(chunks, workers) + made + measured.of_driver)
-
-
-def draw(results: Sequence[Measured], two: float | None, path: Path) -> None:
-    """Draw the simulated speed for 1 to 1,000 workers, and the measured one of 1 and 2."""
-    sheet, (left, top, right, bottom) = Sheet(820), (130, 60, 1040, 700)
-
-    def at(workers: float, times: float) -> tuple[float, float]:
-        x, y = (float(np.log10(value)) / 3 for value in (workers, times))
-        return left + x * (right - left), bottom - y * (bottom - top)
-
-    for tick in (1, 10, 100, 1000):
-        (x, _), (_, y) = at(tick, 1), at(1, tick)
-        sheet.box(x, top, x + 2, bottom, LINE)
-        sheet.box(left, y, right, y + 2, LINE)
-        sheet.text((x, bottom + 45), f"{tick:,}", 31, MUTED, "ms")
-        sheet.text((left - 14, y + 10), f"{tick:,}", 31, MUTED, "rs")
-    sheet.text((left, top - 20), "times as fast as one core", 31, INK)
-    sheet.text((right, bottom + 95), "workers", 31, INK, "rs")
-    for place, (measured, colour) in enumerate(zip(results, COLOURS, strict=False)):
-        workers = np.unique(np.geomspace(1, 1000, 300).astype(int))
-        for shards, width in ((MANY, 5), (measured.shards, 2)):
-            if shards != MANY and place:
-                continue
-            points = np.array([at(n, simulated(measured, shards, n)) for n in workers.tolist()])
-            columns = np.arange(left, right)
-            for x, y in zip(columns, np.interp(columns, *points.T), strict=True):
-                sheet.box(x, y - width // 2, x + width, y + width - width // 2, colour)
-        name = f"{measured.size}x{measured.size}, {MANY:,} shards"
-        sheet.text((left + 30, top + 60 + 44 * place), name, 31, colour)
-    thin = f"thin: {results[0].size}x{results[0].size}, {results[0].shards} shards"
-    sheet.text((left + 30, top + 60 + 44 * len(results)), thin, 31, COLOURS[0])
-    for number, times in ((1, 1.0), (2, two)):
-        if times is not None:
-            x, y = at(number, times)
-            sheet.box(x - 9, y - 9, x + 9, y + 9, INK)
-    path.write_bytes(sheet.png())
+    workers = shard + sum(drawn.seconds()) / shards
+    return Measured(many.dataset.labyrinths, shards, driver / shards, workers)
 
 
 def main() -> None:
     """Parse the options, measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--sizes", type=int, nargs="*", choices=SHARDS, default=[*SHARDS])
-    parser.add_argument("--two", type=int, metavar="SIZE", help="size to build with one and two")
-    parser.add_argument("--picture", type=Path, help="file for the simulated speeds")
     given = parser.parse_args()
     print(machine("numpy", "pyarrow", "joblib"), flush=True)
-    results: list[Measured] = []
-    for size in given.sizes:
-        with tempfile.TemporaryDirectory(prefix="labyrinth-scale-") as folder:
-            results.append(measure(size, Path(folder)))
     print("| size | labyrinths a split | shards | driver, ms a shard | workers, ms a shard | cap |")
     print("|---|--:|--:|--:|--:|--:|")
-    for each in results:
-        print(
-            f"| {each.size} | {each.labyrinths:,} | {each.shards} | {each.of_driver * 1e3:.1f} | "
-            f"{each.of_workers * 1e3:,.0f} | {each.of_workers / each.of_driver:,.0f} |"
-        )
-    print("times as fast as one core, simulated:")
-    for each in results:
-        for shards in (each.shards, MANY):
-            speeds = [f"{simulated(each, shards, n):.1f}" for n in (1, 2, 10, 100, 1000)]
-            print(f"{each.size}, {shards} shards, 1, 2, 10, 100, 1,000 workers: {speeds}")
-    two = None
-    if given.two:
+    for size in given.sizes:
         with tempfile.TemporaryDirectory(prefix="labyrinth-scale-") as folder:
-            two = twice_as_fast(given.two, Path(folder))
-        print(f"two workers at {given.two}x{given.two}: {two:.2f} times as fast as one")
-    if given.picture:
-        draw(results, two, given.picture)
+            found = measure(size, Path(folder))
+        print(
+            f"| {size} | {found.labyrinths:,} | {found.shards} | {found.driver * 1e3:.1f} | "
+            f"{found.workers * 1e3:,.0f} | {found.workers / found.driver:,.0f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
