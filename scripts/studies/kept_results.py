@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,14 +62,27 @@ def solved_in(group: Sequence[Run], name: str) -> NDArray[np.float64]:
     return np.stack([each["solved"][name] for each in group])
 
 
+def grouped(runs: Iterable[Run], *names: str) -> dict[tuple[Any, ...], list[Run]]:
+    """Return runs grouped by the values of some names, in ascending order."""
+    groups: dict[tuple[Any, ...], list[Run]] = {}
+    for each in runs:
+        groups.setdefault(tuple(each[name] for name in names), []).append(each)
+    return dict(sorted(groups.items()))
+
+
 def percent(mean: float, low: float, high: float) -> str:
     """Return a share and its interval, in percent."""
     return f"{round(100 * mean)} [{round(100 * low)}, {round(100 * high)}]"
 
 
-def rate(solved: NDArray[np.float64]) -> str:
+def bounds(solved: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return the share that was solved, and its 95% interval over seeds and labyrinths."""
-    return percent(float(solved.mean()), *interval(solved))
+    return float(solved.mean()), *interval(solved)
+
+
+def rate(solved: NDArray[np.float64]) -> str:
+    """Return the same in percent, as text."""
+    return percent(*bounds(solved))
 
 
 def whole(share: float) -> str:

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures import COLOURS
-from kept_results import Run, rate, read_runs, solved_in, whole
+from figures import COLOURS, draw_rates
+from kept_results import Run, bounds, grouped, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
-from labyrinth_core.evaluation.intervals import interval
 from pipeline.machinery.markdown import table
 from pipeline.studies.results.paper import name_of
 
@@ -25,21 +24,6 @@ SHOWN = {"test": "test", "test, new ends": "test, another start and goal"}
 """The sets of labyrinths in the figures, and their names there."""
 Groups = dict[tuple[Any, ...], list[Run]]
 """Runs that differ in the seed alone, by the values that they have in common."""
-
-
-def grouped(results: Iterable[Run], *names: str) -> Groups:
-    """Return results grouped by the values of some names."""
-    groups: Groups = {}
-    for each in results:
-        groups.setdefault(tuple(each[name] for name in names), []).append(each)
-    return dict(sorted(groups.items()))
-
-
-def bounds(group: Sequence[Run], name: str) -> tuple[float, float, float]:
-    """Return the success rate on a set, and its interval, in percent."""
-    solved = solved_in(group, name)
-    low, high = interval(solved)
-    return 100 * float(solved.mean()), 100 * low, 100 * high
 
 
 def worth(group: Sequence[Run]) -> float:
@@ -138,14 +122,10 @@ def draw_ingredients(results: Path) -> Figure:
     for panel, size in zip(panels, sizes, strict=True):
         there = [variant for variant in variants if (size, variant) in groups]
         for place, (name, label) in enumerate(SHOWN.items()):
-            rates = [bounds(groups[size, variant], name) for variant in there]
-            mean, low, high = np.array(rates).T
-            heights = np.array([variants.index(variant) for variant in there]) + 0.12 - 0.24 * place
-            errors = np.maximum([mean - low, high - mean], 0)
-            style = {"fmt": "o", "ms": 4, "color": COLOURS[place], "label": label}
-            panel.errorbar(mean, heights, xerr=errors, **style)
-        panel.set(title=size, xlim=(-3, 103), xlabel="% solved")
-        panel.grid(axis="x", alpha=0.3)
+            solved = [solved_in(groups[size, variant], name) for variant in there]
+            heights = [variants.index(variant) for variant in there]
+            draw_rates(panel, heights, solved, place, ms=4, label=label)
+        panel.set(title=size, xlabel="% solved")
     panels[0].set_yticks(range(len(variants)), variants)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
@@ -161,7 +141,8 @@ def draw_samples(results: Path) -> Figure:
             of_variant = {
                 count: group for (name_, count), group in groups.items() if name_ == variant
             }
-            mean, low, high = np.array([bounds(group, name) for group in of_variant.values()]).T
+            rates = [bounds(solved_in(group, name)) for group in of_variant.values()]
+            mean, low, high = 100 * np.array(rates).T
             panel.fill_between(list(of_variant), low, high, color=COLOURS[place], alpha=0.2, lw=0)
             panel.plot(list(of_variant), mean, "o-", ms=4, color=COLOURS[place], label=variant)
         panel.set(xscale="log", title=label, xlabel="labyrinths trained on", ylim=(-3, 103))

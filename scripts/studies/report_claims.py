@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures import COLOURS
+from figures import draw_rates
 from kept_results import Groups, by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -180,19 +180,8 @@ def draw(results: Path) -> Figure:
     for panel, (alike, each) in zip(panels, parts.items(), strict=True):
         for place, (name, which) in enumerate(each.items()):
             solved = [solved_in(runs, SPLIT)[:, which] for runs in groups.values()]
-            middle = np.array([some.mean() for some in solved])
-            low, high = np.array([interval(some) for some in solved]).T
-            panel.errorbar(
-                100 * middle,
-                rows + 0.12 - 0.24 * place,
-                xerr=100 * np.maximum([middle - low, high - middle], 0),
-                fmt="o",
-                ms=5,
-                color=COLOURS[place],
-                label=PARTS[name],
-            )
-        panel.set(xlim=(-3, 103), xlabel=f"% solved of {SPLIT}, 5x5", title=alike)
-        panel.grid(axis="x", alpha=0.3)
+            draw_rates(panel, rows, solved, place, ms=5, label=PARTS[name])
+        panel.set(xlabel=f"% solved of {SPLIT}, 5x5", title=alike)
     panels[0].set_yticks(rows, list(groups))
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kept_results import by_seed, read_runs, solved_in, whole
-from report_ablation import grouped, shown
+from kept_results import by_seed, grouped, read_runs, solved_in, whole
+from report_ablation import shown
 
 from pipeline.machinery.markdown import table
 from pipeline.studies.results.paper import name_of
