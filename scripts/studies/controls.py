@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from labyrinth_sets import labyrinth_sets, write_results
+from labyrinth_sets import SEED, labyrinth_sets, write_results
 from numpy.typing import NDArray
 
 from labyrinth_core import load_policy
@@ -63,12 +63,8 @@ def main() -> None:
     parser.add_argument("--data-dir", type=Path, required=True)
     parser.add_argument("--results", type=Path, required=True, help="folder for the files")
     parser.add_argument("--sizes", type=int, nargs="*", default=[], help="such as 10 15 25")
-    parser.add_argument("--powers", type=float, nargs="+", default=POWERS)
-    parser.add_argument("--labyrinths", type=int, default=100, help="fresh labyrinths of each size")
-    parser.add_argument("--seed", type=int, default=1_000_000, help="of what is sampled")
-    parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
-    torch.set_num_threads(given.threads)
+    torch.set_num_threads(1)
     for folder in given.runs:
         record = read_record(folder)
         if record is None:
@@ -165,24 +161,17 @@ def powers(
     margin = margin_of(policy, load_arrays(given.data_dir, run["config"], "validation"))
     sides = [trained_side, *given.sizes]
     needed = {side: round(power_for(side, margin), 2) for side in sides}
-    about |= {"margin": round(margin, 3), "needed": needed, "drawn_with_seed": given.seed}
+    about |= {"margin": round(margin, 3), "needed": needed, "drawn_with_seed": SEED}
     print(f"{folder.name}: a wall costs {np.exp(margin):.1f} steps; needed: {needed}", flush=True)
-    sets = labyrinth_sets(
-        given.data_dir,
-        run["config"],
-        np.random.default_rng(given.seed),
-        sides=given.sizes,
-        labyrinths=given.labyrinths,
-    )
     solved: dict[str, list[bool]] = {}
     wanted = ("validation", "test", *(f"fresh {side}x{side}" for side in given.sizes))
-    for name, labyrinths in sets:
+    for name, labyrinths in labyrinth_sets(given.data_dir, run["config"], sides=given.sizes):
         if name not in wanted:
             continue
         side = labyrinths[0].structure.height
         spec = ObservationSpec("image", round(IMAGE_SIZE * side / trained_side), draw=True)
         arrays = as_arrays(labyrinths, spec)
-        for power in dict.fromkeys([*given.powers, needed[side]]):
+        for power in dict.fromkeys([*POWERS, needed[side]]):
             bellman.sharpness = power
             solved[f"{name} at {power:g}"] = solved_by(policy, arrays).tolist()
             share = np.mean(solved[f"{name} at {power:g}"])

@@ -42,9 +42,7 @@ sys.path.pop(0)
 
 def test_the_sets_are_the_splits_and_what_no_split_has(small_dataset: Run) -> None:
     sets = dict(
-        labyrinth_sets.labyrinth_sets(
-            small_dataset.data_dir, "3x3", np.random.default_rng(0), sides=[5], labyrinths=30
-        )
+        labyrinth_sets.labyrinth_sets(small_dataset.data_dir, "3x3", sides=[5], labyrinths=30)
     )
     assert list(sets)[:5] == ["train", "validation", "test", "s0", "s0_and_g"]
     for split in ("validation", "test"):
@@ -65,11 +63,7 @@ def test_fresh_labyrinths_are_of_the_task_and_follow_the_generator(
 ) -> None:
     config = "3x4" if task is Task.NAVIGATION else f"3x4-{task}"
     once, again = (
-        dict(
-            labyrinth_sets.labyrinth_sets(
-                datasets, config, np.random.default_rng(7), sides=[4], labyrinths=3
-            )
-        )
+        dict(labyrinth_sets.labyrinth_sets(datasets, config, sides=[4], labyrinths=3))
         for _ in range(2)
     )
     assert once == again
