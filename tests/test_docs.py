@@ -56,7 +56,6 @@ ROWS = {
     "split": {split: SPLITS[split].meaning for split in BASE_SPLITS},
 }
 TABLES = {
-    "README.md": ROWS,
     "docs/make.md": ROWS,
     "docs/options.md": {"option": OPTIONS},
     "docs/loading.md": {"column": {column.name: column.meaning for column in TABLE_COLUMNS}},
