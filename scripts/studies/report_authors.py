@@ -1,17 +1,12 @@
-r"""Hold the paper's tables against runs of `protocol=authors` and usual runs, cell by cell.
+"""Hold the paper's tables against runs of `protocol=authors` and usual runs, cell by cell.
 
-    python scripts/studies/report_authors.py --data-dir data/labyrinth \
-        > docs/results/authors/table.md
-
-Prints Markdown: what a uniformly random policy reaches by the rules of the authors' trial, and for
-each cell of Tables 3 to 5 of which there is a run: as printed, by `protocol=authors` as their code
-tries a policy, and as usual (the mean over seeds). A figure fits a printed one if the 95% interval
-of their difference holds 0 (Agresti and Caffo 2000), each counted as of one seed.
+For each cell of Tables 3 to 5: as printed, by `protocol=authors` as their code tries a policy, and
+as usual (the mean over seeds). A figure fits a printed one if the 95% interval of their difference
+holds 0 (Agresti and Caffo 2000), each counted as of one seed. `report_pages.py` writes them.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Mapping
 from math import sqrt
@@ -20,11 +15,8 @@ from pathlib import Path
 import numpy as np
 from kept_results import Run, by_method, read_runs, solved_in, whole
 
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, summary_of
-from pipeline.config.training import usual_settings
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.markdown import table
-from pipeline.studies.methods.authors.trial import try_out
 from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]
@@ -35,29 +27,6 @@ VERDICTS = ("reproduced", "explained", "impossible", "open")
 
 Judged = tuple[float, float | None, float, str]
 """The rate printed, by the authors' protocol (None if it was not run), ours, and the verdict."""
-
-EPISODES = 50
-"""Episodes of the random policy in each labyrinth."""
-
-
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path, default=Path("docs/results"))
-    parser.add_argument("--data-dir", type=Path, required=True)
-    given = parser.parse_args()
-    configs = sorted({config for config, _, _ in paper_figures()})
-    print("# Runs by the authors' protocol\n\n## Uniformly random actions, as SQIL is tried\n")
-    print(table(["split", *headings(configs)], list(random_rows(given.data_dir, configs))))
-    print("\n## The runs\n")
-    found = {config: runs_of(given.results, config) for config in sizes_of(given.results)}
-    rows = [about(each) for runs in found.values() for each in runs]
-    print(table(["run", "differs from the script", "kept"], rows, "lll"))
-    for config, runs in found.items():
-        print(f"\n## {config}, labyrinths solved in percent\n")
-        usual = usual_rates(given.results, config)
-        heading = ["method", "seed", "split", "printed", "authors", "usual", "what fits"]
-        print(table(heading, [row for each in runs for row in cells(each, usual)], "lrlrrrl"))
 
 
 def sizes_of(results: Path) -> list[str]:
@@ -160,65 +129,8 @@ def printed_in(figure: PaperFigure) -> str:
     return whole(figure.sr) + "†" * (not figure.is_possible)
 
 
-def headings(configs: list[str]) -> list[str]:
-    """Return the headings of the columns of the random policy."""
-    return [f"{config}, {what}" for config in configs for what in ("random", "SQIL printed")]
-
-
-def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
-    """Return a row for each split: the random policy, and the paper's SQIL, for each config."""
-    rows = [[split] for split in EVALUATED_SPLITS]
-    for config in configs:
-        for row in rows:
-            arrays = load_arrays(data_dir, config, row[0], observation="vector")
-            uniform, rng = np.full((len(arrays.terminal), 4), 0.25), np.random.default_rng(0)
-            tried = (try_out(arrays, uniform, rng)[0] for _ in range(EPISODES))
-            rate = np.mean([summary_of(each, arrays)["sr"] for each in tried])
-            printed = paper_figures()[config, row[0], "sqil"]
-            row += [f"{100 * rate:.1f}", f"{100 * printed.sr:.0f}"]
-    return rows
-
-
-def about(kept: Run) -> list[str]:
-    """Return which run it is, in what it differs from the script, and which epoch was kept."""
-    run = kept["run"]
-    chosen, script = run["settings"], usual_settings(run["method"], "authors")
-    changed = (f"{name} {value:,}" for name, value in chosen.items() if value != script[name])
-    epoch = run["training"]["selected"]["epoch"]
-    return [
-        f"{METHODS[run['method']]}, {run['config']}, seed {run['seed']}",
-        ", ".join(changed),
-        f"epoch {epoch}",
-    ]
-
-
-def cells(kept: Run, usual: Rates) -> list[list[str]]:
-    """Return a row for each cell of the paper that a run is of."""
-    rows, run = [], kept["run"]
-    for split in EVALUATED_SPLITS:
-        printed = paper_figures()[run["config"], split, run["method"]]
-        theirs, ours = run["as_tried"][split]["sr"], usual[split, run["method"]]
-        count = len(kept["solved"][split])
-        found = {"authors": fits(printed, theirs, count), "usual": fits(printed, ours, count)}
-        rows.append(
-            [
-                METHODS[run["method"]],
-                str(run["seed"]),
-                f"`{split}`",
-                whole(printed.sr) + " †" * (not printed.is_possible),
-                *map(whole, (theirs, ours)),
-                " and ".join(name for name, holds in found.items() if holds) or "neither",
-            ]
-        )
-    return rows
-
-
 def fits(printed: PaperFigure, rate: float, count: int) -> bool:
     """Return whether two rates, each of `count` labyrinths, differ by no more than chance."""
     ours, theirs = ((each * count + 1) / (count + 2) for each in (rate, printed.sr))
     spread = sqrt((ours * (1 - ours) + theirs * (1 - theirs)) / (count + 2))
     return abs(ours - theirs) <= 1.96 * spread
-
-
-if __name__ == "__main__":
-    main()
