@@ -13,6 +13,8 @@ from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.studies.results.paper import METHODS, name_of
 
+RESULTS = Path(__file__).parents[2] / "docs/results"
+
 Run = dict[str, Any]
 """A file of a run; `solved` has 1 or 0 for each labyrinth of each set or split, shape (L,)."""
 Groups = Mapping[str, Sequence[Run]]
@@ -35,13 +37,13 @@ def read_run(path: Path) -> Run:
     return kept
 
 
-def read_runs(folder: Path, pattern: str = "*.json") -> list[Run]:
-    """Return the files in a folder, by name.
+def read_runs(folder: str, pattern: str = "*.json") -> list[Run]:
+    """Return the files in a folder of docs/results, by name.
 
     Raises:
         ValueError: There is none.
     """
-    paths = sorted(folder.glob(pattern))
+    paths = sorted((RESULTS / folder).glob(pattern))
     if not paths:
         raise ValueError(f"{folder} holds no {pattern}")
     return [read_run(path) for path in paths]

@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from math import sqrt
-from pathlib import Path
 
 import numpy as np
-from kept_results import Run, by_method, read_runs, solved_in, whole
+from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.markdown import table
@@ -29,20 +28,20 @@ Judged = tuple[float, float | None, float, str]
 """The rate printed, by the authors' protocol (None if it was not run), ours, and the verdict."""
 
 
-def sizes_of(results: Path) -> list[str]:
+def sizes_of() -> list[str]:
     """Return the sizes of which there are runs by the authors' protocol."""
-    return sorted(each.name for each in (results / "authors/runs").iterdir())
+    return sorted(each.name for each in (RESULTS / "authors/runs").iterdir())
 
 
-def runs_of(results: Path, config: str) -> list[Run]:
+def runs_of(config: str) -> list[Run]:
     """Return the runs by the authors' protocol, in the usual order of methods."""
-    groups = by_method(read_runs(results / "authors/runs" / config))
+    groups = by_method(read_runs(f"authors/runs/{config}"))
     return [each for group in groups.values() for each in group]
 
 
-def usual_rates(results: Path, config: str) -> Rates:
+def usual_rates(config: str) -> Rates:
     """Return the success rates of the usual runs of a size."""
-    groups = by_method(read_runs(results / "runs" / config, "*-cnn-seed?.json")).values()
+    groups = by_method(read_runs(f"runs/{config}", "*-cnn-seed?.json")).values()
     return {
         (split, group[0]["run"]["method"]): float(solved_in(group, split).mean())
         for group in groups
@@ -50,12 +49,12 @@ def usual_rates(results: Path, config: str) -> Rates:
     }
 
 
-def beside(results: Path) -> str:
+def beside() -> str:
     """Return a table of all runs: printed, by the authors' protocol, and as usual."""
     rows = []
-    for config in sizes_of(results):
-        usual = usual_rates(results, config)
-        for group in by_method(runs_of(results, config)).values():
+    for config in sizes_of():
+        usual = usual_rates(config)
+        for group in by_method(runs_of(config)).values():
             runs = [each["run"] for each in group]
             method, epochs = runs[0]["method"], runs[0]["settings"]["epochs"]
             found = []
@@ -68,10 +67,10 @@ def beside(results: Path) -> str:
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows)
 
 
-def verdicts(results: Path) -> str:
+def verdicts() -> str:
     """Return a table of every cell of the paper: printed, theirs by our hand, ours, the verdict."""
     rows = []
-    for (config, method), judged in judged_cells(results).items():
+    for (config, method), judged in judged_cells().items():
         found = []
         for printed, theirs, ours, verdict in judged:
             tried = "-" if theirs is None else whole(theirs)
@@ -81,22 +80,22 @@ def verdicts(results: Path) -> str:
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 6)
 
 
-def counted_verdicts(results: Path) -> str:
+def counted_verdicts() -> str:
     """Return a table of the number of cells with each verdict, by size."""
     found: dict[str, Counter[str]] = {}
-    for (config, _), judged in judged_cells(results).items():
+    for (config, _), judged in judged_cells().items():
         found.setdefault(config, Counter()).update(verdict for *_, verdict in judged)
     found["all"] = sum(found.values(), Counter())
     rows = [[config, *(str(counts[each]) for each in VERDICTS)] for config, counts in found.items()]
     return table(["cells", *VERDICTS], rows)
 
 
-def judged_cells(results: Path) -> dict[tuple[str, str], list[Judged]]:
+def judged_cells() -> dict[tuple[str, str], list[Judged]]:
     """Return the cells of the paper by config and method, one a split."""
     found = {}
     for config in sorted({config for config, _, _ in paper_figures()}):
-        usual = usual_rates(results, config)
-        tried = runs_of(results, config) if config in sizes_of(results) else []
+        usual = usual_rates(config)
+        tried = runs_of(config) if config in sizes_of() else []
         for method in METHODS:
             runs = [each["run"] for each in tried if each["run"]["method"] == method]
             found[config, method] = [
