@@ -32,7 +32,6 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -53,15 +52,6 @@ ALL_SHARDS = 6 * SHARDS
 CELLS_PER_CHUNK = 16 * 40, 16 * 20
 """The cells of the first chunk of candidates and of any other; about 130 candidates are needed."""
 
-PHASES = (
-    "before the first shard",
-    *(f"after {n} to {min(n + 9, ALL_SHARDS - 1)} of {ALL_SHARDS} shards" for n in (1, 11, 21)),
-    "after the last shard, before the dataset was in place",
-    "with the dataset in place, before all was cleared away",
-)
-IN_PARTS = "while parts were made"
-TOO_LATE = "after the end, not counted"
-
 TIME_TO_END = 10.0
 """The seconds in which workers have to end after the first process."""
 SHARED = Path("/dev/shm")
@@ -80,8 +70,8 @@ class Undisturbed(NamedTuple):
 class Found:
     """What came of the kills."""
 
-    phases: Counter[str] = field(default_factory=Counter)
-    """Phase in which a build was killed -> how many."""
+    kills: int = 0
+    """How many came before the end of a build."""
     different: int = 0
     """How many datasets differ from that of an undisturbed build in the end."""
     left: list[str] = field(default_factory=list)
@@ -196,18 +186,6 @@ def build_undisturbed(run: Run, left: list[str]) -> Undisturbed:
         return Undisturbed(files, [*times, time.monotonic() - began])
 
 
-def phase(run: Run, undisturbed: Undisturbed) -> str:
-    """Return the phase in which a build was killed."""
-    there = hashes(run.data_dir)
-    manifest = f"{run.folder.name}/manifest.json"
-    if there == undisturbed.files:
-        return TOO_LATE
-    if there.get(manifest) == undisturbed.files[manifest]:
-        return PHASES[-1]
-    shards = finished_shards(run)
-    return PHASES[-2] if shards == ALL_SHARDS else PHASES[(shards + 9) // 10]
-
-
 def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None:
     """Kill a build at a random moment between two of its events, unless it has ended before."""
     weights = [ALL_SHARDS / 2, *[1.0] * (ALL_SHARDS - 1), ALL_SHARDS / 2]
@@ -249,7 +227,7 @@ def count(run: Run, process: int, left: list[str], found: Found) -> None:
     """Take a part off those that are left if its process has ended; else count its kill."""
     ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG)
     if ended is None:
-        found.phases[IN_PARTS] += 1
+        found.kills += 1
         return
     if ended.si_status:
         print(log_of(run).read_text())
@@ -271,29 +249,30 @@ def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
         n: build_undisturbed(run_in(f"undisturbed-{n}", n), found.left) for n in given.workers
     }
     rng = random.Random(given.seed)
-    while sum(found.phases.values()) - found.phases[TOO_LATE] < given.kills:
+    while found.kills < given.kills:
         workers = rng.choice(given.workers)
         run = run_in("killed", workers, overwrite=not given.parts and rng.random() < 1 / 3)
         if given.parts:
-            before = found.phases[IN_PARTS]
+            before = found.kills
             kill_parts(run, given.parts, undisturbed[workers].times[-1], rng, found)
             same = hashes(run.data_dir) == undisturbed[workers].files
             shutil.rmtree(run.data_dir)
             found.different += not same
-            kills = found.phases[IN_PARTS] - before
+            kills = found.kills - before
             print(f"{kills} kills of parts: {'the same' if same else 'DIFFERENT'} in the end")
             continue
         if run.options.overwrite:
             shutil.copytree(other.data_dir, run.data_dir)
         with started(run, found.left) as process:
             kill(run, process, undisturbed[workers].times, rng)
-            came_to = phase(run, undisturbed[workers])
+            too_late = hashes(run.data_dir) == undisturbed[workers].files
             finish(run, found.left)
         same = hashes(run.data_dir) == undisturbed[workers].files
         shutil.rmtree(run.data_dir)
-        found.phases[came_to] += 1
+        found.kills += not too_late
         found.different += not same
-        print(f"killed {came_to}: {'the same' if same else 'DIFFERENT'} in the end", flush=True)
+        when = "killed after the end" if too_late else "killed"
+        print(f"{when}: {'the same' if same else 'DIFFERENT'} in the end", flush=True)
 
 
 def main() -> None:
@@ -311,11 +290,8 @@ def main() -> None:
         suppress(KeyboardInterrupt),
     ):
         kill_builds(Path(folder), given, found)
-    counted = sum(found.phases.values()) - found.phases[TOO_LATE]
     parts = f", parts={given.parts}" if given.parts else ""
-    print(f"{counted} kills, executor={given.executor}, workers={given.workers}{parts}")
-    for place in (IN_PARTS,) if given.parts else (*PHASES, TOO_LATE):
-        print(f"{found.phases[place]:5} {place}")
+    print(f"{found.kills} kills, executor={given.executor}, workers={given.workers}{parts}")
     print(f"{found.different} datasets differ from the undisturbed one")
     print(f"{len(found.left)} processes or names in shared memory were left", *found.left[:10])
     sys.exit(bool(found.left or found.different))
