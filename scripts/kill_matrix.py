@@ -146,13 +146,19 @@ def clear_memory(process: int) -> list[str]:
     return [path.name for path in found]
 
 
+def has_ended(run: Run, process: int, *, wait: bool = False) -> bool:
+    """Return whether a build has ended; stop if it failed."""
+    ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | (0 if wait else os.WNOHANG))
+    if ended is not None and ended.si_status:
+        print(log_of(run).read_text())
+        raise SystemExit(f"a build in {run.data_dir}{run.options.part and ', a part,'} failed")
+    return ended is not None
+
+
 def finish(run: Run, left: list[str]) -> None:
     """Build to the end."""
     with started(run, left) as process:
-        ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
-    if ended is None or ended.si_status:
-        print(log_of(run).read_text())
-        raise SystemExit(f"a build in {run.data_dir} failed")
+        has_ended(run, process, wait=True)
 
 
 def hashes(folder: Path) -> dict[str, str]:
@@ -170,20 +176,14 @@ def finished_shards(run: Run) -> int:
 
 
 def build_undisturbed(run: Run, left: list[str]) -> Undisturbed:
-    """Build twice without a kill: once to see what is made, once to see when."""
-    finish(run, left)
-    files = hashes(run.data_dir)
-    shutil.rmtree(run.data_dir)
+    """Build without a kill, and note when each shard is finished."""
     began, times = time.monotonic(), [0.0]
-    with started(run, left):
-        while len(times) <= ALL_SHARDS:
-            in_place = (run.folder / "manifest.json").exists()
-            shards = ALL_SHARDS if in_place else finished_shards(run)
-            times += [time.monotonic() - began] * (shards + 1 - len(times))
+    with started(run, left) as process:
+        while not has_ended(run, process):
+            times += [time.monotonic() - began] * (finished_shards(run) + 1 - len(times))
             time.sleep(0.0005)
-        while hashes(run.data_dir) != files:
-            time.sleep(0.0005)
-        return Undisturbed(files, [*times, time.monotonic() - began])
+        times += [time.monotonic() - began] * (ALL_SHARDS + 2 - len(times))
+    return Undisturbed(hashes(run.data_dir), times)
 
 
 def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None:
@@ -191,7 +191,7 @@ def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None
     weights = [ALL_SHARDS / 2, *[1.0] * (ALL_SHARDS - 1), ALL_SHARDS / 2]
     (shards,) = rng.choices(range(ALL_SHARDS + 1), weights)
     while finished_shards(run) < shards:
-        if os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG):
+        if has_ended(run, process):
             return
         time.sleep(0.0005)
     time.sleep(rng.uniform(0, times[shards + 1] - times[shards]))
@@ -223,16 +223,12 @@ def kill_parts(run: Run, parts: int, longest: float, rng: random.Random, found: 
     finish(run, found.left)
 
 
-def count(run: Run, process: int, left: list[str], found: Found) -> None:
+def count(of_part: Run, process: int, left: list[str], found: Found) -> None:
     """Take a part off those that are left if its process has ended; else count its kill."""
-    ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG)
-    if ended is None:
+    if has_ended(of_part, process):
+        left.remove(of_part.options.part)
+    else:
         found.kills += 1
-        return
-    if ended.si_status:
-        print(log_of(run).read_text())
-        raise SystemExit(f"part={run.options.part} of a build in {run.data_dir} failed")
-    left.remove(run.options.part)
 
 
 def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
