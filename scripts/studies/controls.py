@@ -16,9 +16,8 @@ scripts/studies/generalise.py with `--once`. Results are a file for each run.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import fields, replace
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from math import log
 from pathlib import Path
 from typing import Any
@@ -39,7 +38,7 @@ from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import as_input
 from labyrinth_core.policies.networks.planning import Bellman, Planner
 from labyrinth_core.policies.networks.symmetry import Averaged
-from labyrinth_core.world.dynamics import State, state_at
+from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.record import read_record
@@ -88,19 +87,24 @@ def looks(
 ) -> None:
     """Show the labyrinths of test to a policy in each of the looks."""
     policy = in_one_view(folder)
+    arrays = load_arrays(given.data_dir, run["config"], "test", observation="vector")
     solved = {}
-    for name in all_looks():
-        shown = in_look(name, given.data_dir, run["config"])
+    for name, drawn in all_looks().items():
+        shown = as_arrays(arrays.labyrinths, InLook(drawn))  # type: ignore[arg-type]
         solved[name] = solved_by(policy, shown).tolist()
         print(f"{folder.name}, {name}: {np.mean(solved[name]):.0%}", flush=True)
         write_results(kept, about, solved)
 
 
-@cache
-def in_look(name: str, source: Path, config: str) -> LabyrinthArrays:
-    """Return the labyrinths of test in one of the looks; they are drawn once for all runs."""
-    arrays = load_arrays(source, config, "test")
-    return replace(arrays, observations=drawn_by(all_looks()[name], arrays))
+@dataclass(frozen=True)
+class InLook:
+    """What a policy is shown of labyrinths, whose states a function draws."""
+
+    drawn: Drawn
+
+    def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[np.uint8]:
+        """Return the pictures of states, shape (N, size, size, 3)."""
+        return np.stack([self.drawn(*view) for view in views])
 
 
 def all_looks() -> dict[str, Drawn]:
@@ -139,16 +143,6 @@ def thickened(labyrinth: Labyrinth, state: State) -> NDArray[np.uint8]:
         wall[:, :-1] |= wall[:, 1:]
     picture[wall] = DEFAULT_STYLE.wall
     return area_average(picture, IMAGE_SIZE)
-
-
-def drawn_by(drawn: Drawn, arrays: LabyrinthArrays) -> NDArray[np.uint8]:
-    """Return the pictures of all states of some arrays, shape (S, size, size, 3)."""
-    numbers = [number for _, number in arrays.places]
-    pairs = zip(arrays.labyrinth.tolist(), numbers, strict=True)
-    labyrinths = arrays.labyrinths
-    return np.stack(
-        [drawn(labyrinths[each], state_at(labyrinths[each], number)) for each, number in pairs]
-    )
 
 
 def powers(

@@ -149,9 +149,10 @@ def test_two_labels_are_exchanged_and_nothing_else(problem_of: Problems, whole: 
 def test_only_what_a_look_says_is_other_than_usual(problem_of: Problems) -> None:
     arrays = problem_of(encoder="cnn").arrays
     looks = controls.all_looks()
-    assert np.array_equal(controls.drawn_by(looks["as trained"], arrays), arrays.observations)
     labyrinth = arrays.labyrinths[0]
-    usual, state = render(labyrinth, initial(labyrinth), 64), initial(labyrinth)
+    usual, state = arrays.observations[arrays.initial[0]], initial(labyrinth)
+    (as_trained,) = controls.InLook(looks["as trained"]).look([(labyrinth, state)])
+    assert np.array_equal(as_trained, usual)
     inverted = looks["inverted"](labyrinth, state).astype(int)
     assert np.abs(255 - usual.astype(int) - inverted).max() <= 1  # Averages are rounded.
     lighter = looks["agent lighter"](labyrinth, state).astype(int) - usual
