@@ -23,7 +23,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from measuring import machine, parser_of, report, take_turns
+from measuring import machine, parser_of, per_second, report, take_turns
 
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
@@ -34,24 +34,19 @@ THEIR_WORK = 200_000
 OUR_SHARE = 20
 """The number of our labyrinths for each of theirs, for turns of similar length."""
 
-Rate = Callable[[], float]
-"""Samples and solves labyrinths, and returns how many a second."""
 
-
-def ours(size: int, count: int, rng: np.random.Generator, **options: Any) -> float:
-    """Sample and solve our labyrinths."""
-    begin = time.perf_counter()
+def ours(size: int, count: int, rng: np.random.Generator, **options: Any) -> int:
+    """Sample and solve our labyrinths, and return how many."""
     for structure in islice(sample_structures(size, size, rng, **options), count):
         shortest_route(Labyrinth(structure, 0, size * size - 1), rng)
-    return count / (time.perf_counter() - begin)
+    return count
 
 
-def theirs(size: int, count: int, generate: Callable[[tuple[int, int]], Any]) -> float:
-    """Sample and solve mazes of maze-dataset."""
-    begin = time.perf_counter()
+def theirs(size: int, count: int, generate: Callable[[tuple[int, int]], Any]) -> int:
+    """Sample and solve mazes of maze-dataset, and return how many."""
     for _ in range(count):
         generate((size, size)).find_shortest_path((0, 0), (size - 1, size - 1))
-    return count / (time.perf_counter() - begin)
+    return count
 
 
 def check_routes(size: int, rng: np.random.Generator) -> None:
@@ -77,7 +72,7 @@ def measure(size: int, rounds: int) -> None:
     check_routes(size, rng)
     count = max(4, THEIR_WORK // size**4)
     run = partial(ours, size, OUR_SHARE * count, rng)
-    contestants: dict[str, Rate] = {}
+    contestants: dict[str, Callable[[], int]] = {}
     rivals = {}
     for generator, algorithm in (("gen_wilson", "wilson"), ("gen_dfs", "depth_first")):
         rival = f"maze-dataset, {generator}"
@@ -86,7 +81,8 @@ def measure(size: int, rounds: int) -> None:
         contestants[f"{algorithm}, opened"] = partial(run, algorithm=algorithm)
         rivals |= dict.fromkeys((f"{algorithm}, tree", f"{algorithm}, opened"), rival)
     print(f"\nsize {size}")
-    report(take_turns(contestants, rounds), rivals, "labyrinths a second")
+    rates = {name: per_second(each, time.perf_counter) for name, each in contestants.items()}
+    report(take_turns(rates, rounds), rivals, "labyrinths a second")
 
 
 def main() -> None:

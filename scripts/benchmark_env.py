@@ -36,7 +36,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from measuring import machine, parser_of, ratio, report, take_turns
+from measuring import machine, parser_of, per_second, ratio, report, take_turns
 
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import state_at
@@ -67,16 +67,15 @@ def single(env: gymnasium.Env[Any, Any], actions: int, steps: int) -> Rate:
     choices = np.random.default_rng(0).integers(actions, size=steps).tolist()
     env.reset(seed=0)
 
-    def rate() -> float:
+    def work() -> int:
         env.reset()
-        start = time.process_time()
         for action in choices:
             _, _, terminated, truncated, _ = env.step(action)
             if terminated or truncated:
                 env.reset()
-        return steps / (time.process_time() - start)
+        return steps
 
-    return rate
+    return per_second(work)
 
 
 def vector(size: int, steps: int, *, kept: bool, count: int = NUM_ENVS, **arguments: Any) -> Rate:
@@ -95,28 +94,26 @@ def vector(size: int, steps: int, *, kept: bool, count: int = NUM_ENVS, **argume
     for step in range(40 * size * size + 2):
         env.step(choices[step % steps])
 
-    def rate() -> float:
-        start = time.process_time()
+    def work() -> int:
         for actions in choices:
             kept_until_the_next = env.step(actions)
         del kept_until_the_next
-        return steps * count / (time.process_time() - start)
+        return steps * count
 
-    return rate
+    return per_second(work)
 
 
 def copying(steps: int) -> Rate:
     """Return a function that measures how many pictures a second are copied, a batch at a time."""
     batch = np.ones((PICTURED_ENVS, OBSERVED_SIZE, OBSERVED_SIZE, 3), np.uint8)
 
-    def rate() -> float:
-        start = time.process_time()
+    def work() -> int:
         for _ in range(steps):
             kept_until_the_next = batch.copy()
         del kept_until_the_next
-        return steps * PICTURED_ENVS / (time.process_time() - start)
+        return steps * PICTURED_ENVS
 
-    return rate
+    return per_second(work)
 
 
 def all_states(count: int) -> Rate:
@@ -125,13 +122,12 @@ def all_states(count: int) -> Rate:
     labyrinths = [sample_labyrinth(5, 5, Task.NAVIGATION, rng) for _ in range(count)]
     views = [[(each, state_at(each, number)) for number in range(25)] for each in labyrinths]
 
-    def rate() -> float:
-        start = time.process_time()
+    def work() -> int:
         for of_one in views:
             draw(of_one, OBSERVED_SIZE)
-        return count / (time.process_time() - start)
+        return count
 
-    return rate
+    return per_second(work)
 
 
 def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:

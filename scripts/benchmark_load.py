@@ -38,7 +38,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measuring import forget, machine, parser_of, positive, report, run_command, take_turns
+from measuring import (
+    forget,
+    machine,
+    parser_of,
+    per_second,
+    positive,
+    report,
+    run_command,
+    take_turns,
+)
 
 from labyrinth_core.data.loader import Transitions, load_transitions
 from labyrinth_core.data.stream import stream_transitions
@@ -46,20 +55,6 @@ from labyrinth_core.data.stream import stream_transitions
 SIZE = 64
 BATCH = 64
 CONFIG = "5x5"
-
-Passed = Callable[[], float]
-"""Goes through transitions, and returns how many there were per second."""
-
-
-def timed(transitions: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Passed:
-    """Return a function that measures one which returns how many transitions it went through."""
-
-    def passed() -> float:
-        start = clock()
-        return transitions() / (clock() - start)
-
-    return passed
-
 
 # The baseline.
 
@@ -237,7 +232,7 @@ def main() -> None:
         for by_name in found.values():
             baseline, *others = by_name
             clock = time.process_time if arguments.streams else time.perf_counter
-            passed = {name: timed(each, clock) for name, each in by_name.items()}
+            passed = {name: per_second(each, clock) for name, each in by_name.items()}
             measured = take_turns(passed, arguments.rounds)
             report(measured, dict.fromkeys(others, baseline), "(s, a, s') a second")
 

@@ -60,6 +60,18 @@ def cpu_seconds(work: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
+def per_second(
+    work: Callable[[], int], clock: Callable[[], float] = time.process_time
+) -> Callable[[], float]:
+    """Return a function that does some work, which returns its amount, and returns the rate."""
+
+    def rate() -> float:
+        start = clock()
+        return work() / (clock() - start)
+
+    return rate
+
+
 def forget() -> None:
     """Clear every cache of a function of ours, so that the process is like a new one."""
     for name, module in list(sys.modules.items()):

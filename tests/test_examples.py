@@ -31,14 +31,14 @@ def test_a_recipe_is_short_and_stands_by_itself(recipe):
 
 
 def test_plain_pytorch_learns_its_demonstrations(small_dataset):
-    results = run("plain_pytorch", folder=small_dataset.source, config="3x3", epochs=150)
+    results = run("plain_pytorch", folder=small_dataset.source, config="3x3", epochs=100)
     assert tuple(results.splits) == EVALUATED_SPLITS
     assert results.splits["train"].sr == 1
 
 
 def test_a_recurrent_policy_learns_its_demonstrations(datasets):
     config = "3x4-partial_observability"
-    results = run("recurrent_policy", folder=str(datasets), config=config, epochs=60)
+    results = run("recurrent_policy", folder=str(datasets), config=config, epochs=50)
     assert results.way == "steps"
     assert results.splits["train"].sr >= 0.8
 

@@ -22,7 +22,6 @@ from typing import Any
 from huggingface_hub import HfApi, get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
-from labyrinth_core.data.columns import open_shard
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.hub import limit_silence
 from labyrinth_core.data.manifest import Manifest

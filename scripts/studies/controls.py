@@ -16,16 +16,15 @@ scripts/studies/generalise.py with `--once`. Results are a file for each run.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import fields, replace
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from math import log
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from labyrinth_sets import labyrinth_sets, write_results
+from labyrinth_sets import SEED, labyrinth_sets, write_results
 from numpy.typing import NDArray
 
 from labyrinth_core import load_policy
@@ -39,7 +38,7 @@ from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import as_input
 from labyrinth_core.policies.networks.planning import Bellman, Planner
 from labyrinth_core.policies.networks.symmetry import Averaged
-from labyrinth_core.world.dynamics import State, state_at
+from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.record import read_record
@@ -63,12 +62,8 @@ def main() -> None:
     parser.add_argument("--data-dir", type=Path, required=True)
     parser.add_argument("--results", type=Path, required=True, help="folder for the files")
     parser.add_argument("--sizes", type=int, nargs="*", default=[], help="such as 10 15 25")
-    parser.add_argument("--powers", type=float, nargs="+", default=POWERS)
-    parser.add_argument("--labyrinths", type=int, default=100, help="fresh labyrinths of each size")
-    parser.add_argument("--seed", type=int, default=1_000_000, help="of what is sampled")
-    parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
-    torch.set_num_threads(given.threads)
+    torch.set_num_threads(1)
     for folder in given.runs:
         record = read_record(folder)
         if record is None:
@@ -92,19 +87,24 @@ def looks(
 ) -> None:
     """Show the labyrinths of test to a policy in each of the looks."""
     policy = in_one_view(folder)
+    arrays = load_arrays(given.data_dir, run["config"], "test", observation="vector")
     solved = {}
-    for name in all_looks():
-        shown = in_look(name, given.data_dir, run["config"])
+    for name, drawn in all_looks().items():
+        shown = as_arrays(arrays.labyrinths, InLook(drawn))  # type: ignore[arg-type]
         solved[name] = solved_by(policy, shown).tolist()
         print(f"{folder.name}, {name}: {np.mean(solved[name]):.0%}", flush=True)
         write_results(kept, about, solved)
 
 
-@cache
-def in_look(name: str, source: Path, config: str) -> LabyrinthArrays:
-    """Return the labyrinths of test in one of the looks; they are drawn once for all runs."""
-    arrays = load_arrays(source, config, "test")
-    return replace(arrays, observations=drawn_by(all_looks()[name], arrays))
+@dataclass(frozen=True)
+class InLook:
+    """What a policy is shown of labyrinths, whose states a function draws."""
+
+    drawn: Drawn
+
+    def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[np.uint8]:
+        """Return the pictures of states, shape (N, size, size, 3)."""
+        return np.stack([self.drawn(*view) for view in views])
 
 
 def all_looks() -> dict[str, Drawn]:
@@ -145,16 +145,6 @@ def thickened(labyrinth: Labyrinth, state: State) -> NDArray[np.uint8]:
     return area_average(picture, IMAGE_SIZE)
 
 
-def drawn_by(drawn: Drawn, arrays: LabyrinthArrays) -> NDArray[np.uint8]:
-    """Return the pictures of all states of some arrays, shape (S, size, size, 3)."""
-    numbers = [number for _, number in arrays.places]
-    pairs = zip(arrays.labyrinth.tolist(), numbers, strict=True)
-    labyrinths = arrays.labyrinths
-    return np.stack(
-        [drawn(labyrinths[each], state_at(labyrinths[each], number)) for each, number in pairs]
-    )
-
-
 def powers(
     given: argparse.Namespace, folder: Path, run: dict[str, Any], about: dict[str, Any], kept: Path
 ) -> None:
@@ -165,24 +155,17 @@ def powers(
     margin = margin_of(policy, load_arrays(given.data_dir, run["config"], "validation"))
     sides = [trained_side, *given.sizes]
     needed = {side: round(power_for(side, margin), 2) for side in sides}
-    about |= {"margin": round(margin, 3), "needed": needed, "drawn_with_seed": given.seed}
+    about |= {"margin": round(margin, 3), "needed": needed, "drawn_with_seed": SEED}
     print(f"{folder.name}: a wall costs {np.exp(margin):.1f} steps; needed: {needed}", flush=True)
-    sets = labyrinth_sets(
-        given.data_dir,
-        run["config"],
-        np.random.default_rng(given.seed),
-        sides=given.sizes,
-        labyrinths=given.labyrinths,
-    )
     solved: dict[str, list[bool]] = {}
     wanted = ("validation", "test", *(f"fresh {side}x{side}" for side in given.sizes))
-    for name, labyrinths in sets:
+    for name, labyrinths in labyrinth_sets(given.data_dir, run["config"], sides=given.sizes):
         if name not in wanted:
             continue
         side = labyrinths[0].structure.height
         spec = ObservationSpec("image", round(IMAGE_SIZE * side / trained_side), draw=True)
         arrays = as_arrays(labyrinths, spec)
-        for power in dict.fromkeys([*given.powers, needed[side]]):
+        for power in dict.fromkeys([*POWERS, needed[side]]):
             bellman.sharpness = power
             solved[f"{name} at {power:g}"] = solved_by(policy, arrays).tolist()
             share = np.mean(solved[f"{name} at {power:g}"])

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept_results import bounds
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -26,6 +28,26 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
 }
 COLOURS = [np.array(colour) / 255 for colour in (DEFAULT_STYLE.goal, DEFAULT_STYLE.start)]
+
+
+def draw_rates(
+    panel: Axes, heights: Any, solved: Sequence[NDArray[np.float64]], place: int, **style: Any
+) -> None:
+    """Draw the success rate and the interval of each group of runs, in percent.
+
+    Args:
+        panel: Where they are drawn.
+        heights: The height of each group.
+        solved: By group, 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths).
+        place: 0 or 1, for the upper and the lower one of two rates of a group.
+        **style: Size of the marks, and label.
+    """
+    mean, low, high = 100 * np.array([bounds(each) for each in solved]).T
+    errors = np.maximum([mean - low, high - mean], 0)
+    heights = np.asarray(heights) + 0.12 - 0.24 * place
+    panel.errorbar(mean, heights, xerr=errors, fmt="o", color=COLOURS[place], **style)
+    panel.set_xlim(-3, 103)
+    panel.grid(axis="x", alpha=0.3)
 
 
 def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str]) -> Figure:

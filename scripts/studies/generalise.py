@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from kept_results import read_run
-from labyrinth_sets import labyrinth_sets, write_results
+from labyrinth_sets import SEED, labyrinth_sets, write_results
 from looks import LOOKS, Look
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -57,21 +57,19 @@ def main() -> None:
     parser.add_argument("--looks", action="store_true", help="show test in other looks, too")
     parser.add_argument("--moved", type=int, nargs="*", default=[], help="pixels, such as 12 20")
     parser.add_argument("--only", nargs="+", help="sets to test on, such as test (all)")
-    parser.add_argument("--seed", type=int, default=1_000_000, help="of what is sampled")
     parser.add_argument("--once", action="store_true", help="do not average over symmetries")
     parser.add_argument("--forget", action="store_true", help="of a mapper, take its memory away")
-    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--json", type=Path, help="file for which labyrinths were solved")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of the failures")
     given = parser.parse_args()
-    torch.set_num_threads(given.threads)
+    torch.set_num_threads(1)
     record = read_record(given.run)
     if record is None:
         raise SystemExit(f"{given.run} holds no finished run")
     make_player, image_size = policy_of(
         given.run, record["run"], once=given.once, forget=given.forget
     )
-    about = {"run": record["run"], "drawn_with_seed": given.seed, "in_one_view": given.once}
+    about = {"run": record["run"], "drawn_with_seed": SEED, "in_one_view": given.once}
     about |= {"seconds_of_training": record["seconds"]}
     about |= {"without_memory": True} if given.forget else {}
     kept: dict[str, list[bool]] = {}
@@ -80,15 +78,10 @@ def main() -> None:
         if before | about != before:
             raise SystemExit(f"{given.json} is of another run or test: give another file")
         kept = {name: which.tolist() for name, which in before["solved"].items()}
-    sets = labyrinth_sets(
-        given.data_dir,
-        record["run"]["config"],
-        np.random.default_rng(given.seed),
-        sides=given.sizes,
-        labyrinths=given.labyrinths,
-    )
+    config = record["run"]["config"]
+    sets = labyrinth_sets(given.data_dir, config, sides=given.sizes, labyrinths=given.labyrinths)
     looks = LOOKS if given.looks else {}
-    for name, labyrinths, styles, moved in shown(sets, looks, given.moved, given.seed):
+    for name, labyrinths, styles, moved in shown(sets, looks, given.moved):
         if name in kept or (given.only and name not in given.only):
             continue
         structure = labyrinths[0].structure
@@ -127,7 +120,6 @@ def shown(
     sets: Iterable[tuple[str, list[Labyrinth]]],
     looks: Mapping[str, Look],
     moved: Sequence[int],
-    seed: int,
 ) -> Iterator[tuple[str, list[Labyrinth], list[Style | None], int]]:
     """Yield sets of labyrinths with the style of each, and by how many pixels they are moved.
 
@@ -138,7 +130,7 @@ def shown(
         yield name, labyrinths, usual, 0
         if name in ("test", "test, new ends"):
             for look, styles in looks.items():
-                rng = np.random.default_rng([seed, len(name)])
+                rng = np.random.default_rng([SEED, len(name)])
                 yield f"{name}, {look}", labyrinths, list(styles(labyrinths, rng)), 0
             for pixels in moved:
                 yield f"{name}, moved by {pixels} pixels", labyrinths, usual, pixels

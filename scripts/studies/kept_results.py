@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.studies.results.paper import METHODS, name_of
+
+RESULTS = Path(__file__).parents[2] / "docs/results"
 
 Run = dict[str, Any]
 """A file of a run; `solved` has 1 or 0 for each labyrinth of each set or split, shape (L,)."""
@@ -35,13 +37,13 @@ def read_run(path: Path) -> Run:
     return kept
 
 
-def read_runs(folder: Path, pattern: str = "*.json") -> list[Run]:
-    """Return the files in a folder, by name.
+def read_runs(folder: str, pattern: str = "*.json") -> list[Run]:
+    """Return the files in a folder of docs/results, by name.
 
     Raises:
         ValueError: There is none.
     """
-    paths = sorted(folder.glob(pattern))
+    paths = sorted((RESULTS / folder).glob(pattern))
     if not paths:
         raise ValueError(f"{folder} holds no {pattern}")
     return [read_run(path) for path in paths]
@@ -62,14 +64,27 @@ def solved_in(group: Sequence[Run], name: str) -> NDArray[np.float64]:
     return np.stack([each["solved"][name] for each in group])
 
 
+def grouped(runs: Iterable[Run], *names: str) -> dict[tuple[Any, ...], list[Run]]:
+    """Return runs grouped by the values of some names, in ascending order."""
+    groups: dict[tuple[Any, ...], list[Run]] = {}
+    for each in runs:
+        groups.setdefault(tuple(each[name] for name in names), []).append(each)
+    return dict(sorted(groups.items()))
+
+
 def percent(mean: float, low: float, high: float) -> str:
     """Return a share and its interval, in percent."""
     return f"{round(100 * mean)} [{round(100 * low)}, {round(100 * high)}]"
 
 
-def rate(solved: NDArray[np.float64]) -> str:
+def bounds(solved: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return the share that was solved, and its 95% interval over seeds and labyrinths."""
-    return percent(float(solved.mean()), *interval(solved))
+    return float(solved.mean()), *interval(solved)
+
+
+def rate(solved: NDArray[np.float64]) -> str:
+    """Return the same in percent, as text."""
+    return percent(*bounds(solved))
 
 
 def whole(share: float) -> str:

@@ -21,11 +21,13 @@ from labyrinth_core.world.random_labyrinth import change_start_and_goal
 from labyrinth_core.world.sampling import default_open_walls, sample_structures
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
+SEED = 1_000_000
+"""The seed of the starts, goals and structures that runs are tested on."""
+
 
 def labyrinth_sets(
     source: str | Path,
     config: str,
-    rng: np.random.Generator,
     *,
     sides: Sequence[int] = (),
     labyrinths: int = 100,
@@ -35,10 +37,10 @@ def labyrinth_sets(
     Args:
         source: Folder with the dataset, or its id on the Hub.
         config: Such as `5x5`.
-        rng: Draws starts, goals and structures.
         sides: Sides of larger fresh labyrinths; fresh ones of the dataset's size always come.
         labyrinths: The number of fresh labyrinths of each size, whose structures are not in train.
     """
+    rng = np.random.default_rng(SEED)
     splits = {
         split: list(load_arrays(source, config, split, observation="vector").labyrinths)
         for split in EVALUATED_SPLITS

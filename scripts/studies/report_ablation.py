@@ -7,15 +7,13 @@ They are of the results of ablate.py. Intervals: 95% bootstrap over seeds and la
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures import COLOURS
-from kept_results import Run, rate, read_runs, solved_in, whole
+from figures import COLOURS, draw_rates
+from kept_results import Run, bounds, grouped, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
-from labyrinth_core.evaluation.intervals import interval
 from pipeline.machinery.markdown import table
 from pipeline.studies.results.paper import name_of
 
@@ -27,35 +25,20 @@ Groups = dict[tuple[Any, ...], list[Run]]
 """Runs that differ in the seed alone, by the values that they have in common."""
 
 
-def grouped(results: Iterable[Run], *names: str) -> Groups:
-    """Return results grouped by the values of some names."""
-    groups: Groups = {}
-    for each in results:
-        groups.setdefault(tuple(each[name] for name in names), []).append(each)
-    return dict(sorted(groups.items()))
-
-
-def bounds(group: Sequence[Run], name: str) -> tuple[float, float, float]:
-    """Return the success rate on a set, and its interval, in percent."""
-    solved = solved_in(group, name)
-    low, high = interval(solved)
-    return 100 * float(solved.mean()), 100 * low, 100 * high
-
-
 def worth(group: Sequence[Run]) -> float:
     """Return a score of runs by which they are ordered."""
     return sum(float(solved_in(group, name).mean()) for name in SHOWN)
 
 
-def usual(results: Path) -> Groups:
+def usual() -> Groups:
     """Return the runs on the usual number of labyrinths, by config and variant."""
-    runs = read_runs(results / "ablation", "*/*.json")
+    runs = read_runs("ablation", "*/*.json")
     return grouped((each for each in runs if each["usual"]), "config", "variant")
 
 
-def samples(results: Path) -> Groups:
+def samples() -> Groups:
     """Return the runs of the variants that were tried on several numbers of labyrinths."""
-    runs = read_runs(results / "ablation/5x5")
+    runs = read_runs("ablation/5x5")
     counted = {each["variant"] for each in runs if not each["usual"]}
     return grouped((each for each in runs if each["variant"] in counted), "variant", "labyrinths")
 
@@ -65,9 +48,9 @@ def sets_of(group: Sequence[Run], names: Iterable[str]) -> list[str]:
     return [rate(solved_in(group, name)) for name in names]
 
 
-def ingredients(results: Path) -> str:
+def ingredients() -> str:
     """Return a table with a row for each variant at 5x5, the best first."""
-    groups = [group for (config, _), group in usual(results).items() if config == "5x5"]
+    groups = [group for (config, _), group in usual().items() if config == "5x5"]
     rows = []
     for group in sorted(groups, key=worth, reverse=True):
         seconds = float(np.mean([each["cpu_seconds"] for each in group]))
@@ -92,9 +75,9 @@ def shown(name: str) -> str:
     return f"`{name}`" if name.startswith("s0") else name
 
 
-def without_grid(results: Path) -> str:
+def without_grid() -> str:
     """Return a table of the seeds without the grid and the colour."""
-    runs = usual(results)["5x5", "without grid and colour"]
+    runs = usual()["5x5", "without grid and colour"]
     sets = ("test", "s0", "s0_and_g", "validation, new ends", "test, new ends", "fresh")
     cells = [
         [str(run["seed"]), *(whole(run["solved"][name].mean()) for name in sets)] for run in runs
@@ -102,7 +85,7 @@ def without_grid(results: Path) -> str:
     return table(["seed", *map(shown, sets)], cells)
 
 
-def by_number(results: Path) -> str:
+def by_number() -> str:
     """Return a table with a row for each number of labyrinths."""
     rows = [
         [
@@ -111,15 +94,15 @@ def by_number(results: Path) -> str:
             *sets_of(group, SETS[1:2] + SETS[4:]),
             str(len(group)),
         ]
-        for (variant, labyrinths), group in samples(results).items()
+        for (variant, labyrinths), group in samples().items()
     ]
     rows.sort(key=lambda row: row[0] == "BC")
     return table(["% solved", "of labyrinths", *map(shown, SETS[1:2] + SETS[4:]), "seeds"], rows)
 
 
-def tasks(results: Path) -> str:
+def tasks() -> str:
     """Return a table of the planner with other tasks."""
-    groups = {config: group for (config, _), group in usual(results).items() if "-" in config}
+    groups = {config: group for (config, _), group in usual().items() if "-" in config}
     rows = [
         [config.partition("-")[2].replace("_", " "), *sets_of(groups[config], SETS)]
         for config in sorted(groups, key=lambda config: -worth(groups[config]))
@@ -127,9 +110,9 @@ def tasks(results: Path) -> str:
     return table(["% solved", *map(shown, SETS)], rows)
 
 
-def draw_ingredients(results: Path) -> Figure:
+def draw_ingredients() -> Figure:
     """Return a figure with a panel for each size, and a line for each variant."""
-    groups = usual(results)
+    groups = usual()
     sizes = sorted({config for config, _ in groups if "-" not in config})
     variants = [variant for config, variant in groups if config == sizes[-1]]
     variants.sort(key=lambda variant: worth(groups[sizes[-1], variant]))
@@ -138,22 +121,18 @@ def draw_ingredients(results: Path) -> Figure:
     for panel, size in zip(panels, sizes, strict=True):
         there = [variant for variant in variants if (size, variant) in groups]
         for place, (name, label) in enumerate(SHOWN.items()):
-            rates = [bounds(groups[size, variant], name) for variant in there]
-            mean, low, high = np.array(rates).T
-            heights = np.array([variants.index(variant) for variant in there]) + 0.12 - 0.24 * place
-            errors = np.maximum([mean - low, high - mean], 0)
-            style = {"fmt": "o", "ms": 4, "color": COLOURS[place], "label": label}
-            panel.errorbar(mean, heights, xerr=errors, **style)
-        panel.set(title=size, xlim=(-3, 103), xlabel="% solved")
-        panel.grid(axis="x", alpha=0.3)
+            solved = [solved_in(groups[size, variant], name) for variant in there]
+            heights = [variants.index(variant) for variant in there]
+            draw_rates(panel, heights, solved, place, ms=4, label=label)
+        panel.set(title=size, xlabel="% solved")
     panels[0].set_yticks(range(len(variants)), variants)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
-def draw_samples(results: Path) -> Figure:
+def draw_samples() -> Figure:
     """Return a figure of success rates by the number of labyrinths, a panel for each set."""
-    groups = samples(results)
+    groups = samples()
     figure = Figure(figsize=(7.2, 2.8), layout="constrained")
     panels = figure.subplots(1, len(SHOWN), sharey=True)
     for panel, (name, label) in zip(panels, SHOWN.items(), strict=True):
@@ -161,7 +140,8 @@ def draw_samples(results: Path) -> Figure:
             of_variant = {
                 count: group for (name_, count), group in groups.items() if name_ == variant
             }
-            mean, low, high = np.array([bounds(group, name) for group in of_variant.values()]).T
+            rates = [bounds(solved_in(group, name)) for group in of_variant.values()]
+            mean, low, high = 100 * np.array(rates).T
             panel.fill_between(list(of_variant), low, high, color=COLOURS[place], alpha=0.2, lw=0)
             panel.plot(list(of_variant), mean, "o-", ms=4, color=COLOURS[place], label=variant)
         panel.set(xscale="log", title=label, xlabel="labyrinths trained on", ylim=(-3, 103))

@@ -18,7 +18,7 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from kept_results import Run, by_method, read_runs, solved_in, whole
+from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
@@ -43,37 +43,36 @@ EPISODES = 50
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path, default=Path("docs/results"))
     parser.add_argument("--data-dir", type=Path, required=True)
     given = parser.parse_args()
     configs = sorted({config for config, _, _ in paper_figures()})
     print("# Runs by the authors' protocol\n\n## Uniformly random actions, as SQIL is tried\n")
     print(table(["split", *headings(configs)], list(random_rows(given.data_dir, configs))))
     print("\n## The runs\n")
-    found = {config: runs_of(given.results, config) for config in sizes_of(given.results)}
+    found = {config: runs_of(config) for config in sizes_of()}
     rows = [about(each) for runs in found.values() for each in runs]
     print(table(["run", "differs from the script", "kept"], rows, "lll"))
     for config, runs in found.items():
         print(f"\n## {config}, labyrinths solved in percent\n")
-        usual = usual_rates(given.results, config)
+        usual = usual_rates(config)
         heading = ["method", "seed", "split", "printed", "authors", "usual", "what fits"]
         print(table(heading, [row for each in runs for row in cells(each, usual)], "lrlrrrl"))
 
 
-def sizes_of(results: Path) -> list[str]:
+def sizes_of() -> list[str]:
     """Return the sizes of which there are runs by the authors' protocol."""
-    return sorted(each.name for each in (results / "authors/runs").iterdir())
+    return sorted(each.name for each in (RESULTS / "authors/runs").iterdir())
 
 
-def runs_of(results: Path, config: str) -> list[Run]:
+def runs_of(config: str) -> list[Run]:
     """Return the runs by the authors' protocol, in the usual order of methods."""
-    groups = by_method(read_runs(results / "authors/runs" / config))
+    groups = by_method(read_runs(f"authors/runs/{config}"))
     return [each for group in groups.values() for each in group]
 
 
-def usual_rates(results: Path, config: str) -> Rates:
+def usual_rates(config: str) -> Rates:
     """Return the success rates of the usual runs of a size."""
-    groups = by_method(read_runs(results / "runs" / config, "*-cnn-seed?.json")).values()
+    groups = by_method(read_runs(f"runs/{config}", "*-cnn-seed?.json")).values()
     return {
         (split, group[0]["run"]["method"]): float(solved_in(group, split).mean())
         for group in groups
@@ -81,12 +80,12 @@ def usual_rates(results: Path, config: str) -> Rates:
     }
 
 
-def beside(results: Path) -> str:
+def beside() -> str:
     """Return a table of all runs: printed, by the authors' protocol, and as usual."""
     rows = []
-    for config in sizes_of(results):
-        usual = usual_rates(results, config)
-        for group in by_method(runs_of(results, config)).values():
+    for config in sizes_of():
+        usual = usual_rates(config)
+        for group in by_method(runs_of(config)).values():
             runs = [each["run"] for each in group]
             method, epochs = runs[0]["method"], runs[0]["settings"]["epochs"]
             found = []
@@ -99,10 +98,10 @@ def beside(results: Path) -> str:
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows)
 
 
-def verdicts(results: Path) -> str:
+def verdicts() -> str:
     """Return a table of every cell of the paper: printed, theirs by our hand, ours, the verdict."""
     rows = []
-    for (config, method), judged in judged_cells(results).items():
+    for (config, method), judged in judged_cells().items():
         found = []
         for printed, theirs, ours, verdict in judged:
             tried = "-" if theirs is None else whole(theirs)
@@ -112,22 +111,22 @@ def verdicts(results: Path) -> str:
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 6)
 
 
-def counted_verdicts(results: Path) -> str:
+def counted_verdicts() -> str:
     """Return a table of the number of cells with each verdict, by size."""
     found: dict[str, Counter[str]] = {}
-    for (config, _), judged in judged_cells(results).items():
+    for (config, _), judged in judged_cells().items():
         found.setdefault(config, Counter()).update(verdict for *_, verdict in judged)
     found["all"] = sum(found.values(), Counter())
     rows = [[config, *(str(counts[each]) for each in VERDICTS)] for config, counts in found.items()]
     return table(["cells", *VERDICTS], rows)
 
 
-def judged_cells(results: Path) -> dict[tuple[str, str], list[Judged]]:
+def judged_cells() -> dict[tuple[str, str], list[Judged]]:
     """Return the cells of the paper by config and method, one a split."""
     found = {}
     for config in sorted({config for config, _, _ in paper_figures()}):
-        usual = usual_rates(results, config)
-        tried = runs_of(results, config) if config in sizes_of(results) else []
+        usual = usual_rates(config)
+        tried = runs_of(config) if config in sizes_of() else []
         for method in METHODS:
             runs = [each["run"] for each in tried if each["run"]["method"] == method]
             found[config, method] = [

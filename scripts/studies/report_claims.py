@@ -9,12 +9,11 @@ Intervals: 95% bootstrap over labyrinths and seeds. `report_pages.py` writes and
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures import COLOURS
-from kept_results import Groups, by_method, percent, rate, read_runs, solved_in, whole
+from figures import draw_rates
+from kept_results import RESULTS, Groups, by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -32,28 +31,27 @@ Parts = Mapping[str, NDArray[np.bool_]]
 """Part of the labyrinths -> whether each labyrinth is in it, shape (L,)."""
 
 
-def routes_of(results: Path, labyrinths: int, split: str) -> dict[str, tuple[int, int]]:
+def routes_of(labyrinths: int, split: str) -> dict[str, tuple[int, int]]:
     """Return the moves of a shortest route and the number of such routes, by labyrinth.
 
     Args:
-        results: The folder docs/results.
         labyrinths: How many train has.
         split: The split.
     """
-    found: dict[str, tuple[int, int]] = read_json(results / f"routes/{labyrinths}.json")[split]
+    found: dict[str, tuple[int, int]] = read_json(RESULTS / f"routes/{labyrinths}.json")[split]
     return found
 
 
-def moves_and_routes(results: Path, labyrinths: int, groups: Groups, split: str) -> Any:
+def moves_and_routes(labyrinths: int, groups: Groups, split: str) -> Any:
     """Return the same for the labyrinths that runs were evaluated on, shape (2, L)."""
-    found = routes_of(results, labyrinths, split)
+    found = routes_of(labyrinths, split)
     first = next(iter(groups.values()))[0]
     return np.array([found[each] for each in first["splits"][split]["labyrinth_ids"]]).T
 
 
-def thousand(results: Path) -> Groups:
+def thousand() -> Groups:
     """Return the runs on a thousand labyrinths."""
-    return by_method(read_runs(results / "thousand/runs/5x5"))
+    return by_method(read_runs("thousand/runs/5x5"))
 
 
 def six(groups: Groups) -> list[Any]:
@@ -61,9 +59,9 @@ def six(groups: Groups) -> list[Any]:
     return [run for name in METHODS.values() for run in groups[name]]
 
 
-def rates(results: Path) -> str:
+def rates() -> str:
     """Return a table with a row for each method, and for each reference."""
-    groups = thousand(results)
+    groups = thousand()
     heading = ["", "seeds", "SR", "interquartile mean", "SPL"]
     rows = []
     for name, runs in groups.items():
@@ -78,11 +76,11 @@ def rates(results: Path) -> str:
     return table(heading, rows)
 
 
-def parts_of(results: Path, groups: Groups) -> dict[str, Parts]:
+def parts_of(groups: Groups) -> dict[str, Parts]:
     """Return the parts of test: of all labyrinths, of those alike in length, and in routes."""
     marks = next(iter(groups.values()))[0]["splits"][SPLIT]["known_route"]
     known = np.array([mark == "1" for mark in marks])
-    moves, routes = moves_and_routes(results, 1000, groups, SPLIT)
+    moves, routes = moves_and_routes(1000, groups, SPLIT)
     usual = int(np.bincount(moves).argmax())
     alike = {
         "all": np.ones_like(known),
@@ -92,12 +90,12 @@ def parts_of(results: Path, groups: Groups) -> dict[str, Parts]:
     return {name: {"known": known & like, "new": ~known & like} for name, like in alike.items()}
 
 
-def known_routes(results: Path) -> str:
+def known_routes() -> str:
     """Return a table of what is known and new: labyrinths, optimal routes, the mean of six."""
-    groups = thousand(results)
-    _, routes = moves_and_routes(results, 1000, groups, SPLIT)
+    groups = thousand()
+    _, routes = moves_and_routes(1000, groups, SPLIT)
     solved, rows = solved_in(six(groups), SPLIT), []
-    for name, parts in parts_of(results, groups).items():
+    for name, parts in parts_of(groups).items():
         known, new = parts.values()
         counted = [f"{part.sum()}, {routes[part].mean():.2f}" for part in (known, new)]
         rows.append([name, *counted, *_compared(solved, parts)])
@@ -105,10 +103,10 @@ def known_routes(results: Path) -> str:
     return table([*heading, "six methods: known", "new", "difference"], rows)
 
 
-def by_route(results: Path) -> str:
+def by_route() -> str:
     """Return a table of each method's success with known and new routes, and the difference."""
-    groups = thousand(results)
-    parts = parts_of(results, groups)
+    groups = thousand()
+    parts = parts_of(groups)
     rows = []
     for name, runs in groups.items():
         cells = (_compared(solved_in(runs, SPLIT), each) for each in parts.values())
@@ -123,22 +121,22 @@ def _compared(solved: NDArray[np.float64], parts: Parts) -> Iterator[str]:
     yield percent(first.mean() - second.mean(), *interval(first, second))
 
 
-def pairs(results: Path) -> str:
+def pairs() -> str:
     """Return which methods differ by more than chance."""
-    groups = thousand(results).items()
+    groups = thousand().items()
     rates = {name: solved_in(runs, SPLIT).mean(axis=1) for name, runs in groups}
     return "\n\n".join(pairs_of_methods(rates))
 
 
-def new_routes(results: Path) -> str:
+def new_routes() -> str:
     """Return a table of success on test and on test_new_routes, as it is and alike in routes.
 
     Labyrinths of test count as often as those of `test_new_routes` have as many moves and optimal
     routes; of these, the ones that test has none of are left out.
     """
-    groups = by_method(read_runs(results / "shifts/runs/5x5"))
+    groups = by_method(read_runs("shifts/runs/5x5"))
     of_test, of_new = (
-        [tuple(each) for each in moves_and_routes(results, 100, groups, split).T.tolist()]
+        [tuple(each) for each in moves_and_routes(100, groups, split).T.tolist()]
         for split in (SPLIT, "test_new_routes")
     )
     shared = np.array([each in of_test for each in of_new])
@@ -152,13 +150,13 @@ def new_routes(results: Path) -> str:
     return table(["", "test", "`test_new_routes`", f"{matched}: test", "`test_new_routes`"], rows)
 
 
-def matching(results: Path) -> str:
+def matching() -> str:
     """Return a table of lengths and numbers of routes of splits, by the labyrinths of train."""
     rows = []
     for count in (100, 200):
         splits = ("train", SPLIT, "test_new_routes", "longer")
         train, test, new, longer = (
-            np.array([*routes_of(results, count, split).values()]) for split in splits
+            np.array([*routes_of(count, split).values()]) for split in splits
         )
         cells = [
             f"{(each[:, 0] == 8).sum()}, {each[:, 0].mean():.1f}, {each[:, 1].mean():.2f}"
@@ -170,38 +168,27 @@ def matching(results: Path) -> str:
     return table(heading, rows)
 
 
-def draw(results: Path) -> Figure:
+def draw() -> Figure:
     """Return a figure of success with and without a route to remember, a row for each method."""
-    groups = thousand(results)
-    parts = parts_of(results, groups)
+    groups = thousand()
+    parts = parts_of(groups)
     figure = Figure(figsize=(7.2, 1.0 + 0.3 * len(groups)), layout="constrained")
     panels = figure.subplots(1, len(parts), sharey=True)
     rows = np.arange(len(groups))[::-1]
     for panel, (alike, each) in zip(panels, parts.items(), strict=True):
         for place, (name, which) in enumerate(each.items()):
             solved = [solved_in(runs, SPLIT)[:, which] for runs in groups.values()]
-            middle = np.array([some.mean() for some in solved])
-            low, high = np.array([interval(some) for some in solved]).T
-            panel.errorbar(
-                100 * middle,
-                rows + 0.12 - 0.24 * place,
-                xerr=100 * np.maximum([middle - low, high - middle], 0),
-                fmt="o",
-                ms=5,
-                color=COLOURS[place],
-                label=PARTS[name],
-            )
-        panel.set(xlim=(-3, 103), xlabel=f"% solved of {SPLIT}, 5x5", title=alike)
-        panel.grid(axis="x", alpha=0.3)
+            draw_rates(panel, rows, solved, place, ms=5, label=PARTS[name])
+        panel.set(xlabel=f"% solved of {SPLIT}, 5x5", title=alike)
     panels[0].set_yticks(rows, list(groups))
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
-def costs(results: Path) -> str:
+def costs() -> str:
     """Return a table of runs and core-hours by method, of all runs that are kept in a folder."""
     found: dict[str, dict[tuple[Any, ...], float]] = {}
-    for content in _kept(results):
+    for content in _kept():
         if "variant" in content:  # Of scripts/studies/ablate.py.
             method, seconds = content["variant"], content["cpu_seconds"]
             method = "BC" if method.startswith("bc") else "planner"
@@ -222,9 +209,9 @@ def costs(results: Path) -> str:
     return table(["method", "runs", "hours"], [*rows, ["all", runs, f"{hours:.1f}"]])
 
 
-def _kept(results: Path) -> Iterator[dict[str, Any]]:
+def _kept() -> Iterator[dict[str, Any]]:
     """Yield the content of each file that describes a run with the time that it took."""
-    for path in sorted(results.rglob("*-seed*.json")):
+    for path in sorted(RESULTS.rglob("*-seed*.json")):
         content = read_json(path)
         if content.get("kind") or content.keys() & {"cpu_seconds", "seconds_of_training"}:
             yield content

@@ -6,19 +6,17 @@ exchanged, ablate.py. `report_pages.py` writes them.
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from kept_results import by_seed, read_runs, solved_in, whole
-from report_ablation import grouped, shown
+from kept_results import by_seed, grouped, read_runs, solved_in, whole
+from report_ablation import shown
 
 from pipeline.machinery.markdown import table
 from pipeline.studies.results.paper import name_of
 
 
-def planner_by_seed(results: Path) -> str:
+def planner_by_seed() -> str:
     """Return a table of three seeds: the splits in eight views, and other labyrinths in one."""
-    runs = read_runs(results / "runs/5x5", "planner-*.json")
-    larger = read_runs(results / "larger", "planner-*.json")
+    runs = read_runs("runs/5x5", "planner-*.json")
+    larger = read_runs("larger", "planner-*.json")
     splits = {name: shown(name) for name in ("train", "validation", "test", "s0", "s0_and_g")}
     other = {
         "validation, new ends": "structures of validation, new start and goal",
@@ -30,9 +28,9 @@ def planner_by_seed(results: Path) -> str:
     return table(heading, by_seed(runs, splits) + by_seed(larger, other))
 
 
-def exchanged(results: Path) -> str:
+def exchanged() -> str:
     """Return a table of the runs with two actions exchanged."""
-    groups = grouped(read_runs(results / "controls/exchanged/5x5"), "variant")
+    groups = grouped(read_runs("controls/exchanged/5x5"), "variant")
     rows = [
         [
             variant,
@@ -44,9 +42,9 @@ def exchanged(results: Path) -> str:
     return table(["% solved", "train", "test", "seeds"], rows)
 
 
-def powers(results: Path) -> str:
+def powers() -> str:
     """Return a table of the powers to which the planner raises costs, and of those by the rule."""
-    (run,) = read_runs(results / "controls/powers")
+    (run,) = read_runs("controls/powers")
     of_sets: dict[str, dict[str, str]] = {}
     for name, solved in run["solved"].items():
         of_set, _, power = name.rpartition(" at ")
@@ -59,9 +57,9 @@ def powers(results: Path) -> str:
     return table(["power", f"{tried[0]}, as learnt", *tried[1:], "by the rule"], rows)
 
 
-def looks(results: Path) -> str:
+def looks() -> str:
     """Return a table of other looks, the seeds of a method in one cell."""
-    runs = read_runs(results / "controls/looks")
+    runs = read_runs("controls/looks")
     methods = {
         name: [each for each in runs if each["method"] == name] for name in ("planner", "bc")
     }
@@ -88,11 +86,11 @@ PEERS: dict[str, tuple[str, str]] = {
 """Name in print -> the folder and the pattern of the runs."""
 
 
-def peers(results: Path) -> str:
+def peers() -> str:
     """Return a table of the planner and its peers on the splits."""
     splits, rows = ("train", "validation", "test", "s0", "s0_and_g"), []
     for name, (folder, pattern) in PEERS.items():
-        runs = read_runs(results / folder, pattern)
+        runs = read_runs(folder, pattern)
         cells = (whole(solved_in(runs, split).mean()) for split in splits)
         rows.append([name, str(len(runs)), *cells])
     return table(["5x5, % solved", "seeds", *map(shown, splits)], rows)

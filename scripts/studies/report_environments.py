@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+
+from kept_results import RESULTS
 
 from pipeline.studies.environments.variation_report import LIKE_THEIRS, columns_of
 
@@ -21,22 +22,22 @@ MANY = {"environment": "{name}", "episodes": "{seeds:,}"} | {
 }
 
 
-def like_theirs(results: Path) -> str:
+def like_theirs() -> str:
     """Return the table of differences, with the original's figures in parentheses."""
-    return columns_of(_kept(results, "thousand"), LIKE_THEIRS)
+    return columns_of(_kept("thousand"), LIKE_THEIRS)
 
 
-def two_episodes(results: Path) -> str:
+def two_episodes() -> str:
     """Return the table of how much two episodes differ."""
-    return columns_of(_kept(results, "thousand"), MORE)
+    return columns_of(_kept("thousand"), MORE)
 
 
-def many(results: Path) -> str:
+def many() -> str:
     """Return the table of differences over many episodes."""
-    return columns_of(_kept(results, "many"), MANY)
+    return columns_of(_kept("many"), MANY)
 
 
-def _kept(results: Path, name: str) -> list[dict[str, object]]:
+def _kept(name: str) -> list[dict[str, object]]:
     """Return the values of the environments in the files of a folder."""
-    files = sorted((results / "environments" / name).glob("*.json"))
+    files = sorted((RESULTS / "environments" / name).glob("*.json"))
     return [each for path in files for each in json.loads(path.read_text(encoding="utf-8"))]

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 from figures import COLOURS, INK, heat_map
-from kept_results import Run, read_run, read_runs, solved_in, whole
+from kept_results import RESULTS, Run, read_run, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
 from pipeline.machinery.markdown import table
@@ -38,9 +37,9 @@ SHOWN = ("bc-cnn", "planner", "mapper")
 """The kinds of runs in the figure."""
 
 
-def kinds_of(results: Path) -> dict[str, list[Run]]:
+def kinds_of() -> dict[str, list[Run]]:
     """Return the runs of each kind, and those with the most sets first."""
-    return {kind: read_runs(results / "mapper", f"{kind}-seed*.json") for kind in KINDS}
+    return {kind: read_runs("mapper", f"{kind}-seed*.json") for kind in KINDS}
 
 
 def sets_of(kinds: Mapping[str, Sequence[Run]]) -> list[str]:
@@ -48,9 +47,9 @@ def sets_of(kinds: Mapping[str, Sequence[Run]]) -> list[str]:
     return list(dict.fromkeys(name for runs in kinds.values() for name in runs[0]["solved"]))
 
 
-def rates(results: Path) -> str:
+def rates() -> str:
     """Return a table of success rates in percent: of several seeds, the median and the worst."""
-    kinds = kinds_of(results)
+    kinds = kinds_of()
     columns = [column for kind, runs in kinds.items() for column in columns_of(kind, runs)]
     heads = ["% solved", *(head for head, _, _ in columns)]
     rows = [
@@ -85,13 +84,13 @@ def shares_of(runs: Sequence[Run], name: str) -> list[float]:
     return [float(run["solved"][name].mean()) for run in runs if name in run["solved"]]
 
 
-def on_slots(results: Path) -> str:
+def on_slots() -> str:
     """Return a table of the runs on slots of slot_controls.py, in percent: variants of one seed."""
     names = ["test", "test, walls of a quarter", "test, moved by 12 pixels", "test, new ends"]
     names.append("fresh 10x10")
     rows = []
     for kind, (end, differs) in product(("slots-bc", "slots-vin"), ON_SLOTS.items()):
-        path = results / "mapper" / f"{kind}{end}-seed0.json"
+        path = RESULTS / f"mapper/{kind}{end}-seed0.json"
         if path.exists():
             run = read_run(path)
             shares = [
@@ -103,9 +102,9 @@ def on_slots(results: Path) -> str:
     return table(["% solved, seed 0", "epoch selected", "validation", *names], rows)
 
 
-def by_size(results: Path) -> dict[int, list[Run]]:
+def by_size() -> dict[int, list[Run]]:
     """Return the runs that were tried on each size, in ascending order."""
-    runs = read_runs(results / "mapper/sizes")
+    runs = read_runs("mapper/sizes")
     sides = {int(name.split("x")[1]) for run in runs for name in run["solved"]}
     return {side: [run for run in runs if set_of(side) in run["solved"]] for side in sorted(sides)}
 
@@ -115,7 +114,7 @@ def set_of(side: int) -> str:
     return f"fresh {side}x{side}"
 
 
-def sizes(results: Path) -> str:
+def sizes() -> str:
     """Return a table of what the seeds solve of fresh labyrinths of each size, in percent."""
     rows = [
         [
@@ -124,17 +123,15 @@ def sizes(results: Path) -> str:
             shown(runs, set_of(side)),
             shown(runs, set_of(side), min),
         ]
-        for side, runs in by_size(results).items()
+        for side, runs in by_size().items()
     ]
     return table(["size", "labyrinths a seed", "% solved: median", "worst"], rows)
 
 
-def draw_sizes(results: Path) -> Figure:
+def draw_sizes() -> Figure:
     """Return a figure of what is solved at each size: of all seeds, the median and the worst."""
-    found = {
-        side: np.array(shares_of(runs, set_of(side))) for side, runs in by_size(results).items()
-    }
-    seeds = len(read_runs(results / "mapper/sizes"))
+    found = {side: np.array(shares_of(runs, set_of(side))) for side, runs in by_size().items()}
+    seeds = len(read_runs("mapper/sizes"))
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")
     panel = figure.subplots()
     middle, low = (
@@ -146,7 +143,7 @@ def draw_sizes(results: Path) -> Figure:
     )
     panel.plot(list(found), low, "o:", ms=3, color=COLOURS[0], label="mapper, worst seed")
     for kind, mark in (("planner", "s"), ("bc-cnn", "v")):
-        (run,) = kinds_of(results)[kind]
+        (run,) = kinds_of()[kind]
         sides = [side for side in (10, 25) if set_of(side) in run["solved"]]
         shares = [100 * run["solved"][set_of(side)].mean() for side in sides]
         panel.plot(
@@ -161,9 +158,9 @@ def draw_sizes(results: Path) -> Figure:
     return figure
 
 
-def draw(results: Path) -> Figure:
+def draw() -> Figure:
     """Return a heat map: how much of each set is solved by each kind of run that is shown."""
-    kinds = kinds_of(results)
+    kinds = kinds_of()
     shared = [
         name
         for name in sets_of(kinds)

@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[2]
 
-TABLES: Mapping[str, Callable[[Path], str]] = {
+TABLES: Mapping[str, Callable[[], str]] = {
     "thousand": report_claims.rates,
     "known routes": report_claims.known_routes,
     "known routes by method": report_claims.by_route,
@@ -64,9 +64,9 @@ TABLES: Mapping[str, Callable[[Path], str]] = {
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
 }
-"""Name of a table -> what makes it from the folder docs/results."""
+"""Name of a table -> what makes it."""
 
-FIGURES: Mapping[str, Callable[[Path], Figure]] = {
+FIGURES: Mapping[str, Callable[[], Figure]] = {
     "claims": report_claims.draw,
     "shifts": report_shifts.draw,
     "ingredients": report_ablation.draw_ingredients,
@@ -83,20 +83,18 @@ PLACE = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end of table -->)", re
 def main() -> None:
     """Write the tables and draw the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path, default=ROOT / "docs/results")
-    parser.add_argument("--pages", type=Path, default=ROOT / "docs/studies")
     parser.add_argument("--figures", type=Path, help="folder for the figures")
     given = parser.parse_args()
-    for page in sorted(given.pages.glob("*.md")):
+    for page in sorted((ROOT / "docs/studies").glob("*.md")):
         text = page.read_text(encoding="utf-8")
-        page.write_text(with_tables(text, given.results), encoding="utf-8")
+        page.write_text(with_tables(text), encoding="utf-8")
     if given.figures is not None:
         with mpl.rc_context(STYLE):
             for name, draw in FIGURES.items():
-                save(draw(given.results), given.figures / f"{name}.png")
+                save(draw(), given.figures / f"{name}.png")
 
 
-def with_tables(page: str, results: Path) -> str:
+def with_tables(page: str) -> str:
     """Return the text of a page with the tables that the results give.
 
     Raises:
@@ -105,7 +103,7 @@ def with_tables(page: str, results: Path) -> str:
 
     def made(place: re.Match[str]) -> str:
         begin, name, end = place.groups()
-        return f"{begin}\n{TABLES[name](results)}\n\n{end}"
+        return f"{begin}\n{TABLES[name]()}\n\n{end}"
 
     return PLACE.sub(made, page)
 

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kept_results import Run, by_method, read_runs, solved_in, whole
+from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -35,9 +34,9 @@ def splits() -> list[str]:
     return [f"`{split}`" if split.startswith("s0") else split for split in EVALUATED_SPLITS]
 
 
-def of_size(results: Path, config: str) -> str:
+def of_size(config: str) -> str:
     """Return a table of all runs of a size beside the paper's figures, in parentheses."""
-    folder = results / "runs" / config
+    folder = f"runs/{config}"
     rows = []
     for pattern, note in (
         ("*-cnn-seed?.json", ""),
@@ -45,7 +44,7 @@ def of_size(results: Path, config: str) -> str:
         ("bc-cnn-seed?-paper.json", ", `protocol=paper`"),
         ("planner-seed?.json", ""),
     ):
-        if not any(folder.glob(pattern)):
+        if not any((RESULTS / folder).glob(pattern)):
             continue
         for name, runs in by_method(read_runs(folder, pattern)).items():
             cell = partial(_beside, config, runs, beside="ResNet" not in note)
@@ -63,9 +62,9 @@ def _beside(config: str, runs: Sequence[Run], split: str, *, beside: bool) -> st
     return f"{ours} ({whole(printed.sr)})" if beside and printed else ours
 
 
-def memory(results: Path) -> str:
+def memory() -> str:
     """Return a table of SR and SPL under partial observability, with memory and without."""
-    runs = read_runs(results / "memory/runs/5x5-partial_observability")
+    runs = read_runs("memory/runs/5x5-partial_observability")
     rows = []
     for method in ("planner", "bc"):
         for remembers, note in ((True, " with memory"), (False, "")):

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from figures import COLOURS, INK
-from kept_results import Run, read_runs, whole
+from kept_results import RESULTS, Run, read_runs, whole
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
@@ -30,10 +29,10 @@ Groups = Mapping[tuple[str, str, str], Sequence[Run]]
 """Size, method and what was learnt from -> the runs, one for each seed."""
 
 
-def groups_of(results: Path) -> Groups:
+def groups_of() -> Groups:
     """Return the runs by size, method and what they learnt from."""
     groups: dict[tuple[str, str, str], list[Run]] = {}
-    for path in sorted((results / "reinforcement").glob("*.json")):
+    for path in sorted((RESULTS / "reinforcement").glob("*.json")):
         kept = read_json(path)
         run = kept["run"]
         groups.setdefault((run["config"], run["method"], run["labyrinths"]), []).append(kept)
@@ -45,9 +44,9 @@ def curve(runs: Sequence[Run], split: str, figure: str = "spl") -> NDArray[np.fl
     return 100 * np.array([[each[split][figure] for each in run["checkpoints"]] for run in runs])
 
 
-def rates(results: Path) -> str:
+def rates() -> str:
     """Return a table of SPL and SR after the last step, and beside them what learns otherwise."""
-    groups, rows = groups_of(results), []
+    groups, rows = groups_of(), []
     for size in SIZES:
         for (config, method, labyrinths), runs in groups.items():
             if config == size:
@@ -56,7 +55,7 @@ def rates(results: Path) -> str:
                 steps = f"{runs[0]['run']['steps']:,}"
                 name = f"{method}, {LABYRINTHS[labyrinths]}"
                 rows.append([size, name, str(len(runs)), steps, *cells, f"{minutes:.1f}"])
-        rows += references(results, size)
+        rows += references(size)
     figures = [f"{split}: {figure.upper()}" for split in SPLITS for figure in FIGURES]
     heading = ["size", "method, what it learns from", "seeds", "steps", *figures, "minutes a run"]
     return table(heading, rows, "llrrrrrrr")
@@ -69,9 +68,9 @@ def last(runs: Sequence[Run], split: str, figure: str) -> str:
     return mean if low == high else f"{mean} ({low} to {high})"
 
 
-def references(results: Path, size: str) -> Iterator[list[str]]:
+def references(size: str) -> Iterator[list[str]]:
     """Yield rows of BC, which sees pictures, and of two that learn nothing."""
-    runs = bc(results, size)
+    runs = bc(size)
     shares = [
         np.mean([run["splits"][split][figure] for run in runs])
         for split in SPLITS
@@ -84,14 +83,14 @@ def references(results: Path, size: str) -> Iterator[list[str]]:
         yield [size, f"*{name.replace('_', ' ')}*", "", "", *cells, ""]
 
 
-def bc(results: Path, size: str) -> list[Run]:
+def bc(size: str) -> list[Run]:
     """Return the runs of BC on the same dataset."""
-    return read_runs(results / f"runs/{size}", "bc-cnn-seed?.json")
+    return read_runs(f"runs/{size}", "bc-cnn-seed?.json")
 
 
-def draw(results: Path) -> Figure:
+def draw() -> Figure:
     """Return a figure of SPL by steps, on train and on test, a panel for each method and size."""
-    groups = groups_of(results)
+    groups = groups_of()
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     panels = figure.subplots(len(SIZES), len(METHODS), sharey=True, squeeze=False)
     for (size, method, labyrinths), runs in groups.items():
@@ -110,7 +109,7 @@ def draw(results: Path) -> Figure:
         panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 1000:.0f}"))
         panel.grid(alpha=0.3)
     for row, size in zip(panels, SIZES, strict=True):
-        spl = 100 * np.mean([run["splits"]["test"]["spl"] for run in bc(results, size)])
+        spl = 100 * np.mean([run["splits"]["test"]["spl"] for run in bc(size)])
         for panel in row:
             panel.axhline(spl, color=INK, lw=0.9, ls="--", label="demonstrations (BC), on test")
         row[0].set_ylabel("SPL, %")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from figures import heat_map
@@ -58,19 +57,19 @@ GOALS = {
 """Train's goals and number of labyrinths -> the runs of BC evaluated with the fixed goal."""
 
 
-def methods_of(results: Path) -> dict[str, Solved]:
+def methods_of() -> dict[str, Solved]:
     """Return what was solved by each method, over its seeds."""
-    groups = by_method(read_runs(results / "shifts/runs/5x5"))
+    groups = by_method(read_runs("shifts/runs/5x5"))
     return {
         name: {split: solved_in(group, split) for split in SPLITS if split in group[0]["solved"]}
         for name, group in groups.items()
     }
 
 
-def rates(results: Path) -> str:
+def rates() -> str:
     """Return a table of success rates in percent, with a row for each split."""
-    methods = methods_of(results)
-    baselines = read_runs(results / "shifts/runs/5x5", "bc-*.json")[0]["baselines"]
+    methods = methods_of()
+    baselines = read_runs("shifts/runs/5x5", "bc-*.json")[0]["baselines"]
     rows = []
     for split in splits_of(methods):
         cells = [rate(solved[split]) for solved in methods.values()]
@@ -88,12 +87,9 @@ def splits_of(methods: Mapping[str, Solved]) -> list[str]:
     return [split for split in SPLITS if all(split in solved for solved in methods.values())]
 
 
-def goals(results: Path) -> str:
+def goals() -> str:
     """Return a table of BC with a fixed and with varied goals, evaluated with the fixed one."""
-    runs = {
-        name: read_runs(results / folder / "runs/5x5", "bc-*.json")
-        for name, folder in GOALS.items()
-    }
+    runs = {name: read_runs(f"{folder}/runs/5x5", "bc-*.json") for name, folder in GOALS.items()}
     varied = {"100": runs["varied, 100"], "1,000": runs["varied, 1,000"]}
     rows = []
     for split in ("test", "g", "s0_and_g", "test_g", "test_s0_and_g"):
@@ -107,9 +103,9 @@ def goals(results: Path) -> str:
     return table(["split", *heading, *(f"*memory of varied {name}*" for name in varied)], rows)
 
 
-def effects(results: Path) -> str:
+def effects() -> str:
     """Return a table of effects in points of success, with a row for each."""
-    methods = methods_of(results)
+    methods = methods_of()
     rows = [
         [name, *(percent(*effect(solved, factors)) for solved in methods.values())]
         for name, factors in EFFECTS.items()
@@ -138,9 +134,9 @@ def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float,
     return float(unseen.mean() + seen.mean()), *interval(unseen, -seen)
 
 
-def draw(results: Path) -> Figure:
+def draw() -> Figure:
     """Return a heat map: how much each method solves of each split."""
-    methods = methods_of(results)
+    methods = methods_of()
     splits = splits_of(methods)
     shares = 100 * np.array([[of[split].mean() for of in methods.values()] for split in splits])
     return heat_map(shares, splits, list(methods))

@@ -4,7 +4,7 @@ r"""Show what a hidden test is worth: memorisers fall on it, and attackers who c
     python scripts/studies/season.py attack
 
 `memorise` lets policies learn the public test of 5x5 (built by `python run.py size=5`), and judges
-them there and on a season's test of `--labyrinths`: a table of pictures, the reference
+them there and on a season's test of 1,000 labyrinths: a table of pictures, the reference
 `route_memory`, and with `--train` BC (`stages=train method=bc` with the rows of test in place of
 those of train), beside BC that learnt from train.
 
@@ -40,6 +40,8 @@ from pipeline.season.commitment import seed_of, without_seed
 from pipeline.season.judge import by_chance
 
 ROOT = Path(__file__).parents[2]
+FOLDER = Path("build/memorisers")
+"""For the season, the datasets and the runs."""
 CONFIG = "5x5"
 SECRET = bytes(32)
 """That of the season of this study; a real one is drawn by the operating system."""
@@ -57,20 +59,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["memorise", "attack"])
     parser.add_argument("--public", type=Path, default=Path("data/labyrinth"))
-    parser.add_argument("--folder", type=Path, default=Path("build/memorisers"))
-    parser.add_argument("--labyrinths", type=int, default=1_000, help="of the season")
     parser.add_argument("--train", action="store_true", help="two runs of BC, too")
     given = parser.parse_args()
     if given.what == "attack":
         print(attacks())
         return
-    season = season_in(given.folder / "season", given.labyrinths)
+    season = season_in(FOLDER / "season", 1_000)
     learnt = {}
     if given.train:
         learnt["BC, which learnt the public test"] = learn(
-            as_train(given.public, given.folder / "learnt"), given.folder / "runs-of-test"
+            as_train(given.public, FOLDER / "learnt"), FOLDER / "runs-of-test"
         )
-        learnt["BC, which learnt train"] = learn(given.public, given.folder / "runs-of-train")
+        learnt["BC, which learnt train"] = learn(given.public, FOLDER / "runs-of-train")
     policies = {name: load_policy(folder) for name, folder in learnt.items()}
     print(memorisers(given.public, season, policies))
 
@@ -136,16 +136,12 @@ def memorisers(public: Path, season: Path, policies: dict[str, Any]) -> str:
     return table(heading, rows)
 
 
-def attacks(
-    submissions: tuple[int, ...] = SUBMISSIONS,
-    labyrinths: tuple[int, ...] = LABYRINTHS,
-    repetitions: int = REPETITIONS,
-) -> str:
+def attacks() -> str:
     """Return the table of what attackers gain."""
     rows = []
-    for count in labyrinths:
-        for number in submissions:
-            gains = [mean_gain(attack, number, count, repetitions) for attack in (choose, ask)]
+    for count in LABYRINTHS:
+        for number in SUBMISSIONS:
+            gains = [mean_gain(attack, number, count) for attack in (choose, ask)]
             told = sqrt((number - 1) * log(ANSWERS) / (2 * count))
             figures = (gains[0], by_chance(number, count), gains[1], told)
             rows.append([f"{count:,}", f"{number:,}", *(f"{each:.3f}" for each in figures)])
@@ -157,11 +153,10 @@ def mean_gain(
     attack: Callable[[int, int, np.random.Generator], float],
     submissions: int,
     labyrinths: int,
-    repetitions: int,
 ) -> float:
     """Return what an attack gains in the mean."""
     rng = np.random.default_rng([submissions, labyrinths])
-    return float(np.mean([attack(submissions, labyrinths, rng) for _ in range(repetitions)]))
+    return float(np.mean([attack(submissions, labyrinths, rng) for _ in range(REPETITIONS)]))
 
 
 def choose(submissions: int, labyrinths: int, rng: np.random.Generator) -> float:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import torch
 from generalise import Drawing, shown, solved_in
-from labyrinth_sets import labyrinth_sets, write_results
+from labyrinth_sets import SEED, labyrinth_sets, write_results
 from looks import LOOKS
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -64,8 +64,6 @@ SLOTS = 5
 SIDE = 60
 """The blocks along the side of 5x5, to which BC sees other labyrinths resized."""
 PATIENCE = 8
-SEED = 1_000_000
-"""The seed of what is sampled to test on; that of generalise.py."""
 TESTED_LOOKS = {name: look for name, look in LOOKS.items() if name != "recoloured"}
 MOVED = 12
 UNTESTED = (
@@ -264,9 +262,9 @@ def train(variant: str, seed: int, data_dir: str) -> tuple[dict[str, Any], Playe
 
 def test(player: Player, data_dir: str) -> dict[str, list[bool]]:
     """Return which labyrinths of each set a policy solves."""
-    sets = labyrinth_sets(data_dir, CONFIG, np.random.default_rng(SEED), sides=[10])
+    sets = labyrinth_sets(data_dir, CONFIG, sides=[10])
     solved = {}
-    for name, labyrinths, styles, moved in shown(sets, TESTED_LOOKS, [MOVED], SEED):
+    for name, labyrinths, styles, moved in shown(sets, TESTED_LOOKS, [MOVED]):
         if name not in UNTESTED:
             solved[name] = solved_in(player, shown_as_slots(labyrinths, styles, moved)).tolist()
             print(f"  {name}: {np.mean(solved[name]):.0%}", flush=True)

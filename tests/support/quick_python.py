@@ -159,9 +159,10 @@ def _wait_for(child: int, connection: socket.socket) -> None:
 
 def go_on() -> None:
     """Do what the arguments say: `[-W WARNING]... (-m MODULE | -c PROGRAM | FILE) ARGUMENT...`."""
-    _warn(os.environ.get("PYTHONWARNINGS", ""))
     while sys.argv[0] == "-W":
-        _warn(sys.argv[1])
+        action, message, category, *_ = [*sys.argv[1].split(":"), "", ""]
+        kind = getattr(builtins, category or "Warning")
+        warnings.filterwarnings(action, re.escape(message), kind)
         del sys.argv[:2]
     sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
     kind = sys.argv[0]
@@ -178,14 +179,6 @@ def go_on() -> None:
     else:
         sys.path.insert(0, str(Path(kind).resolve().parent))
         runpy.run_path(kind, run_name="__main__")
-
-
-def _warn(options: str) -> None:
-    """Do with warnings what an option of Python, or a list of some, says."""
-    for option in filter(None, options.split(",")):
-        action, message, category, *_ = [*option.split(":"), "", ""]
-        kind = getattr(builtins, category or "Warning")
-        warnings.filterwarnings(action, re.escape(message), kind)
 
 
 def end(status: int) -> None:

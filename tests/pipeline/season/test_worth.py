@@ -32,9 +32,9 @@ def test_memorisers_of_a_public_test_fall_on_the_test_of_a_season(tmp_path):
 
 
 def test_choosing_among_submissions_gains_less_than_the_bound_and_asking_gains_more():
-    chosen = {number: study.mean_gain(study.choose, number, 200, 100) for number in (1, 10, 100)}
+    chosen = {number: study.mean_gain(study.choose, number, 200) for number in (1, 10, 100)}
     assert abs(chosen[1]) < 0.02
     assert all(
         0.6 * by_chance(each, 200) < chosen[each] < by_chance(each, 200) for each in (10, 100)
     )
-    assert study.mean_gain(study.ask, 100, 200, 100) > 2 * chosen[100]
+    assert study.mean_gain(study.ask, 100, 200) > 2 * chosen[100]

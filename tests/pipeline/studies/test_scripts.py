@@ -42,9 +42,7 @@ sys.path.pop(0)
 
 def test_the_sets_are_the_splits_and_what_no_split_has(small_dataset: Run) -> None:
     sets = dict(
-        labyrinth_sets.labyrinth_sets(
-            small_dataset.data_dir, "3x3", np.random.default_rng(0), sides=[5], labyrinths=30
-        )
+        labyrinth_sets.labyrinth_sets(small_dataset.data_dir, "3x3", sides=[5], labyrinths=30)
     )
     assert list(sets)[:5] == ["train", "validation", "test", "s0", "s0_and_g"]
     for split in ("validation", "test"):
@@ -65,11 +63,7 @@ def test_fresh_labyrinths_are_of_the_task_and_follow_the_generator(
 ) -> None:
     config = "3x4" if task is Task.NAVIGATION else f"3x4-{task}"
     once, again = (
-        dict(
-            labyrinth_sets.labyrinth_sets(
-                datasets, config, np.random.default_rng(7), sides=[4], labyrinths=3
-            )
-        )
+        dict(labyrinth_sets.labyrinth_sets(datasets, config, sides=[4], labyrinths=3))
         for _ in range(2)
     )
     assert once == again
@@ -155,9 +149,10 @@ def test_two_labels_are_exchanged_and_nothing_else(problem_of: Problems, whole: 
 def test_only_what_a_look_says_is_other_than_usual(problem_of: Problems) -> None:
     arrays = problem_of(encoder="cnn").arrays
     looks = controls.all_looks()
-    assert np.array_equal(controls.drawn_by(looks["as trained"], arrays), arrays.observations)
     labyrinth = arrays.labyrinths[0]
-    usual, state = render(labyrinth, initial(labyrinth), 64), initial(labyrinth)
+    usual, state = arrays.observations[arrays.initial[0]], initial(labyrinth)
+    (as_trained,) = controls.InLook(looks["as trained"]).look([(labyrinth, state)])
+    assert np.array_equal(as_trained, usual)
     inverted = looks["inverted"](labyrinth, state).astype(int)
     assert np.abs(255 - usual.astype(int) - inverted).max() <= 1  # Averages are rounded.
     lighter = looks["agent lighter"](labyrinth, state).astype(int) - usual
