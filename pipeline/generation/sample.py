@@ -30,7 +30,7 @@ from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import Candidates, Records, record_type, unpack
 from pipeline.generation.selection import selected
-from pipeline.generation.shifts import SELECTED_SHIFTS
+from pipeline.generation.shifts import selected_shifts
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
 from pipeline.inspection.near_twins import Neighbourhood
 
@@ -49,11 +49,6 @@ class Sample:
     """Split -> its structures, `labyrinths` of each, for the splits that have their own."""
     candidates: int
     """The number of candidates up to the last one that was taken."""
-
-
-def own_splits(config: DatasetConfig) -> list[str]:
-    """Return the splits that have structures of their own."""
-    return [*SAMPLED_SPLITS, *(shift for shift in config.shifts if shift in SELECTED_SHIFTS)]
 
 
 def sample(
@@ -84,7 +79,7 @@ def sample(
             near["train"].add(structure)
         others, last = _fill(config, candidates, found, SAMPLED_SPLITS[1:], patience, near)
         taken, last = train | others, max(last, last_of_train)
-    if own_splits(config) != [*SAMPLED_SPLITS]:
+    if selected_shifts(config):
         taken |= selected(config, taken)
     return Sample(taken, last)
 

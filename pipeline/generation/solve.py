@@ -20,7 +20,7 @@ from labyrinth_core.world.solver import (
     shortest_routes,
     simple_routes,
 )
-from pipeline.generation.identity import ACTING, item_rng
+from pipeline.generation.variants import ACTING, item_rng
 
 
 class Solution(NamedTuple):

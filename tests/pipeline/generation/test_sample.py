@@ -32,9 +32,8 @@ from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.candidates import unpack
-from pipeline.generation.identity import item_rng
 from pipeline.generation.sample import check_capacity, sample
-from pipeline.generation.variants import labyrinth_of
+from pipeline.generation.variants import item_rng, labyrinth_of
 
 MakeRun = Callable[..., Run]
 

@@ -24,8 +24,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.run import Run
 from pipeline.generation import validate as validation
-from pipeline.generation.detours import stretched
-from pipeline.generation.shifts import SELECTED_SHIFTS
+from pipeline.generation.shifts import SELECTED_SHIFTS, stretched
 from pipeline.generation.variants import toggled
 from pipeline.inspection.statistics import count_dataset
 
