@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SAMPLED_SPLITS
-from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import Candidates, Records, record_type, unpack
@@ -191,13 +190,7 @@ def check_capacity(config: DatasetConfig) -> None:
     Raises:
         ConfigError: There are fewer structures than asked for.
     """
-    cells = range(config.height * config.width)
-    edges = [
-        (cell, beside)
-        for cell in cells
-        for beside in neighbours(cell, config.height, config.width).values()
-        if beside > cell
-    ]
+    edges = list(Structure.without_walls(config.height, config.width).passages())
     asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
     if len(edges) > COUNTABLE_EDGES:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
@@ -208,7 +201,8 @@ def check_capacity(config: DatasetConfig) -> None:
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)
     subsets = chain.from_iterable(
-        combinations(edges, size) for size in range(len(cells) - 1, len(edges) + 1)
+        combinations(edges, size)
+        for size in range(config.height * config.width - 1, len(edges) + 1)
     )
     for passages in subsets:
         structure = Structure.from_passages(config.height, config.width, passages)

@@ -115,7 +115,7 @@ def make_shard(job: ShardJob) -> Shard:
         batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
         for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
             number, parent = waiting.popleft()
-            cut += solution.cut
+            cut += config.is_cut(split, len(solution.routes))
             count_done(1)
             info = ""
             for rows in render(split, number, solution.episodes):

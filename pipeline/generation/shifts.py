@@ -19,7 +19,6 @@ import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
@@ -133,9 +132,7 @@ def _many_open_walls(config: DatasetConfig, train: Train) -> float:
 
     Where there are not so many walls, it gives the mean of train's most and of all.
     """
-    height, width = config.height, config.width
-    edges = vertical_edges(height, width) | horizontal_edges(height, width) << height * width
-    most = edges.bit_count() - height * width + 1
+    most = Structure.without_walls(config.height, config.width).loops
     return min(2 * train.loops + 1, (train.loops + most) / 2) / most
 
 

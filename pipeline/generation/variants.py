@@ -11,7 +11,6 @@ import numpy as np
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.random_labyrinth import (
     change_goal,
@@ -172,11 +171,11 @@ def toggled(structure: Structure, cell: int, beside: int) -> Structure:
 
 
 def walls(structure: Structure) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of neighbouring cells without a passage, the lower cell first."""
-    for cell, onward in enumerate(structure.moves):
-        for beside in neighbours(cell, structure.height, structure.width).values():
-            if beside > cell and beside not in onward:
-                yield cell, beside
+    """Return the pairs of neighbouring cells without a passage, the lower cell first."""
+    height, width = structure.height, structure.width
+    whole = Structure.without_walls(height, width)
+    up, right = whole.up ^ structure.up, whole.right ^ structure.right
+    return Structure(height, width, up, right).passages()
 
 
 def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:

@@ -431,22 +431,12 @@ def test_an_empty_folder_in_its_place_is_used(build: Build, tmp_path: Path) -> N
 # What is printed.
 
 
+STRANGE = ["a'b", 'a"b', r"a\b", "日本 #,=(&)%20{}@", "\x1b[31m", "[/red]a [bold]b"]
+STRANGE += ["a*b", "a?b", "a::b", "a$HOME"]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "a'b",
-        'a"b',
-        r"a\b",
-        "日本 #,=(&)%20{}@",
-        "\x1b[31m",
-        "[/red]a [bold]b",
-        "a*b",
-        "a?b",
-        "a::b",
-        "a$HOME",
-    ],
-)
+@pytest.mark.parametrize("name", STRANGE)
 def test_the_line_that_is_printed_loads_the_dataset_when_it_is_pasted(
     small_dataset: Run,
     make_run: Build,

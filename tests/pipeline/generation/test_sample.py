@@ -22,15 +22,14 @@ from hypothesis import strategies as st
 from labyrinth_core.data.buckets import split_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from labyrinth_core.world.tasks import tiles_matter
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.candidates import unpack
 from pipeline.generation.sample import check_capacity, sample
-from pipeline.generation.variants import item_rng, labyrinth_of
+from pipeline.generation.variants import item_rng
 
 MakeRun = Callable[..., Run]
 
@@ -234,57 +233,6 @@ def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
     for split, structures in apart.items():
         assert len(set(structures)) == config.labyrinths
         assert {split_of(structure, config.buckets) for structure in structures} == {split}
-
-
-# The labyrinths.
-
-TASKS = [str(task) for task in Task]
-
-
-def labyrinths(config: DatasetConfig) -> Iterator[tuple[str, Labyrinth]]:
-    structures = structures_of(config)
-    for split in BASE_SPLITS:
-        for structure in structures[split if split in SAMPLED_SPLITS else "train"]:
-            yield split, labyrinth_of(config, split, structure)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("size", "task"),
-    [
-        (size, task)
-        for size in ["2x3", "3", "4x6"]
-        for task in TASKS
-        if (size, task) != ("2x3", "icy_floor")
-    ],
-)
-def test_start_and_goal_change_as_the_split_says(
-    config_of: Callable[..., DatasetConfig], size: str, task: str
-) -> None:
-    config = config_of(size=size, task=task, labyrinths=12 if size == "4x6" else 1)
-    height, width = config.height, config.width
-    last = height * width - 1
-    by_split: dict[str, list[Labyrinth]] = {}
-    for split, labyrinth in labyrinths(config):
-        by_split.setdefault(split, []).append(labyrinth)
-        assert str(labyrinth.task) == task
-        assert tiles_matter(labyrinth)
-        start, goal = divmod(labyrinth.start, width), divmod(labyrinth.goal, width)
-        apart = abs(start[0] - goal[0]) + abs(start[1] - goal[1])
-        if split == "s0":
-            assert labyrinth.start != 0
-            assert labyrinth.goal == last
-            assert apart >= (width + height) // 2
-        elif split == "s0_and_g":
-            assert labyrinth.start != 0
-            assert labyrinth.goal != last
-            assert apart >= (width + height) // 2
-        else:
-            assert (labyrinth.start, labyrinth.goal) == (0, last)
-    assert by_split["random"] == by_split["train"]
-    train = [labyrinth.structure for labyrinth in by_split["train"]]
-    assert [labyrinth.structure for labyrinth in by_split["s0"]] == train
-    assert [labyrinth.structure for labyrinth in by_split["s0_and_g"]] == train
 
 
 def test_no_two_structures_share_their_randomness(

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from planting import write
 from tampering import (
     TRAIN,
     Rows,
@@ -31,7 +32,6 @@ from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.solver import shortest_routes
@@ -502,12 +502,8 @@ def test_a_dataset_of_another_configuration_is_found(folder: Path, name: str, va
 # Content that means harm.
 
 
-def changed_table(folder: Path, change: Callable[[pa.Table], pa.Table], file: str = TRAIN) -> None:
-    path = folder / file
-    pq.write_table(change(pq.read_table(path)), path)
-    with manifest_of(folder) as content:
-        shard = next(shard for shard in content["shards"] if shard["path"] == file)
-        shard |= {"sha256": file_sha256(path), "bytes": path.stat().st_size}
+def changed_table(folder: Path, change: Callable[[pa.Table], pa.Table]) -> None:
+    write(folder, "train", change(pq.read_table(folder / TRAIN)))
 
 
 def retyped(name: str, type_: pa.DataType) -> Callable[[pa.Table], pa.Table]:
@@ -548,7 +544,7 @@ def test_a_field_that_holds_nothing_is_found(folder: Path, row: int, column: str
     column, _, part = column.partition(".")
     holder, key = (rows[row]["obs"], part) if part else (rows[row], column)
     holder[key] = None
-    changed_table(folder, lambda _: pa.Table.from_pylist(rows, schema=arrow_schema()))
+    write(folder, "train", pa.Table.from_pylist(rows, schema=arrow_schema()))
     assert f"{TRAIN} row {row} {column}: nothing there" in problems(folder)
 
 
@@ -626,7 +622,7 @@ def test_hostile_pictures_are_found(folder: Path) -> None:
     rows = read_rows(folder / RANDOM)
     for row, picture in zip(rows[2:], HOSTILE_PICTURES.values(), strict=False):
         row["obs"]["bytes"] = picture
-    changed_table(folder, lambda _: pa.Table.from_pylist(rows, schema=arrow_schema()), RANDOM)
+    write(folder, "random", pa.Table.from_pylist(rows, schema=arrow_schema()))
     found = problems(folder)
     places = dict(enumerate(HOSTILE_PICTURES, start=2))
     assert [name for n, name in places.items() if not names(found, n, "obs", RANDOM)] == []
