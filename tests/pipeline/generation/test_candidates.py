@@ -15,11 +15,9 @@ from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
 from tampering import content_of
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
-from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.run import Run
@@ -59,28 +57,6 @@ def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetC
     whole = drawn([85])
     for counts in ([40, 45], [1], [41, 1], [3, 100], [7, 30, 3, 1]):
         assert (drawn(counts) == whole).all()
-
-
-def test_the_first_chunk_is_the_stream_of_the_seed_and_later_ones_are_others(
-    config: DatasetConfig,
-) -> None:
-    rng = np.random.default_rng(np.random.SeedSequence(config.seed))
-    expected = list(islice(sample_structures(4, 4, rng), 70))
-    structures = list(unpack(config, Candidates(config, cells=CHUNKS).after(0, 70)))
-    assert structures[:40] == expected[:40]
-    assert not set(structures[40:]) & set(expected[40:])
-    assert len(set(structures[40:])) > 25
-
-
-@pytest.mark.slow
-def test_a_candidate_has_the_split_of_its_bucket_once_in_its_chunk(config: DatasetConfig) -> None:
-    candidates = Candidates(config, cells=(16 * 2_000, 16))
-    records = candidates.after(0, 2_000)
-    fit = records[records["split"] != UNFIT]
-    assert 100 < len(fit) < 2_000
-    assert len(set(fit["id"].tolist())) == len(fit)
-    for place, structure in zip(fit["split"], unpack(config, fit), strict=True):
-        assert SAMPLED_SPLITS[place] == bucket_of(config, structure)
 
 
 @given(st.integers(0, 2**32), st.integers(2, 9), st.integers(2, 9))

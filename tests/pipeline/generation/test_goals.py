@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from brute_force import Place, World, fewest_moves, is_connected
+from brute_force import Place, fewest_moves, is_connected
 from read_from_text import Shown, shown
 from tampering import manifest_of, problems, replace_first
 
@@ -127,27 +127,18 @@ def test_ends_move_from_those_that_train_has_in_the_same_structure(
             assert child.text == parent.text
 
 
-def images(labyrinth: World) -> set[frozenset[frozenset[Place]]]:
-    """Return the passages of the eight rotations and reflections of a square labyrinth."""
-    last, found, passages = labyrinth.height - 1, set(), labyrinth.passages
-    for _ in range(4):
-        passages = frozenset(frozenset((c, last - r) for r, c in pair) for pair in passages)
-        found |= {passages, frozenset(frozenset((c, r) for r, c in pair) for pair in passages)}
-    return found
-
-
 def test_no_structure_of_a_split_is_a_rotation_or_reflection_of_one_in_another(tiny: Run) -> None:
     """Any image may have its ends turned as well, and be the same labyrinth then."""
-    of = {split: [each.labyrinth for each in shown(tiny.folder, split)] for split in SAMPLED_SPLITS}
-    owner = {image: split for split in of for each in of[split] for image in images(each)}
+    of = {
+        split: [{*parse(each.text).structure.symmetries()} for each in shown(tiny.folder, split)]
+        for split in SAMPLED_SPLITS
+    }
+    owner = {image: split for split in of for images in of[split] for image in images}
     for split, found in of.items():
-        assert all(owner[image] == split for each in found for image in images(each))
+        assert all(owner[image] == split for images in found for image in images)
     # In the three buckets there are such structures, but for the rule.
     buckets = tiny.dataset.buckets
-    mixed = [
-        {split_of(image, buckets) for image in parse(each.text).structure.symmetries()}
-        for each in shown(tiny.folder, "train")
-    ]
+    mixed = [{split_of(image, buckets) for image in images} for images in of["train"]]
     assert sum(len(splits) > 1 for splits in mixed) > 10
 
 

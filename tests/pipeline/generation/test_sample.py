@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from brute_force import (
-    Passages,
     all_structures,
     is_connected,
     passages_of,
@@ -41,20 +40,10 @@ def config_of(make_run: MakeRun) -> Callable[..., DatasetConfig]:
     return lambda **options: make_run(Path("nowhere"), **options).dataset
 
 
-def transposed(passages: Passages) -> Passages:
-    return frozenset(frozenset((column, row) for row, column in passage) for passage in passages)
-
-
-def all_connected(height: int, width: int) -> Iterator[Structure]:
-    """Yield each connected structure of a small grid, found by trying every set of passages."""
-    for structure in all_structures(height, width):
-        if is_connected(height, width, passages_of(structure)):
-            yield structure
-
-
 @pytest.fixture(scope="module")
 def connected_3x3() -> list[Structure]:
-    return list(all_connected(3, 3))
+    """Each connected structure of 3x3, found by trying every set of passages."""
+    return [s for s in all_structures(3, 3) if is_connected(3, 3, passages_of(s))]
 
 
 def structures_of(config: DatasetConfig) -> dict[str, list[Structure]]:
@@ -93,18 +82,10 @@ def test_structures_are_unique_and_connected_and_where_their_hash_says(
 def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
     seed: int, side: int, algorithm: str
 ) -> None:
-    structures = sample_structures(side, side, np.random.default_rng(seed), algorithm=algorithm)
-    structure = next(structures)
-    image = Structure.from_passages(
-        side,
-        side,
-        [
-            tuple(row * side + column for row, column in p)
-            for p in transposed(passages_of(structure))
-        ],
-    )
+    rng = np.random.default_rng(seed)
+    structure = next(sample_structures(side, side, rng, algorithm=algorithm))
     for buckets in (DEFAULT_BUCKETS, (80, 10, 10), (1, 1, 98)):
-        assert split_of(image, buckets) == split_of(structure, buckets)
+        assert split_of(structure.transposed(), buckets) == split_of(structure, buckets)
 
 
 @pytest.mark.slow

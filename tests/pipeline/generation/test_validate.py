@@ -361,15 +361,6 @@ def test_a_missing_and_a_repeated_route_are_found(build: Build, tmp_path: Path) 
 # Structures where they may not be.
 
 
-def test_a_structure_twice_in_a_row_is_found(folder: Path) -> None:
-    with rows_of(folder) as rows:
-        _, second, third = episode_starts(rows)
-        rows[second:third] = renamed(rows[:second], "train", 1)
-    found = problems(folder)
-    assert names(found, 0, "actions")
-    assert "train holds 2 labyrinths, not 3" in found
-
-
 def test_a_structure_in_two_shards_of_a_split_is_found(build: Build, tmp_path: Path) -> None:
     folder = build(tmp_path, labyrinths=2, random_steps=5, cells_per_shard=9).folder
     first, second = (f"train-0000{n}-of-00002.parquet" for n in (0, 1))
