@@ -111,7 +111,7 @@ def _check(run: Run, workplace: Workplace) -> None:
 
 
 def _there(run: Run) -> Manifest | None:
-    """Return the manifest of the dataset in the folder of a run, None if there is none.
+    """Return the manifest of the dataset in the folder of a run, None if it has none.
 
     It was built with the same options, or with fewer labyrinths. In an object store, where files
     are not replaced all at once, it has as many.
@@ -233,7 +233,7 @@ def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]
 
 
 def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
-    """Raise ConfigError if none of a shift's parents has such a variant; of a shard none need."""
+    """Raise ConfigError if a shift has no labyrinth at all; one of its shards may have none."""
     for shift in config.shifts:
         if not any(shard.labyrinths for shard in shards if shard.split == shift):
             parents = f"{config.labyrinths} labyrinths of {SPLITS[shift].parent}"
@@ -257,7 +257,7 @@ def _tabulate(
         workplace: Where it is built.
         folder: Where the table is to be.
         shards: The shards, in their order.
-        expected: The table that has to come out, if that is known already.
+        expected: The table that has to be written, if it is known already.
 
     Raises:
         DatasetError: Another table comes out; it is not written.

@@ -130,16 +130,10 @@ def _check_rows(job: CheckJob, file: Any, local: Path) -> ShardReport:
         if found.routes:
             _add_facts(facts, text, found.labyrinth, found.routes, parent)
             cut += config.is_cut(split, len(found.routes))
-    counts = {
-        "rows": rows,
-        "longest": max(lengths, default=1) - 1,
-        "cut": cut,
-        "episodes": len(lengths),
-        "labyrinths": labyrinths,
-        "fingerprint": fingerprint.hexdigest(),
-        "bytes": local.stat().st_size,
-        "sha256": file_sha256(local),
-    }
+    counts: dict[str, int | str] = {"rows": rows, "longest": max(lengths, default=1) - 1}
+    counts |= {"cut": cut, "episodes": len(lengths), "labyrinths": labyrinths}
+    counts |= {"fingerprint": fingerprint.hexdigest()}
+    counts |= {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
     lines = [f"{job.shard.path} row {row} {column}: {what}" for row, column, what in problems]
     lines += [*unreadable, *_left_out(job, parents or {}), *_otherwise(job.shard, counts)]
     # What the table should say of a shard with problems is not known.
@@ -162,7 +156,7 @@ def _add_facts(
     facts.add(labyrinth, text, shortest, actions, episodes, origin)
 
 
-def _otherwise(shard: Shard, counts: Mapping[str, Any]) -> Iterator[str]:
+def _otherwise(shard: Shard, counts: Mapping[str, int | str]) -> Iterator[str]:
     """Yield what the manifest says of a shard that is not so."""
     for name, value in counts.items():
         if value != (expected := getattr(shard, name)):
@@ -222,7 +216,7 @@ def _parents(job: CheckJob) -> tuple[dict[int, Parent] | None, list[str]]:
 
 
 def _number_in(path: str, split: str, *, least: int) -> int:
-    """Return the number of a labyrinth in the name of a picture; the least possible if none is."""
+    """Return the number of a labyrinth in the name of a picture, or `least` if it is less."""
     named = re.match(rf"{split}-(\d{{6,9}})-", path, re.ASCII)
     return max(least, int(named[1])) if named else least
 

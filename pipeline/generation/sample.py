@@ -139,7 +139,7 @@ def _expected(
         share = config.buckets[SAMPLED_SPLITS.index(split)] / 100
         missing = config.labyrinths - found[split]
         likely = missing * (drawn + 1) / (found[split] + share)
-        # So many are needed at least, or it gives up before.
+        # At least `missing / share` are needed, unless the sampler gives up before.
         expected = max(expected, ceil(min(likely, max(missing / share, patience))))
     return expected
 

@@ -139,7 +139,7 @@ def select(
 
 
 def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:
-    """Take the free candidate nearest to a target out of a pool, None if none is free.
+    """Take the free candidate nearest to a target out of a pool; return None if all are taken.
 
     Those that were nearer and are not free leave the pool as well.
     """

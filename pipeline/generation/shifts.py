@@ -130,7 +130,7 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
 def _many_open_walls(config: DatasetConfig, train: Train) -> float:
     """Return the probability of opening walls that gives about twice train's most loops.
 
-    Where there are not so many walls, it gives the mean of train's most and of all.
+    Where there are fewer walls, it gives the mean of train's most and of all.
     """
     most = Structure.without_walls(config.height, config.width).loops
     return min(2 * train.loops + 1, (train.loops + most) / 2) / most

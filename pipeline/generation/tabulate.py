@@ -72,7 +72,7 @@ class FactsOfShard:
             shortest: How many moves a shortest route has, and how many such routes there are.
             routes: The actions of each route through it.
             episodes: The number of episodes, which is larger if they are pieces of routes.
-            parent: The labyrinth that it was made from, None if from none.
+            parent: The labyrinth that it was made from, None if it has no parent.
         """
         moves, optimal_routes = shortest
         own_id = int(labyrinth_id(info), 16)

@@ -95,7 +95,7 @@ def test_a_table_that_is_missing_or_no_parquet_file_is_found(
     assert problem.startswith(f"{TABLE} {'is missing' if content is None else 'cannot be read: '}")
 
 
-def test_rows_that_are_wrong_are_not_told_twice(folder: Path) -> None:
+def test_rows_that_are_wrong_are_reported_once(folder: Path) -> None:
     first = TRAIN.replace("00001.", "00003.")
     with rows_of(folder, first) as rows:
         rows[0]["actions"] = (rows[0]["actions"] + 1) % 4

@@ -188,7 +188,7 @@ def test_pieces_as_long_as_any_route_are_whole_routes(build: Build, tmp_path: Pa
 
 
 def with_agent(info: str, move: int) -> str:
-    """Return a text in which the agent begins so many cells farther."""
+    """Return a text in which the agent begins some cells farther."""
     labyrinth = parse(info)
     cell = (initial(labyrinth).agent + move) % labyrinth.structure.cells
     return dump(replace(labyrinth, agent=initial(labyrinth)._replace(agent=cell)))
@@ -218,7 +218,7 @@ def in_no_order(rows: Rows, second: range) -> str:
 
 
 def of_no_cell(rows: Rows, second: range) -> str:
-    """Let the text of the second piece name a cell that is none."""
+    """Let the text of the second piece name a cell outside the labyrinth."""
     for row in second:
         rows[row]["info"] = re.sub("agent: .*\n", "agent: (9, 9)\n", rows[row]["info"])
     return f"{TRAIN} row {second[0]} info: not a labyrinth: "
@@ -278,7 +278,7 @@ def test_an_agent_that_begins_elsewhere_is_found_where_routes_are_whole(
 
 
 def test_an_episode_that_begins_where_no_way_leads_is_refused(build: Build, tmp_path: Path) -> None:
-    """Behind the closed door without the key: the goal can be reached, but nobody comes there."""
+    """Behind the closed door without the key: near the goal, and no agent comes there."""
     run = built(build, tmp_path, STEPS, task=Task.KEY_AND_DOOR)
     with rows_of(run.folder) as rows:
         first = parse(rows[0]["info"])

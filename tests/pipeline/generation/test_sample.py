@@ -112,7 +112,7 @@ def test_the_capacity_of_3x3_is_what_brute_force_counts(
     counts = Counter(split_of(structure, buckets) for structure in connected_3x3)
     most = min(counts.values())
     check_capacity(config_of(labyrinths=most, buckets=buckets))
-    check_capacity(config_of(size="5", labyrinths=10**9))  # So many are not counted.
+    check_capacity(config_of(size="5", labyrinths=10**9))  # These are not counted.
     with pytest.raises(ConfigError) as caught:
         check_capacity(config_of(labyrinths=most + 1, buckets=buckets))
     listed = ", ".join(f"{counts[split]} in {split}" for split in SAMPLED_SPLITS)

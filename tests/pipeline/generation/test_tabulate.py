@@ -60,12 +60,12 @@ def expected_table(folder: Path) -> Rows:
         first = 0
         for info, grouped in groupby(rows, lambda row: str(row["info"])):
             own = list(grouped)
-            told = expected_row(info, own) | {"split": split, "first_row": first}
+            found = expected_row(info, own) | {"split": split, "first_row": first}
             if split == "train":
-                train[told["structure_id"]] = told["labyrinth_id"]
-            told["parent_id"] = None if split in SAMPLED_SPLITS else train[told["structure_id"]]
-            told["turns"] = None if split == "random" else told["turns"]
-            table.append(told)
+                train[found["structure_id"]] = found["labyrinth_id"]
+            found["parent_id"] = None if split in SAMPLED_SPLITS else train[found["structure_id"]]
+            found["turns"] = None if split == "random" else found["turns"]
+            table.append(found)
             first += len(own)
     return table
 

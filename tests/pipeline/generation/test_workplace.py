@@ -51,7 +51,7 @@ def test_the_second_of_two_runs_waits_says_for_whom_and_finds_all_done(
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
 
 
-def test_where_there_are_no_locks_nobody_waits(
+def test_where_there_are_no_locks_no_build_waits(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_locks(*_: object, **__: object) -> None:
