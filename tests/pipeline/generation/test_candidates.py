@@ -15,9 +15,11 @@ from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
 from tampering import content_of
 
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.run import Run
@@ -57,6 +59,17 @@ def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetC
     whole = drawn([85])
     for counts in ([40, 45], [1], [41, 1], [3, 100], [7, 30, 3, 1]):
         assert (drawn(counts) == whole).all()
+
+
+@pytest.mark.slow
+def test_a_candidate_has_the_split_of_its_bucket_once_in_its_chunk(config: DatasetConfig) -> None:
+    candidates = Candidates(config, cells=(16 * 2_000, 16))
+    records = candidates.after(0, 2_000)
+    fit = records[records["split"] != UNFIT]
+    assert 100 < len(fit) < 2_000
+    assert len(set(fit["id"].tolist())) == len(fit)
+    for place, structure in zip(fit["split"], unpack(config, fit), strict=True):
+        assert SAMPLED_SPLITS[place] == bucket_of(config, structure)
 
 
 @given(st.integers(0, 2**32), st.integers(2, 9), st.integers(2, 9))

@@ -151,11 +151,13 @@ def with_a_wall_more(rows: Rows) -> str:
     return dump(with_a_wall_opened(parse(rows[2]["info"])))
 
 
-def saved_by_pillow(mode: str = "RGB", **options: Any) -> Callable[[Rows], bytes]:
+def saved_by_pillow(
+    mode: str = "RGB", kind: str = "PNG", **options: Any
+) -> Callable[[Rows], bytes]:
     def save(rows: Rows) -> bytes:
         file = io.BytesIO()
         picture = Image.open(io.BytesIO(rows[2]["obs"]["bytes"])).convert(mode)
-        picture.save(file, "PNG", **options)
+        picture.save(file, kind, **options)
         return file.getvalue()
 
     return save
@@ -388,7 +390,12 @@ def test_a_flipped_bit_anywhere_in_a_picture_is_found(folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("picture", "count"),
-    [(saved_by_pillow(compress_level=1), 0), (with_a_wrong_pixel, 1), (saved_by_pillow("P"), 1)],
+    [
+        (saved_by_pillow(compress_level=1), 0),
+        (with_a_wrong_pixel, 1),
+        (saved_by_pillow("P"), 1),
+        (saved_by_pillow(kind="BMP"), 1),
+    ],
 )
 def test_with_other_libraries_pixels_count_and_not_bytes(
     folder: Path, picture: Callable[[Rows], bytes], count: int
