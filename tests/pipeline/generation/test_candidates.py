@@ -85,12 +85,12 @@ def test_structures_are_unpacked_as_they_were_packed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, {"task": "icy_floor"}], ids=str)
+@pytest.mark.parametrize("options", [{"size": "3"}, {"size": "4", "task": "icy_floor"}], ids=str)
 def test_a_shorter_dataset_of_chunks_is_the_beginning_of_a_longer_one(
     make_run: Callable[..., Run], options: dict[str, Any]
 ) -> None:
     def found(labyrinths: int) -> dict[str, Records]:
-        run = make_run(Path("nowhere"), size="4", labyrinths=labyrinths, **options)
+        run = make_run(Path("nowhere"), labyrinths=labyrinths, **options)
         candidates = Candidates(run.dataset, cells=CHUNKS)
         return dict(sample(run.dataset, candidates).structures)
 
