@@ -34,9 +34,9 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import write_text
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.generation import build
+from pipeline.generation import build, plan
 from pipeline.generation.shards import ShardJob
-from pipeline.generation.tabulate import FACTS
+from pipeline.generation.tabulate import FACTS, facts_path
 from pipeline.release.canvas import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
@@ -120,7 +120,7 @@ class Copies:
         for ids in ("labyrinth_id", "structure_id"):
             facts[ids] = np.random.default_rng(job.first).integers(2**63, size=len(facts))
         os.link(self.building / "shards" / made.path, str(job.path))
-        Path(str(job.facts)).write_bytes(facts.tobytes())
+        Path(str(facts_path(job.building, shard))).write_bytes(facts.tobytes())
         write_text(job.sidecar, json.dumps(asdict(shard)))
         return shard
 
@@ -128,7 +128,7 @@ class Copies:
 def measure(size: int, folder: Path) -> Measured:
     """Return the CPU seconds of builds of a size, which are made in a folder."""
     of_shard = build.CELLS_PER_SHARD // size**2
-    make_shard, draw_chunk = build.make_shard, build.draw_chunk
+    make_shard, draw_chunk = build.make_shard, plan.draw_chunk
 
     def run_of(name: str, labyrinths: int, **options: Any) -> Run:
         where = {"data_dir": str(folder / name), "size": str(size), "labyrinths": labyrinths}
@@ -140,12 +140,12 @@ def measure(size: int, folder: Path) -> Measured:
     build.make_shard = made
     build.run(one)
     drawn = Timed(draw_chunk, folder / "chunks.log")
-    build.make_shard, build.draw_chunk = stop, drawn
+    build.make_shard, plan.draw_chunk = stop, drawn
     many = run_of("many", of_shard * SHARDS[size], workers=2)
     with suppress(DatasetError):
         build.run(many)
     build.make_shard = Copies(one.data_dir / f".{one.folder.name}.building")
-    build.draw_chunk = draw_chunk
+    plan.draw_chunk = draw_chunk
     begun = time.process_time()
     build.run(many)
     driver = time.process_time() - begun
@@ -163,12 +163,12 @@ def twice_as_fast(size: int, folder: Path) -> float:
     Two shards a split are built with one worker and with two. A build takes as long as its driver
     and the worker with most to do, if no other program is in the way.
     """
-    make_shard, draw_chunk, times = build.make_shard, build.draw_chunk, []
+    make_shard, draw_chunk, times = build.make_shard, plan.draw_chunk, []
     for workers in (1, 2):
         place = folder / f"{workers}-workers"
         place.mkdir()
         log = place / "calls.log"
-        build.make_shard, build.draw_chunk = Timed(make_shard, log), Timed(draw_chunk, log)
+        build.make_shard, plan.draw_chunk = Timed(make_shard, log), Timed(draw_chunk, log)
         begun = time.process_time()
         build.run(
             resolve(
@@ -184,7 +184,7 @@ def twice_as_fast(size: int, folder: Path) -> float:
         times.append(time.process_time() - begun)
         if workers > 1:
             times[-1] += Timed(make_shard, log).busiest()
-    build.make_shard, build.draw_chunk = make_shard, draw_chunk
+    build.make_shard, plan.draw_chunk = make_shard, draw_chunk
     return times[0] / times[1]
 
 

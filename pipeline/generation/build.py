@@ -13,43 +13,24 @@ from which a build that was stopped goes on.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import (
-    FORMAT,
-    FORMAT_OF_CHUNKS,
-    MANIFEST,
-    Manifest,
-    Shard,
-    TableFile,
-    current_versions,
-)
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile, current_versions
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import (
-    AnyPath,
-    RemotePath,
-    new_file,
-)
+from labyrinth_core.data.storage import AnyPath, RemotePath, new_file
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.generation.candidates import (
-    CELLS_PER_CHUNK,
-    Candidates,
-    Chunk,
-    Records,
-    draw_chunk,
-)
-from pipeline.generation.grow import OldShard, unchanged
-from pipeline.generation.sample import check_capacity, sample
+from pipeline.generation.candidates import CELLS_PER_CHUNK
+from pipeline.generation.plan import Plan, plan_shards
+from pipeline.generation.sample import check_capacity
 from pipeline.generation.shards import ShardJob, finished_shard, make_shard, not_as_it_was
-from pipeline.generation.tabulate import facts_path, read_facts, write_table
+from pipeline.generation.tabulate import read_facts, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
@@ -59,15 +40,6 @@ from pipeline.machinery.markdown import count
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
-
-
-class Plan(NamedTuple):
-    """All shards of a dataset, before they are made."""
-
-    jobs: list[ShardJob]
-    """In the order of the manifest."""
-    format: int
-    """The format of the manifest."""
 
 
 def run(
@@ -94,7 +66,9 @@ def run(
     """
     if run.part is not None:
         workplace = Workplace.of(run.folder)
-        _run_part(run, workplace, partial(_plan, run, workplace, cells_per_shard, cells_per_chunk))
+        _run_part(
+            run, workplace, partial(plan_shards, run, workplace, cells_per_shard, cells_per_chunk)
+        )
         return
     manifest = build(run, cells_per_shard=cells_per_shard, cells_per_chunk=cells_per_chunk)
     with held(run.data_dir, "README.md"):
@@ -112,7 +86,7 @@ def build(
 ) -> Manifest:
     """Make the whole dataset of a run as `run` does, print none of its options, and return it."""
     workplace = Workplace.of(run.folder)
-    plan_of = partial(_plan, run, workplace, cells_per_shard, cells_per_chunk)
+    plan_of = partial(plan_shards, run, workplace, cells_per_shard, cells_per_chunk)
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
         manifest = None if run.options.overwrite else _there(run)
@@ -137,7 +111,7 @@ def _check(run: Run, workplace: Workplace) -> None:
 
 
 def _there(run: Run) -> Manifest | None:
-    """Return the manifest of the dataset in the folder of a run, None if there is none.
+    """Return the manifest of the dataset in the folder of a run, None if it has none.
 
     It was built with the same options, or with fewer labyrinths. In an object store, where files
     are not replaced all at once, it has as many.
@@ -168,69 +142,6 @@ def _there(run: Run) -> Manifest | None:
     return manifest
 
 
-def _plan(
-    run: Run,
-    workplace: Workplace,
-    cells_per_shard: int,
-    cells_per_chunk: tuple[int, int],
-    shorter: Manifest | None = None,
-) -> Plan:
-    """Return what there is to make; workers draw the candidates if there are many.
-
-    Args:
-        run: The run.
-        workplace: Where it builds.
-        cells_per_shard: As for `run`.
-        cells_per_chunk: As for `run`.
-        shorter: The dataset of the same folder that grows, if one does.
-
-    Raises:
-        ConfigError: There are fewer labyrinths than asked for.
-        DatasetError: A dataset cannot grow.
-    """
-    config, building = run.dataset, workplace.building
-
-    def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
-        jobs = [(chunk, building) for chunk in chunks]
-        if run.part is not None:  # Each begins with its own, and draws what others have not.
-            part, parts = run.part
-            own = len(jobs) * (part - 1) // parts
-            jobs = jobs[own:] + jobs[:own]
-        drawn = ordered_map(draw_chunk, jobs, run.options.workers)
-        for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
-            pass
-        return (chunk.read(building) for chunk in chunks)
-
-    candidates = Candidates(config, draw, cells=cells_per_chunk)
-    sampled = sample(config, candidates)
-    size = max(1, cells_per_shard // (config.height * config.width))
-    shards = -(-config.labyrinths // size)
-    old: dict[tuple[str, int], OldShard] = {}
-    if shorter is not None and isinstance(run.folder, Path):
-        old = unchanged(run.folder, shorter, sampled.structures, size)
-        say(
-            f"{run.folder} grows from {shorter.config.labyrinths:,} to {config.labyrinths:,} "
-            f"labyrinths: {len(old)} of {count(shards * len(config.splits), 'shard')} stay."
-        )
-    jobs = [
-        ShardJob(
-            config,
-            split,
-            first,
-            sampled.structures[SPLITS[split].parent or split][first : first + size],
-            workplace.shards / f"{name}.parquet",
-            building / f"{name}.json",
-            facts_path(building, f"{name}.parquet"),
-            old=old.get((split, first)),
-        )
-        for split in config.splits
-        for first in range(0, config.labyrinths, size)
-        for name in [f"{split}-{first // size:05d}-of-{shards:05d}"]
-    ]
-    in_one_chunk = sampled.candidates <= candidates.first.size
-    return Plan(jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS)
-
-
 def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[[], Plan]) -> None:
     """Make the damaged and the missing shards of a finished dataset anew, and say which."""
     damaged, has_table = workplace.damaged(manifest), workplace.has_table(manifest)
@@ -247,9 +158,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
         for job in plan.jobs
         if (name := job.path.name) in expected and plan.format == manifest.format
     ]
-    shards = ordered_map(make_shard, jobs, run.options.workers)
-    total = sum(shard.labyrinths for shard in manifest.shards if shard.path in expected)
-    made = {s.path for s in tracked(((s.labyrinths, s) for s in shards), "build", total=total)}
+    made = {shard.path for shard in _made(run, jobs)}
     if missing := [name for name in expected if name not in made]:
         raise DatasetError(not_as_it_was(run.folder / missing[0]))
     names = [shard.path for shard in damaged]
@@ -324,7 +233,7 @@ def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]
 
 
 def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
-    """Raise ConfigError if none of a shift's parents has such a variant; of a shard none need."""
+    """Raise ConfigError if a shift has no labyrinth at all; one of its shards may have none."""
     for shift in config.shifts:
         if not any(shard.labyrinths for shard in shards if shard.split == shift):
             parents = f"{config.labyrinths} labyrinths of {SPLITS[shift].parent}"
@@ -348,15 +257,12 @@ def _tabulate(
         workplace: Where it is built.
         folder: Where the table is to be.
         shards: The shards, in their order.
-        expected: The table that has to come out, if that is known already.
+        expected: The table that has to be written, if it is known already.
 
     Raises:
         DatasetError: Another table comes out; it is not written.
     """
-    parts = (
-        (shard, read_facts(facts_path(workplace.building, shard.path), shard.labyrinths))
-        for shard in shards
-    )
+    parts = ((shard, read_facts(workplace.building, shard)) for shard in shards)
     with new_file(folder / TABLE, workplace.building) as path:
         written = write_table(path, config, parts)
         if expected not in (None, written):

@@ -14,12 +14,12 @@ from labyrinth_core.data.columns import NO_ACTION, Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.language.text import LabyrinthSyntaxError, agent_text, dump, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.png import PICTURE_SIZE, strips_in
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.generation.fingerprint import decoded_picture_digest
+from pipeline.generation.fingerprint import PictureDigest
 from pipeline.generation.render import Pictures, picture_names
 from pipeline.generation.rules import Route
 from pipeline.machinery.worker import count_done
@@ -123,14 +123,16 @@ def check_labyrinth(
         state, astray = _first_state(labyrinth, text, rows[0].info, expected)
         problems += [Problem(begin, "info", astray)] if astray else []
         names = picture_names(split, number, sum(map(len, routes)), range(len(rows)))
-        replayed = _replay(labyrinth, pictures, state, episode, names, same_bytes=same_bytes)
-        problems += replayed.problems
-        checked += replayed.rows
-        if replayed.end is None:
+        found, shown, after = _replay(
+            labyrinth, pictures, state, episode, names, same_bytes=same_bytes
+        )
+        problems += found
+        checked += shown
+        if after is None:
             continue
         routes += [] if was_cut and in_pieces else [[]]
         routes[-1].append(episode.actions[:-1])
-        end = replayed.end
+        end = after
     may_fail = split == "random" or config.noise > 0
     if labyrinth is not None and end is not None and end.agent != labyrinth.goal and not may_fail:
         last = begin + len(rows) - 1
@@ -184,14 +186,6 @@ def _first_state(
     return state, None
 
 
-class _Replayed(NamedTuple):
-    problems: list[Problem]
-    rows: list[Row]
-    """The rows, without pictures, but with the digests of those."""
-    end: State | None
-    """The last state, None if an action is impossible."""
-
-
 def _replay(
     labyrinth: Labyrinth,
     pictures: Pictures,
@@ -200,8 +194,13 @@ def _replay(
     names: list[str],
     *,
     same_bytes: bool,
-) -> _Replayed:
-    """Replay the actions of an episode; compare names, pictures and rewards in each state."""
+) -> tuple[list[Problem], list[Row], State | None]:
+    """Replay the actions of an episode; compare names, pictures and rewards in each state.
+
+    Returns:
+        The problems, the rows that were replayed as in `CheckedLabyrinth`, and the last state, None
+        if an action is impossible.
+    """
     problems: list[Problem] = []
     checked: list[Row] = []
     for number, (row, name) in enumerate(zip(episode.rows, names, strict=True), episode.begin):
@@ -223,13 +222,13 @@ def _replay(
             known = 0 <= row.actions < len(Action)
             message = "the episode had ended before" if known else f"{row.actions} is no action"
             problems.append(Problem(number, "actions", message))
-            return _Replayed(problems, checked, None)
+            return problems, checked, None
         state = transition(labyrinth, state, row.actions)
         expected = np.float32(reward(labyrinth, state))
         if np.float32(row.rewards) != expected:
             message = f"{row.rewards}, but the step pays {expected}"
             problems.append(Problem(number, "rewards", message))
-    return _Replayed(problems, checked, state)
+    return problems, checked, state
 
 
 def _other_picture(
@@ -242,7 +241,8 @@ def _other_picture(
         return str(error), digest
     if np.array_equal(pixels, render(labyrinth, state)):
         return None, digest
-    return "not the picture of the state that the actions lead to", decoded_picture_digest(pixels)
+    digest = PictureDigest(strips_in(pixels)).digest({})
+    return "not the picture of the state that the actions lead to", digest
 
 
 def _decoded(png: bytes) -> NDArray[np.uint8]:

@@ -8,9 +8,10 @@ manifest. `rules` says which labyrinths and routes there have to be.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, groupby
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from pipeline.generation.check_table import table_problems
 from pipeline.generation.fingerprint import Fingerprint
 from pipeline.generation.rules import Route, labyrinth_problems, routes_problem
 from pipeline.generation.shifts import Train
-from pipeline.generation.tabulate import Facts, FactsOfShard
+from pipeline.generation.tabulate import FactsOfShard
 from pipeline.generation.variants import labyrinth_of
 from pipeline.inspection.routes import routes_of
 
@@ -64,8 +65,8 @@ class ShardReport:
     shard: Shard
     problems: list[str]
     structures: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    """The id of each structure, and the first row it is in: shape (structures, 2). There may be
-    millions."""
+    """The id of the structure of each labyrinth, and its first row: shape (labyrinths, 2). There
+    may be millions."""
 
 
 class Parent(NamedTuple):
@@ -73,29 +74,6 @@ class Parent(NamedTuple):
 
     labyrinth: Labyrinth
     episodes: list[list[int]]
-
-
-class Group(NamedTuple):
-    """The rows of one labyrinth, as they are read."""
-
-    number: int
-    """The number of the labyrinth in its split, or of its parent in the parent's."""
-    text: str
-    first_row: int
-    episodes: Iterator[EpisodeRows]
-    parent: Parent | None
-    """None if the split has no parent, if it cannot be read, or has no such labyrinth."""
-
-
-class CheckedRows(NamedTuple):
-    """What the rows of a shard are."""
-
-    problems: list[str]
-    structures: dict[str, int]
-    """Structure id -> the first row it is in."""
-    facts: Facts
-    counts: dict[str, Any]
-    """What the manifest should say of them, by name."""
 
 
 def check_shard(job: CheckJob) -> ShardReport:
@@ -110,89 +88,85 @@ def check_shard(job: CheckJob) -> ShardReport:
             with open_shard(local) as file:
                 if problem := footer_problem(file, job.shard.rows):
                     return ShardReport(job.shard, [f"{path}: {problem}"])
-                problems, structures, facts, counts = _check_rows(job, file)
-            counts |= {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
+                return _check_rows(job, file, local)
     except FileNotFoundError:
         return ShardReport(job.shard, [f"{path} is missing"])
     except MemoryError:  # Of Arrow, too; nothing is wrong with the file.
         raise
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         return ShardReport(job.shard, [f"{path} cannot be read: {one_line(error)}"])
-    for name, value in counts.items():
-        if value != (expected := getattr(job.shard, name)):
-            problems.append(f"{path}: {name} {value}, but the manifest says {expected}")
-    # What the table should say of a shard with problems is not known.
-    if job.table_row is not None and not problems:
-        split, rows = job.shard.split, (job.table_row, job.first_row)
-        problems += table_problems(job.folder, job.config, split, facts, *rows)
-    pairs = [(int(each, 16), row) for each, row in structures.items()]
-    return ShardReport(job.shard, problems, np.array(pairs, np.int64).reshape(-1, 2))
 
 
-def _check_rows(job: CheckJob, file: Any) -> CheckedRows:
-    """Return what the rows of a shard are, compared with those of its parent."""
+def _check_rows(job: CheckJob, file: Any, local: Path) -> ShardReport:
+    """Return what is wrong with the rows of a file, and what its manifest says otherwise."""
     config, split = job.config, job.shard.split
     fingerprint, facts = Fingerprint(), FactsOfShard(split)
     problems: list[Problem] = []
-    structures: dict[str, int] = {}
+    structures: list[tuple[int, int]] = []
     lengths: list[int] = []
-    labyrinths = cut = 0
+    rows = labyrinths = cut = 0
     parents, unreadable = _parents(job)
-    for group in _grouped(job, _rows(file, problems), parents):
-        found = check_labyrinth(
-            config, split, group.number, group.text, group.episodes, same_bytes=job.same_bytes
-        )
+    for number, text, episodes in _labyrinths(job, _rows(file, problems), parents is not None):
+        found = check_labyrinth(config, split, number, text, episodes, same_bytes=job.same_bytes)
+        parent = None if parents is None else parents.pop(number, None)
+        first_row, rows, labyrinths = rows, rows + sum(found.lengths), labyrinths + 1
         fingerprint.update(found.rows)
         problems += found.problems
         lengths += found.lengths
-        labyrinths += 1
         if found.labyrinth is None:
             continue
-        if parents is not None and group.parent is None:
-            message = f"labyrinth {group.number} has no parent"
-            problems.append(Problem(group.first_row, "obs", message))
-        problems += _broken_rules(job, group, found.labyrinth, found.routes)
-        before = structures.setdefault(found.labyrinth.structure.structure_id, group.first_row)
-        if before != group.first_row and not SPLITS[split].new_structure:
-            message = f"the structure is also in row {before}"
-            problems.append(Problem(group.first_row, "info", message))
+        structures.append((int(found.labyrinth.structure.structure_id, 16), first_row))
+        if parents is not None and parent is None:
+            problems.append(Problem(first_row, "obs", f"labyrinth {number} has no parent"))
+        broken = _broken_rules(job, found.labyrinth, found.routes, parent)
+        problems += (Problem(first_row, *each) for each in broken)
         if found.routes:
-            _add_facts(facts, group, found.labyrinth, found.routes)
+            _add_facts(facts, text, found.labyrinth, found.routes, parent)
             cut += config.is_cut(split, len(found.routes))
-    counts = {
-        "rows": sum(lengths),
-        "longest": max(lengths, default=1) - 1,
-        "cut": cut,
-        "episodes": len(lengths),
-        "labyrinths": labyrinths,
-        "fingerprint": fingerprint.hexdigest(),
-    }
+    counts: dict[str, int | str] = {"rows": rows, "longest": max(lengths, default=1) - 1}
+    counts |= {"cut": cut, "episodes": len(lengths), "labyrinths": labyrinths}
+    counts |= {"fingerprint": fingerprint.hexdigest()}
+    counts |= {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
     lines = [f"{job.shard.path} row {row} {column}: {what}" for row, column, what in problems]
-    lines += [*unreadable, *_left_out(job, parents or {})]
-    return CheckedRows(lines, structures, facts.array(), counts)
+    lines += [*unreadable, *_left_out(job, parents or {}), *_otherwise(job.shard, counts)]
+    # What the table should say of a shard with problems is not known.
+    if job.table_row is not None and not lines:
+        table = job.table_row, job.first_row
+        lines += table_problems(job.folder, config, split, facts.array(), *table)
+    return ShardReport(job.shard, lines, np.array(structures, np.int64).reshape(-1, 2))
 
 
-def _grouped(
-    job: CheckJob, rows: Iterable[Row], parents: dict[int, Parent] | None
-) -> Iterator[Group]:
-    """Yield the rows of each labyrinth; its parent is taken out of `parents`."""
+def _add_facts(
+    facts: FactsOfShard,
+    text: str,
+    labyrinth: Labyrinth,
+    routes: list[Route],
+    parent: Parent | None,
+) -> None:
+    actions = [list(chain.from_iterable(route)) for route in routes]
+    shortest, episodes = moves_and_routes(labyrinth), sum(map(len, routes))
+    origin = None if parent is None else parent.labyrinth
+    facts.add(labyrinth, text, shortest, actions, episodes, origin)
+
+
+def _otherwise(shard: Shard, counts: Mapping[str, int | str]) -> Iterator[str]:
+    """Yield what the manifest says of a shard that is not so."""
+    for name, value in counts.items():
+        if value != (expected := getattr(shard, name)):
+            yield f"{shard.path}: {name} {value}, but the manifest says {expected}"
+
+
+def _labyrinths(
+    job: CheckJob, rows: Iterable[Row], has_parents: bool
+) -> Iterator[tuple[int, str, Iterator[EpisodeRows]]]:
+    """Yield the number of each labyrinth, or of its parent in the parent's; text and episodes."""
     number = job.first - 1
     for text, group in groupby(episodes_of(rows), lambda each: without_agent(each.rows[0].info)):
         first = next(group)
         number += 1
-        if parents is not None:  # Shifts leave labyrinths out; the pictures' names say which.
+        if has_parents:  # Shifts leave labyrinths out; the pictures' names say which.
             number = _number_in(first.rows[0].obs_path, job.shard.split, least=number)
-        parent = None if parents is None else parents.pop(number, None)
-        yield Group(number, text, first.begin, chain([first], group), parent)  # noqa: B031
-
-
-def _add_facts(
-    facts: FactsOfShard, group: Group, labyrinth: Labyrinth, routes: list[Route]
-) -> None:
-    actions = [list(chain.from_iterable(route)) for route in routes]
-    shortest, episodes = moves_and_routes(labyrinth), sum(map(len, routes))
-    parent = None if group.parent is None else group.parent.labyrinth
-    facts.add(labyrinth, group.text, shortest, actions, episodes, parent)
+        yield number, text, chain([first], group)  # noqa: B031
 
 
 def _rows(file: Any, problems: list[Problem]) -> Iterator[Row]:
@@ -235,26 +209,26 @@ def _parents(job: CheckJob) -> tuple[dict[int, Parent] | None, list[str]]:
 
 
 def _number_in(path: str, split: str, *, least: int) -> int:
-    """Return the number of a labyrinth in the name of a picture; the least possible if none is."""
+    """Return the number of a labyrinth in the name of a picture, or `least` if it is less."""
     named = re.match(rf"{split}-(\d{{6,9}})-", path, re.ASCII)
     return max(least, int(named[1])) if named else least
 
 
 def _broken_rules(
-    job: CheckJob, group: Group, labyrinth: Labyrinth, routes: list[Route]
-) -> Iterator[Problem]:
-    """Yield the rules that a labyrinth and its routes break."""
-    config, split, row, parent = job.config, job.shard.split, group.first_row, group.parent
+    job: CheckJob, labyrinth: Labyrinth, routes: list[Route], parent: Parent | None
+) -> Iterator[tuple[str, str]]:
+    """Yield the rules that a labyrinth and its routes break, each with the column that shows it."""
+    config, split = job.config, job.shard.split
     origin = None if parent is None else parent.labyrinth
     for message in labyrinth_problems(config, split, labyrinth, origin, job.train):
-        yield Problem(row, "info", message)
+        yield "info", message
     if not routes:
         return  # Its rows have been found wrong.
     episodes = [*chain.from_iterable(routes)]
     if parent is not None and SPLITS[split].is_redrawn and episodes != parent.episodes:
-        yield Problem(row, "actions", "the routes are not its parent's")
+        yield "actions", "the routes are not its parent's"
     if wrong := routes_problem(config, split, labyrinth, routes):
-        yield Problem(row, "actions", wrong)
+        yield "actions", wrong
 
 
 def _left_out(job: CheckJob, parents: dict[int, Parent]) -> Iterator[str]:

@@ -12,11 +12,8 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from operator import mul
 
-import numpy as np
-from numpy.typing import NDArray
-
 from labyrinth_core.data.columns import Row
-from labyrinth_core.pictures.png import Strip, strips_in
+from labyrinth_core.pictures.png import Strip
 
 _MODULUS = 2**127 - 1
 _BASE = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A
@@ -53,18 +50,13 @@ def _hash(content: bytes) -> bytes:
     return hashlib.blake2b(content, digest_size=16).digest()
 
 
-def picture_digest(strips: Sequence[Strip]) -> bytes:
-    """Return a digest of the pixels of a picture, sixteen bytes.
+class PictureDigest:
+    """The digest of the pixels of a picture, sixteen bytes, and of it with strips exchanged.
 
     The digest is the value of a polynomial at a fixed base, modulo 2**127 - 1. Its coefficients are
     the BLAKE2b hashes of the rows of pixels, sixteen bytes each; the lowest row's is the constant
     term (Karp and Rabin, 1987). As it is a sum, a change of a row changes one summand.
     """
-    return PictureDigest(strips).digest({})
-
-
-class PictureDigest:
-    """The digests of a picture of which strips are exchanged; see `picture_digest`."""
 
     def __init__(self, strips: Sequence[Strip]) -> None:
         """Take the picture with nothing exchanged."""
@@ -118,8 +110,3 @@ def _repeated(count: int) -> tuple[int, int]:
     """
     power = pow(_BASE, count, _MODULUS)
     return (power - 1) * pow(_BASE - 1, -1, _MODULUS) % _MODULUS, power
-
-
-def decoded_picture_digest(picture: NDArray[np.uint8]) -> bytes:
-    """Return the digest of a decoded picture, shape (height, width, 3)."""
-    return picture_digest(strips_in(picture))

@@ -2,7 +2,7 @@
 
 It follows from the rows of the dataset, which it leaves as they are. Its folder has a manifest of
 its own, in the form of a dataset's: each shard is made from the dataset's shard of that name, and
-has its fingerprint, so that questions about other rows are told from those of the dataset.
+has its fingerprint, which shows whether the questions are about the rows of the dataset.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _write(job: Job, scratch: AnyPath) -> Shard:
 
 
 def _questions(job: Job) -> Iterator[dict[str, Any]]:
-    """Yield the question about each labyrinth of a shard; raise DatasetError if there is none."""
+    """Yield the question about each labyrinth of a shard; raise DatasetError if one cannot be."""
     for route in routes_of(job.dataset, job.shard):
         if route.is_first:
             try:

@@ -69,7 +69,7 @@ class Picture(NamedTuple):
 
     png: bytes
     digest: bytes
-    """See `fingerprint.picture_digest`."""
+    """See `fingerprint.PictureDigest`."""
 
 
 class Pictures(dict[State, Picture]):

@@ -34,7 +34,7 @@ def labyrinth_problems(
         config: The configuration of the dataset.
         split: The split of the labyrinth.
         labyrinth: The labyrinth.
-        parent: The labyrinth that it is made from, None if that is from none or not known.
+        parent: The labyrinth that it is made from, None if it has no parent or that is not known.
         train: What train has.
     """
     kind, structure = SPLITS[split], labyrinth.structure

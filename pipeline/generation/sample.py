@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SAMPLED_SPLITS
-from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import Candidates, Records, record_type, unpack
 from pipeline.generation.selection import selected
-from pipeline.generation.shifts import SELECTED_SHIFTS
+from pipeline.generation.shifts import selected_shifts
 from pipeline.generation.variants import TASKS_WITHOUT_TILES, holds_task
 from pipeline.inspection.near_twins import Neighbourhood
 
@@ -49,11 +48,6 @@ class Sample:
     """Split -> its structures, `labyrinths` of each, for the splits that have their own."""
     candidates: int
     """The number of candidates up to the last one that was taken."""
-
-
-def own_splits(config: DatasetConfig) -> list[str]:
-    """Return the splits that have structures of their own."""
-    return [*SAMPLED_SPLITS, *(shift for shift in config.shifts if shift in SELECTED_SHIFTS)]
 
 
 def sample(
@@ -84,7 +78,7 @@ def sample(
             near["train"].add(structure)
         others, last = _fill(config, candidates, found, SAMPLED_SPLITS[1:], patience, near)
         taken, last = train | others, max(last, last_of_train)
-    if own_splits(config) != [*SAMPLED_SPLITS]:
+    if selected_shifts(config):
         taken |= selected(config, taken)
     return Sample(taken, last)
 
@@ -145,7 +139,7 @@ def _expected(
         share = config.buckets[SAMPLED_SPLITS.index(split)] / 100
         missing = config.labyrinths - found[split]
         likely = missing * (drawn + 1) / (found[split] + share)
-        # So many are needed at least, or it gives up before.
+        # At least `missing / share` are needed, unless the sampler gives up before.
         expected = max(expected, ceil(min(likely, max(missing / share, patience))))
     return expected
 
@@ -196,13 +190,7 @@ def check_capacity(config: DatasetConfig) -> None:
     Raises:
         ConfigError: There are fewer structures than asked for.
     """
-    cells = range(config.height * config.width)
-    edges = [
-        (cell, beside)
-        for cell in cells
-        for beside in neighbours(cell, config.height, config.width).values()
-        if beside > cell
-    ]
+    edges = list(Structure.without_walls(config.height, config.width).passages())
     asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
     if len(edges) > COUNTABLE_EDGES:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
@@ -213,7 +201,8 @@ def check_capacity(config: DatasetConfig) -> None:
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)
     subsets = chain.from_iterable(
-        combinations(edges, size) for size in range(len(cells) - 1, len(edges) + 1)
+        combinations(edges, size)
+        for size in range(config.height * config.width - 1, len(edges) + 1)
     )
     for passages in subsets:
         structure = Structure.from_passages(config.height, config.width, passages)

@@ -17,11 +17,17 @@ import numpy as np
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.labyrinth import Structure
-from labyrinth_core.world.route_memory import RouteMemory
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Records, pack, unpack
-from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train, measures_of
+from pipeline.generation.shifts import (
+    SELECTED_SHIFTS,
+    Measures,
+    Train,
+    measures_of,
+    selected_shifts,
+    train_of,
+)
 from pipeline.generation.solve import solve
 from pipeline.generation.variants import labyrinth_of
 from pipeline.inspection.near_twins import Neighbourhood
@@ -44,18 +50,10 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
     Raises:
         ConfigError: There are too few for a shift.
     """
-    shifts = [split for split in config.shifts if split in SELECTED_SHIFTS]
-    needs_routes = any(SELECTED_SHIFTS[split].needs_routes for split in shifts)
-    train, taken = Train(), Taken(config)
-    routes: list[list[int]] = []
-    for structure in unpack(config, sampled["train"]):
-        labyrinth = labyrinth_of(config, "train", structure)
-        train = train.with_labyrinth(labyrinth)
-        solutions = solve(config, "train", [labyrinth]) if needs_routes else ()
-        episodes = (episode for solution in solutions for episode in solution.episodes)
-        routes += ([state.agent for state in episode.states] for episode in episodes)
-    if needs_routes:
-        train = train._replace(memory=RouteMemory(routes))
+    structures = unpack(config, sampled["train"])
+    labyrinths = (labyrinth_of(config, "train", structure) for structure in structures)
+    train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
+    taken = Taken(config)
     for split, records in sampled.items():
         for structure in unpack(config, records):
             taken.add(split, structure)
@@ -65,7 +63,14 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
     def of(split: str) -> Iterator[tuple[Structure, int]]:
         return ((each, UNFIT) for each in select(config, split, train, targets, taken))
 
-    return {split: pack(config, of(split)) for split in shifts}
+    return {split: pack(config, of(split)) for split in selected_shifts(config)}
+
+
+def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
+    """Yield the cells of each route that train demonstrates in a labyrinth."""
+    for solution in solve(config, "train", [labyrinth]):
+        for episode in solution.episodes:
+            yield [state.agent for state in episode.states]
 
 
 class Taken:
@@ -134,7 +139,7 @@ def select(
 
 
 def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:
-    """Take the free candidate nearest to a target out of a pool, None if none is free.
+    """Take the free candidate nearest to a target out of a pool; return None if all are taken.
 
     Those that were nearer and are not free leave the pool as well.
     """

@@ -1,4 +1,7 @@
-"""One shard: the job that describes it, and how it is solved, rendered and written."""
+"""One shard: the job that describes it, and how it is solved, rendered and written.
+
+A dataset that grows keeps the shards that the shorter one has filled.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
+from pathlib import Path
 from typing import TypeVar
 
 from labyrinth_core.data.columns import Row
@@ -19,10 +23,9 @@ from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, file_sha256, new_file, write_bytes, write_text
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.grow import OldShard
 from pipeline.generation.render import render
 from pipeline.generation.solve import solve
-from pipeline.generation.tabulate import Facts, FactsOfShard, read_facts
+from pipeline.generation.tabulate import Facts, FactsOfShard, facts_path, read_facts
 from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.write import write
 from pipeline.machinery.worker import count_done
@@ -31,6 +34,16 @@ CELLS_PER_BATCH = 2_000
 """The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5."""
 
 Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, eq=False)
+class OldShard:
+    """A shard of a shorter dataset."""
+
+    path: Path
+    shard: Shard
+    facts: Facts
+    """The facts of its labyrinths."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +56,18 @@ class ShardJob:
     """The index of its first labyrinth in the split."""
     structures: Records
     path: AnyPath
-    sidecar: AnyPath
-    """The file that marks the shard as finished, and describes it."""
-    facts: AnyPath
-    """The file of its part of the table of labyrinths."""
+    building: AnyPath
+    """The folder of what is left beside it: a sidecar, which marks it as finished and describes it,
+    and its facts."""
     expected: str | None = None
     """The SHA-256 that the file must have, if it is known already."""
     old: OldShard | None = None
     """The same shard in the shorter dataset that grows, if there is one."""
+
+    @property
+    def sidecar(self) -> AnyPath:
+        """The file that marks the shard as finished, and describes it."""
+        return self.building / f"{self.path.name.removesuffix('.parquet')}.json"
 
 
 def not_as_it_was(path: AnyPath) -> str:
@@ -65,7 +82,7 @@ def finished_shard(job: ShardJob) -> Shard | None:
     """Return the shard of a job if it was finished, None if it was not."""
     with suppress(FileNotFoundError, *MALFORMED):
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
-        read_facts(job.facts, finished.labyrinths)
+        read_facts(job.building, finished)
         if file_sha256(job.path) == finished.sha256:
             count_done(finished.labyrinths)
             return finished
@@ -98,7 +115,7 @@ def make_shard(job: ShardJob) -> Shard:
         batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
         for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
             number, parent = waiting.popleft()
-            cut += solution.cut
+            cut += config.is_cut(split, len(solution.routes))
             count_done(1)
             info = ""
             for rows in render(split, number, solution.episodes):
@@ -107,7 +124,7 @@ def make_shard(job: ShardJob) -> Shard:
             of, pieces = solution.episodes[0].labyrinth, len(solution.episodes)
             facts.add(of, info, solution.shortest, solution.routes, pieces, parent)
 
-    with new_file(job.path, job.sidecar.parent) as path:
+    with new_file(job.path, job.building) as path:
         shard = write(path, split, episodes())
         if job.expected not in (None, shard.sha256):
             raise DatasetError(not_as_it_was(job.path))
@@ -122,7 +139,7 @@ def _copied(job: ShardJob) -> Shard | None:
     shard = replace(job.old.shard, path=job.path.name)
     with suppress(FileNotFoundError):
         if file_sha256(job.old.path) == shard.sha256:
-            with new_file(job.path, job.sidecar.parent) as path:
+            with new_file(job.path, job.building) as path:
                 shutil.copyfile(job.old.path, path)
             count_done(shard.labyrinths)
             return _leave(job, shard, job.old.facts)
@@ -131,7 +148,7 @@ def _copied(job: ShardJob) -> Shard | None:
 
 def _leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
     """Mark a shard as finished, and return it."""
-    write_bytes(job.facts, facts.tobytes())
+    write_bytes(facts_path(job.building, shard), facts.tobytes())
     write_text(job.sidecar, json.dumps(asdict(shard)))
     return shard
 

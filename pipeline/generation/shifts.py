@@ -2,25 +2,35 @@
 
 What the other shifts change is in `labyrinth_core.data.splits`, and `variants` makes their
 labyrinths from those of their parent.
+
+Structures with long routes are too rare to wait for, so each is made from a sampled one. A passage
+is shut and another one opened, wherever that does not shorten the route; and so on, until the route
+is long enough. So the structure keeps its number of loops.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import moves_of
-from pipeline.generation.detours import stretched
-from pipeline.generation.variants import TASKS_WITHOUT_TILES, labyrinth_of, start_and_goal
+from labyrinth_core.world.tasks import default_start_and_goal
+from pipeline.generation.variants import (
+    TASKS_WITHOUT_TILES,
+    labyrinth_of,
+    start_and_goal,
+    toggled,
+    walls,
+)
 
 
 class Train(NamedTuple):
@@ -32,11 +42,6 @@ class Train(NamedTuple):
     """The most loops that any of its labyrinths has."""
     memory: RouteMemory | None = None
     """The demonstrated routes; None if no shift needs them."""
-
-    def with_labyrinth(self, labyrinth: Labyrinth) -> Train:
-        """Return what train has with another labyrinth."""
-        moves, loops = moves_of(labyrinth), labyrinth.structure.loops
-        return self._replace(moves=max(self.moves, moves), loops=max(self.loops, loops))
 
 
 class Measures(NamedTuple):
@@ -125,12 +130,10 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
 def _many_open_walls(config: DatasetConfig, train: Train) -> float:
     """Return the probability of opening walls that gives about twice train's most loops.
 
-    Where there are not so many walls, it gives the mean of train's most and of all.
+    Where there are fewer walls, it gives the mean of train's most and of all.
     """
-    height, width = config.height, config.width
-    edges = vertical_edges(height, width) | horizontal_edges(height, width) << height * width
-    walls = edges.bit_count() - height * width + 1
-    return min(2 * train.loops + 1, (train.loops + walls) / 2) / walls
+    most = Structure.without_walls(config.height, config.width).loops
+    return min(2 * train.loops + 1, (train.loops + most) / 2) / most
 
 
 def _not_longer(measures: Measures, _labyrinth: object, train: Train) -> str | None:
@@ -178,3 +181,84 @@ SELECTED_SHIFTS = {
     ),
 }
 """Shift -> how its structures are selected."""
+
+
+def train_of(
+    config: DatasetConfig, demonstrated: Iterable[tuple[Labyrinth, Iterable[Iterable[int]]]]
+) -> Train:
+    """Return what train has, as far as the shifts of a dataset need it.
+
+    Args:
+        config: The configuration of the dataset.
+        demonstrated: Each labyrinth of train, with the cells of each route through it; the routes
+            are only iterated over if a shift needs them.
+    """
+    needs_routes = any(SELECTED_SHIFTS[each].needs_routes for each in selected_shifts(config))
+    moves, loops, routes = 0, 0, list[Iterable[int]]()
+    for labyrinth, its_routes in demonstrated:
+        moves = max(moves, moves_of(labyrinth))
+        loops = max(loops, labyrinth.structure.loops)
+        if needs_routes:
+            routes += its_routes
+    return Train(moves, loops, RouteMemory(routes) if needs_routes else None)
+
+
+def selected_shifts(config: DatasetConfig) -> list[str]:
+    """Return the shifts of a dataset that have structures of their own."""
+    return [shift for shift in config.shifts if shift in SELECTED_SHIFTS]
+
+
+def stretched(
+    structures: Iterator[Structure],
+    moves: Callable[[Structure], int],
+    accepts: Callable[[Structure], bool],
+    longest: int,
+    rng: np.random.Generator,
+) -> Iterator[Structure]:
+    """Yield structures whose shortest routes are longer than a number of moves.
+
+    Args:
+        structures: The structures to begin with.
+        moves: Returns the moves of the shortest route through a structure, below 0 if it cannot
+            hold the task.
+        accepts: Returns whether a structure with a route that is long enough will do.
+        longest: The number of moves.
+        rng: The source of all randomness.
+
+    Yields:
+        A structure for each to begin with; one that is no longer where a few exchanges a cell were
+        not enough.
+    """
+    for structure in structures:
+        now = moves(structure)
+        for _ in range(10 * structure.cells):
+            if now > longest and accepts(structure):
+                break
+            other = _exchanged(structure, rng)
+            after = moves(other)
+            if after >= min(now, longest + 1):
+                structure, now = other, after
+        yield structure
+
+
+def _exchanged(structure: Structure, rng: np.random.Generator) -> Structure:
+    """Return a connected structure with one passage shut and another one opened."""
+    start, goal = default_start_and_goal(structure.height, structure.width)
+    # Half of the time a passage of the way to the goal, where it is most likely to matter.
+    to_shut = _way(structure, start, goal) if rng.random() < 0.5 else list(structure.passages())
+    cut = toggled(structure, *to_shut[rng.integers(len(to_shut))])
+    closed = [pair for pair in walls(cut) if pair[1] not in structure.moves[pair[0]]]
+    reached = cut.distances(start)
+    if UNREACHABLE in reached:
+        closed = [(a, b) for a, b in closed if (reached[a] < 0) != (reached[b] < 0)]
+    return toggled(cut, *closed[rng.integers(len(closed))]) if closed else structure
+
+
+def _way(structure: Structure, start: int, goal: int) -> list[tuple[int, int]]:
+    """Return the pairs of cells that follow one another on a shortest way, ignoring tiles."""
+    to_goal = structure.distances(goal)
+    way = [start]
+    while way[-1] != goal:
+        nearer = to_goal[way[-1]] - 1
+        way.append(next(cell for cell in structure.moves[way[-1]] if to_goal[cell] == nearer))
+    return list(pairwise(way))

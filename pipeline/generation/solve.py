@@ -20,7 +20,7 @@ from labyrinth_core.world.solver import (
     shortest_routes,
     simple_routes,
 )
-from pipeline.generation.identity import ACTING, item_rng
+from pipeline.generation.variants import ACTING, item_rng
 
 
 class Solution(NamedTuple):
@@ -29,8 +29,6 @@ class Solution(NamedTuple):
     episodes: list[Episode]
     routes: list[NDArray[np.int8]]
     """The actions of each route; a route is an episode, or several, which are its pieces."""
-    cut: bool
-    """Whether `solutions_limit` may have left routes out."""
     shortest: tuple[int, int]
     """How many moves a shortest route has, and how many such routes there are."""
 
@@ -47,21 +45,16 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
         make_rng = partial(acting_rng, config, split, labyrinth)
         if split == "random":
             episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-            cut = False
         elif config.noise:
-            route = erring_route(labyrinth, config.noise, make_rng())
-            episodes, cut = [replay(labyrinth, route)], False
+            episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
         elif config.solutions == "shortest":
             episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
-            cut = False
         else:
-            routes = all_routes(config, labyrinth)
-            episodes = [replay(labyrinth, route) for route in routes]
-            cut = config.is_cut(split, len(routes))
+            episodes = [replay(labyrinth, route) for route in all_routes(config, labyrinth)]
         taken = [episode.actions for episode in episodes]
         if config.is_in_pieces(split):
             episodes = [part for episode in episodes for part in pieces(episode, config.pieces)]
-        yield Solution(episodes, taken, cut, moves_and_routes(labyrinth))
+        yield Solution(episodes, taken, moves_and_routes(labyrinth))
 
 
 def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.random.Generator:

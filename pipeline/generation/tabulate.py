@@ -16,11 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.labyrinth_table import (
-    MOST_ROUTES,
-    TABLE_COLUMNS,
-    table_file,
-)
+from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
@@ -76,7 +72,7 @@ class FactsOfShard:
             shortest: How many moves a shortest route has, and how many such routes there are.
             routes: The actions of each route through it.
             episodes: The number of episodes, which is larger if they are pieces of routes.
-            parent: The labyrinth that it was made from, None if from none.
+            parent: The labyrinth that it was made from, None if it has no parent.
         """
         moves, optimal_routes = shortest
         own_id = int(labyrinth_id(info), 16)
@@ -132,21 +128,23 @@ def _ways(passages: NDArray[np.bool_], height: int, width: int) -> NDArray[np.in
     return ways.reshape(len(passages), -1)
 
 
-def facts_path(building: AnyPath, shard: str) -> AnyPath:
+def facts_path(building: AnyPath, shard: Shard) -> AnyPath:
     """Return where the facts of a shard lie until the build is finished."""
-    return building / f"{shard.removesuffix('.parquet')}.facts"
+    return building / f"{shard.path.removesuffix('.parquet')}.facts"
 
 
-def read_facts(path: AnyPath, labyrinths: int) -> Facts:
+def read_facts(building: AnyPath, shard: Shard) -> Facts:
     """Return the facts of a shard.
 
     Raises:
         FileNotFoundError: The file does not exist.
         ValueError: It holds the facts of another number of labyrinths.
     """
+    path = facts_path(building, shard)
     facts: Facts = np.frombuffer(path.read_bytes(), FACTS)
-    if len(facts) != labyrinths:
-        raise ValueError(f"{path} holds the facts of {len(facts)} labyrinths, not of {labyrinths}")
+    if len(facts) != shard.labyrinths:
+        count = f"{len(facts)} labyrinths, not of {shard.labyrinths}"
+        raise ValueError(f"{path} holds the facts of {count}")
     return facts
 
 

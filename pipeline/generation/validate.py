@@ -8,6 +8,7 @@ labyrinths as asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -17,12 +18,11 @@ from labyrinth_core.data.manifest import Manifest, Shard, current_versions
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.evaluation.questions import questions_config
-from labyrinth_core.world.route_memory import RouteMemory
 from pipeline.config.run import Run
 from pipeline.generation.check_shard import CheckJob, ShardReport, check_shard
 from pipeline.generation.check_table import table_file_problems
 from pipeline.generation.questions import question_problems
-from pipeline.generation.shifts import SELECTED_SHIFTS, Train
+from pipeline.generation.shifts import Train, selected_shifts, train_of
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
@@ -107,10 +107,8 @@ def _miscounted(manifest: Manifest) -> Iterator[str]:
 
 def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
     """Return the shards of each split, none where the manifest has lost them."""
-    found: dict[str, list[Shard]] = {split: [] for split in manifest.config.splits}
-    for shard in manifest.shards:
-        found[shard.split].append(shard)
-    return found
+    splits, shards = manifest.config.splits, manifest.shards
+    return {split: [shard for shard in shards if shard.split == split] for split in splits}
 
 
 def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[CheckJob]:
@@ -140,32 +138,36 @@ def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[Che
 
 def _train(folder: AnyPath, manifest: Manifest) -> Train:
     """Return what train has, as far as the shifts of a dataset need it."""
-    train, routes = Train(), []
-    shifts = [SELECTED_SHIFTS[each] for each in manifest.config.shifts if each in SELECTED_SHIFTS]
-    needs_routes = any(shift.needs_routes for shift in shifts)
-    cells = manifest.config.height * manifest.config.width
+    config = manifest.config
+    if not selected_shifts(config):
+        return Train()
+    cells = config.height * config.width
+    routes = (route for shard in manifest.of("train") for route in routes_of(folder, shard))
+    of_labyrinths = groupby(routes, lambda route: route.labyrinth)
     try:
-        for shard in manifest.of("train") if shifts else ():
-            for route in routes_of(folder, shard):
-                train = train.with_labyrinth(route.labyrinth) if route.is_first else train
-                if needs_routes:
-                    routes.append([state % cells for state in route.states])
+        return train_of(
+            config,
+            (
+                (labyrinth, ([state % cells for state in route.states] for route in its_routes))
+                for labyrinth, its_routes in of_labyrinths
+            ),
+        )
     except DatasetError:  # The check of the shard says it.
         return Train()
-    return train._replace(memory=RouteMemory(routes)) if needs_routes else train
 
 
 def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:
-    """Yield the structures that an earlier shard has, too."""
+    """Yield the structures that an earlier row has, too."""
     ids, rows = np.concatenate([np.empty((0, 2), np.int64), *(r.structures for r in reports)]).T
     begins = np.cumsum([0, *(len(report.structures) for report in reports)])
     order = np.argsort(ids, kind="stable")
     ordered = ids[order]
 
-    def place(index: int) -> str:
-        number = int(np.searchsorted(begins, index, "right")) - 1
-        return f"{reports[number].shard.path} row {rows[index]}"
+    def shard_of(index: int) -> str:
+        return reports[int(np.searchsorted(begins, index, "right")) - 1].shard.path
 
     for index in sorted(order[1:][ordered[1:] == ordered[:-1]].tolist()):
         first = int(order[np.searchsorted(ordered, ids[index])])
-        yield f"{place(index)} info: the structure is also in {place(first)}"
+        here, there = shard_of(index), shard_of(first)
+        also = f"row {rows[first]}" if there == here else f"{there} row {rows[first]}"
+        yield f"{here} row {rows[index]} info: the structure is also in {also}"

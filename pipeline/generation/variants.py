@@ -1,4 +1,4 @@
-"""The labyrinth that a structure becomes in each split."""
+"""The labyrinth that a structure becomes in each split, and the randomness of it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
 
+import numpy as np
+
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.random_labyrinth import (
     change_goal,
@@ -20,9 +21,26 @@ from labyrinth_core.world.random_labyrinth import (
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import moves_of, shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
-from pipeline.generation.identity import ACTING, item_rng
 
 TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
+
+PLACING, ACTING, DRAWING = 0, 1, 2
+"""The purposes of randomness: of a structure in a split, and of a chunk of candidates."""
+
+
+def item_rng(
+    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
+) -> np.random.Generator:
+    """Return a generator for one structure in one split, independent of all others.
+
+    Args:
+        config: The configuration of the dataset.
+        split: A split of the dataset.
+        structure: The structure; its id is part of the key.
+        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
+    """
+    key = (SPLITS[split].number, int(structure.structure_id, 16), purpose)
+    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
 
 
 def labyrinth_and_parent(
@@ -152,6 +170,14 @@ def toggled(structure: Structure, cell: int, beside: int) -> Structure:
     return Structure(structure.height, structure.width, up, right)
 
 
+def walls(structure: Structure) -> Iterator[tuple[int, int]]:
+    """Return the pairs of neighbouring cells without a passage, the lower cell first."""
+    height, width = structure.height, structure.width
+    whole = Structure.without_walls(height, width)
+    up, right = whole.up ^ structure.up, whole.right ^ structure.right
+    return Structure(height, width, up, right).passages()
+
+
 def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
     """Yield the pairs of cells between which a change can matter.
 
@@ -162,14 +188,11 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
     yield from sorted(set(_demonstrated(config, labyrinth)))
     from_start, to_goal = structure.distances(labyrinth.start), labyrinth.cell_distances
     moves = moves_of(labyrinth)
-    for cell, onward in enumerate(structure.moves):
-        for beside in neighbours(cell, structure.height, structure.width).values():
-            if beside < cell or beside in onward:
-                continue
-            there = from_start[cell] + 1 + to_goal[beside]
-            back = from_start[beside] + 1 + to_goal[cell]
-            if labyrinth.key is not None or min(there, back) < moves:
-                yield cell, beside
+    for cell, beside in walls(structure):
+        there = from_start[cell] + 1 + to_goal[beside]
+        back = from_start[beside] + 1 + to_goal[cell]
+        if labyrinth.key is not None or min(there, back) < moves:
+            yield cell, beside
 
 
 def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:

@@ -196,7 +196,7 @@ class Workplace:
         return self._begun() | {"parts": None} == _content(config)
 
     def _begun(self) -> dict[str, Any]:
-        """Return what says which build was stopped here; nothing if none was."""
+        """Return what says which build was stopped here; an empty dictionary if no build was."""
         with suppress(FileNotFoundError, *MALFORMED):
             content = json.loads((self.building / _CONFIG).read_bytes())
             if content.keys() >= {"config", "versions"}:
@@ -245,7 +245,7 @@ class Workplace:
             for path in sorted(paths, key=lambda path: path.name == _CONFIG):
                 remove(path)
         if isinstance(self.building, Path):
-            with suppress(OSError):  # It is not there, or somebody's files are.
+            with suppress(OSError):  # It is missing, or holds files of a user.
                 self.building.rmdir()
 
 

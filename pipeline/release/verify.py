@@ -25,6 +25,7 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.hub import limit_silence
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.rows import open_shard
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import load_policy
 from pipeline.inspection import front_matter

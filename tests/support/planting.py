@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from tampering import manifest_of
 
 from labyrinth_core.data.columns import arrow_schema
-from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -42,13 +41,13 @@ def plant(folder: Path, split: str, old: str, new: str) -> None:
 
 
 def write(folder: Path, split: str, table: pa.Table) -> None:
+    """Write a shard, and a manifest that agrees but for the fingerprint."""
     path = shard(folder, split)
     pq.write_table(table, path)
-    content = json.loads((folder / MANIFEST).read_bytes())
-    entry = next(entry for entry in content["shards"] if entry["path"] == path.name)
-    size = path.stat().st_size
-    entry.update(sha256=file_sha256(path), bytes=size, rows=len(table))
-    (folder / MANIFEST).write_text(json.dumps(content))
+    with manifest_of(folder) as content:
+        entry = next(entry for entry in content["shards"] if entry["path"] == path.name)
+        size = path.stat().st_size
+        entry.update(sha256=file_sha256(path), bytes=size, rows=len(table))
 
 
 def transposed(text: str) -> str:

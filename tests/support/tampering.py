@@ -20,11 +20,12 @@ from labyrinth_core.data.columns import Row, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse, without_agent
+from labyrinth_core.pictures.png import strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.generation.fingerprint import Fingerprint, decoded_picture_digest
+from pipeline.generation.fingerprint import Fingerprint, PictureDigest
 from pipeline.generation.validate import validate
 
 Rows = list[dict[str, Any]]
@@ -130,7 +131,8 @@ def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
 
 def picture_digest_of(png: bytes) -> bytes:
     try:
-        return decoded_picture_digest(np.array(Image.open(io.BytesIO(png)).convert("RGB")))
+        picture = np.array(Image.open(io.BytesIO(png)).convert("RGB"))
+        return PictureDigest(strips_in(picture)).digest({})
     except (OSError, SyntaxError):
         return b"not a picture at all"
 

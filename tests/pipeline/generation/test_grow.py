@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from interrupting import CrashError, before_each_shard
 from tampering import content_of, manifest_of
@@ -16,7 +15,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.run import Run
-from pipeline.generation.tabulate import facts_table, table_facts
 
 Build = Callable[..., Run]
 
@@ -143,19 +141,3 @@ def test_what_would_lose_labyrinths_is_refused(
         build(tmp_path, **OF_FOUR | given | options)
     assert content_of(folder) == there
     assert Manifest.read(build(tmp_path, **OF_FOUR | given | options, overwrite=True).folder)
-
-
-def test_facts_are_read_from_the_table_as_they_were_written(short: Path) -> None:
-    manifest = Manifest.read(short / "4x4")
-    facts = table_facts(short / "4x4", manifest)
-    assert len(facts) == 60
-    assert len(np.unique(facts["labyrinth_id"])) > 40
-    first = 0
-    for split in manifest.config.splits:
-        rows = facts[first : first + 10]
-        first += 10
-        table = facts_table(manifest.config, split, rows, 0)
-        assert table["structure_id"].to_pylist() == [
-            f"{each:016x}" for each in rows["structure_id"]
-        ]
-        assert (table["parent_id"].null_count > 0) == (split in ("train", "validation", "test"))

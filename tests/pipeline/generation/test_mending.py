@@ -137,9 +137,7 @@ def test_files_of_a_person_where_there_is_no_dataset_stop_a_build(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [".3x3.tmp", ".3x3.x.tmp", ".README.md.0123456789ab.tmp", ".3x3.replaced"]
-)
+@pytest.mark.parametrize("name", [".3x3.x.tmp", ".README.md.0123456789ab.tmp", ".3x3.replaced"])
 def test_files_called_like_what_a_killed_build_leaves_are_kept(
     build: Build, folder: Path, name: str
 ) -> None:

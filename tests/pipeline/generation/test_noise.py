@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tampering import episode_rows, rows_of
+from tampering import TRAIN, episode_rows, problems, rows_of
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data.manifest import Manifest
@@ -19,7 +19,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import optimal_actions, shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
-from pipeline.generation import validate as validation
 from pipeline.inspection.routes import routes_of
 
 pytestmark = pytest.mark.slow
@@ -52,7 +51,7 @@ def test_so_many_actions_are_optimal_as_the_noise_says(
     """The rest are those random actions that are not optimal by chance."""
     noise = 0.3
     run = noisy(build, tmp_path, noise, task=task)
-    assert validation.validate(run.folder, Manifest.read(run.folder)) == []
+    assert problems(run.folder) == []
     of_steps = steps(run)
     rows = [optimal_actions(labyrinth)[state_index(labyrinth, s)] for labyrinth, s, _ in of_steps]
     expected = [1 - noise + noise * row.sum() / 4 for row in rows]
@@ -69,14 +68,13 @@ def test_so_many_actions_are_optimal_as_the_noise_says(
 
 def test_a_route_that_the_demonstrator_did_not_take_is_found(build: Build, tmp_path: Path) -> None:
     run = noisy(build, tmp_path, 0.3)
-    file = "train-00000-of-00001.parquet"
-    with rows_of(run.folder, file) as rows:
+    with rows_of(run.folder) as rows:
         first = [row for row in rows if row["info"] == rows[0]["info"]]
         labyrinth = parse(first[0]["info"])
         best = shortest_routes(labyrinth)[0]
         assert best != [row["actions"] for row in first[:-1]]
         rows[: len(first)] = episode_rows("train", 0, labyrinth, best)
-    (problem,) = validation.validate(run.folder, Manifest.read(run.folder))
+    (problem,) = problems(run.folder)
     assert problem == (
-        f"{file} row 0 actions: not the route of a demonstrator with noise 0.3 and this seed"
+        f"{TRAIN} row 0 actions: not the route of a demonstrator with noise 0.3 and this seed"
     )

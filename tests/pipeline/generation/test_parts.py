@@ -11,7 +11,6 @@ import pytest
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 
@@ -55,15 +54,6 @@ def test_parts_put_together_are_the_dataset_that_one_process_makes(
     assert shards.items() <= there.items()
     build(tmp_path, **SHARDS, part="1/4")
     assert content_of(tmp_path) == content_of(whole.data_dir)
-
-
-def test_a_part_makes_the_shards_whose_numbers_leave_its_number(
-    build: Build, tmp_path: Path, whole: Run
-) -> None:
-    build(tmp_path, **SHARDS, part="4/5")
-    names = [shard.path for shard in Manifest.read(whole.folder).shards]
-    made = {name for name in written(tmp_path) if name.endswith(".parquet")}
-    assert made == {name for number, name in enumerate(names) if number % 5 == 4}
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from brute_force import drawn, step
-from tampering import TRAIN, Rows, episode_rows, episode_starts, rows_of
+from tampering import TRAIN, Rows, episode_rows, episode_starts, problems, rows_of
 
 from labyrinth_core import load_episodes, load_transitions, stream_episodes
 from labyrinth_core.data.errors import DatasetError
@@ -29,7 +29,6 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
-from pipeline.generation import validate as validation
 from pipeline.inspection.statistics import count_dataset
 from pipeline.release.provenance import command
 
@@ -68,13 +67,9 @@ def pieces(build: Build, tmp_path_factory: pytest.TempPathFactory) -> Run:
     return built(build, tmp_path_factory.mktemp("pieces"), STEPS)
 
 
-def problems(run: Run) -> list[str]:
-    return validation.validate(run.folder, Manifest.read(run.folder))
-
-
 def test_a_dataset_in_pieces_is_valid(both: tuple[Run, Run]) -> None:
     parts, whole = both
-    assert problems(parts) == problems(whole) == []
+    assert problems(parts.folder) == problems(whole.folder) == []
     random = [Manifest.read(run.folder).of("random")[0] for run in both]
     assert random[0] == random[1]
 
@@ -193,7 +188,7 @@ def test_pieces_as_long_as_any_route_are_whole_routes(build: Build, tmp_path: Pa
 
 
 def with_agent(info: str, move: int) -> str:
-    """Return a text in which the agent begins so many cells farther."""
+    """Return a text in which the agent begins some cells farther."""
     labyrinth = parse(info)
     cell = (initial(labyrinth).agent + move) % labyrinth.structure.cells
     return dump(replace(labyrinth, agent=initial(labyrinth)._replace(agent=cell)))
@@ -223,7 +218,7 @@ def in_no_order(rows: Rows, second: range) -> str:
 
 
 def of_no_cell(rows: Rows, second: range) -> str:
-    """Let the text of the second piece name a cell that is none."""
+    """Let the text of the second piece name a cell outside the labyrinth."""
     for row in second:
         rows[row]["info"] = re.sub("agent: .*\n", "agent: (9, 9)\n", rows[row]["info"])
     return f"{TRAIN} row {second[0]} info: not a labyrinth: "
@@ -266,7 +261,7 @@ def test_pieces_that_do_not_make_the_route_are_found(
     with rows_of(folder) as rows:
         _, second, third, *_ = episode_starts(rows)
         begins = change(rows, range(second, third))
-    found = validation.validate(folder, Manifest.read(folder))
+    found = problems(folder)
     assert any(problem.startswith(begins) for problem in found), found
 
 
@@ -278,12 +273,12 @@ def test_an_agent_that_begins_elsewhere_is_found_where_routes_are_whole(
         first = rows[0]["info"]
         for row in [row for row in rows if row["info"] == first]:
             row["info"] = with_agent(first, 1)
-    found = problems(run)
+    found = problems(run.folder)
     assert f"{TRAIN} row 0 info: the agent begins in (0, 1), not in (0, 0)" in found
 
 
 def test_an_episode_that_begins_where_no_way_leads_is_refused(build: Build, tmp_path: Path) -> None:
-    """Behind the closed door without the key: the goal can be reached, but nobody comes there."""
+    """Behind the closed door without the key: near the goal, and no agent comes there."""
     run = built(build, tmp_path, STEPS, task=Task.KEY_AND_DOOR)
     with rows_of(run.folder) as rows:
         first = parse(rows[0]["info"])

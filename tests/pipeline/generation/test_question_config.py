@@ -32,14 +32,14 @@ pytestmark = pytest.mark.slow
 NAME = "3x4-key_and_door"
 TEST = "test-00000-of-00001.parquet"
 SHIFTS = ("recoloured",)
+OPTIONS = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
 SPLITS = ["test", "s0", "s0_and_g", *SHIFTS]
 
 
 @pytest.fixture(scope="module")
 def asked(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The run of a dataset whose questions are there; copy its folder before you change it."""
-    options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
-    run = build(tmp_path_factory.mktemp("asked") / "data", labyrinths=4, **options)
+    run = build(tmp_path_factory.mktemp("asked") / "data", labyrinths=4, **OPTIONS)
     before = content_of(run.folder)
     questions.run(run)
     assert content_of(run.folder) == before
@@ -50,8 +50,7 @@ def asked(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -
 def copied(asked: Run, tmp_path: Path, make_run: Callable[..., Run]) -> Run:
     """The same run in a folder of its own."""
     shutil.copytree(asked.data_dir, tmp_path / "data")
-    options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
-    return make_run(tmp_path / "data", labyrinths=4, **options)
+    return make_run(tmp_path / "data", labyrinths=4, **OPTIONS)
 
 
 def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(asked):
@@ -122,8 +121,7 @@ def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, b
     assert {task["id"] for task in benchmark["tasks"]} == {
         f"{NAME}-questions{form}-{split}" for form in ("", "-pictures") for split in SPLITS
     }
-    options = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
-    build(copied.data_dir, labyrinths=5, **options)
+    build(copied.data_dir, labyrinths=5, **OPTIONS)
     assert f"{NAME}-questions" not in readme.read_text().split("---\n")[1]
     grown = replace(copied, dataset=replace(copied.dataset, labyrinths=5))
     questions.run(grown)

@@ -1,7 +1,7 @@
 """What a config stands for does not change: the fingerprints of small datasets, as once published.
 
-A test here fails where rows come out otherwise than in the versions before. Then the change is a
-mistake, or all datasets of that kind get another `manifest.FORMAT`.
+A test here fails where rows differ from those of earlier versions. Then the change is an error, or
+all datasets of that kind get another `manifest.FORMAT`.
 """
 
 from __future__ import annotations

@@ -26,7 +26,6 @@ from brute_force import (
 from datasets import load_dataset
 from tampering import Rows, read_rows
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.labyrinth_table import (
     MOST_ROUTES,
     TABLE,
@@ -35,7 +34,6 @@ from labyrinth_core.data.labyrinth_table import (
 )
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_and_routes
@@ -62,12 +60,12 @@ def expected_table(folder: Path) -> Rows:
         first = 0
         for info, grouped in groupby(rows, lambda row: str(row["info"])):
             own = list(grouped)
-            told = expected_row(info, own) | {"split": split, "first_row": first}
+            found = expected_row(info, own) | {"split": split, "first_row": first}
             if split == "train":
-                train[told["structure_id"]] = told["labyrinth_id"]
-            told["parent_id"] = None if split in SAMPLED_SPLITS else train[told["structure_id"]]
-            told["turns"] = None if split == "random" else told["turns"]
-            table.append(told)
+                train[found["structure_id"]] = found["labyrinth_id"]
+            found["parent_id"] = None if split in SAMPLED_SPLITS else train[found["structure_id"]]
+            found["turns"] = None if split == "random" else found["turns"]
+            table.append(found)
             first += len(own)
     return table
 
@@ -122,12 +120,7 @@ def test_every_row_is_what_the_shards_say(datasets: Path, config: str) -> None:
 
 
 def test_routes_more_than_fit_are_as_many_as_fit() -> None:
-    wide = Structure.from_passages(
-        40,
-        40,
-        [(c, c + 1) for c in range(1600) if c % 40 < 39] + [(c, c + 40) for c in range(1560)],
-    )
-    labyrinth = Labyrinth(wide, 0, 1599)
+    labyrinth = Labyrinth(Structure.without_walls(40, 40), 0, 1599)
     moves, routes = moves_and_routes(labyrinth)
     assert (moves, routes) == (78, comb(78, 39))
     facts = tabulate.FactsOfShard("train")
@@ -135,16 +128,6 @@ def test_routes_more_than_fit_are_as_many_as_fit() -> None:
     (fact,) = facts.array()
     assert fact["optimal_routes"] == MOST_ROUTES
     assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)
-
-
-def test_the_manifest_names_the_table_and_its_hash(small_dataset: Run) -> None:
-    named = Manifest.read(small_dataset.folder).labyrinths
-    path = small_dataset.folder / TABLE
-    assert named is not None
-    assert (named.bytes, named.sha256) == (path.stat().st_size, file_sha256(path))
-    with pq.ParquetFile(path) as file:
-        assert file.schema_arrow.equals(arrow_schema(TABLE_COLUMNS))
-        assert b"huggingface" in file.metadata.metadata
 
 
 def test_shards_and_row_groups_may_end_anywhere(

@@ -6,8 +6,6 @@ import errno
 import itertools
 import os
 import shutil
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -27,8 +25,6 @@ from pipeline.generation import workplace
 from pipeline.machinery.folders import held
 
 Build = Callable[..., Run]
-
-ROOT = Path(__file__).parents[3]
 
 
 # Two runs at once.
@@ -55,30 +51,7 @@ def test_the_second_of_two_runs_waits_says_for_whom_and_finds_all_done(
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
 
 
-@pytest.mark.slow
-def test_two_processes_that_build_one_dataset_make_it_once_and_whole(
-    tmp_path: Path, small_dataset: Run
-) -> None:
-    command = [sys.executable, "run.py", "size=3", "labyrinths=8", "stages=[build]"]
-    started = [
-        subprocess.Popen([*command, f"data_dir={tmp_path}"], cwd=ROOT, stdout=subprocess.PIPE)
-        for _ in range(2)
-    ]
-    printed = [process.communicate(timeout=120)[0].decode() for process in started]
-    assert [process.returncode for process in started] == [0, 0]
-    assert sum("is complete already" in " ".join(text.split()) for text in printed) == 1
-    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
-
-
-def test_a_lock_that_a_killed_process_left_holds_nobody_up(
-    build: Build, tmp_path: Path, small_dataset: Run
-) -> None:
-    (tmp_path / ".3x3.lock").write_text("process 1 on another machine")
-    build(tmp_path)
-    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
-
-
-def test_where_there_are_no_locks_nobody_waits(
+def test_where_there_are_no_locks_no_build_waits(
     build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_locks(*_: object, **__: object) -> None:
