@@ -6,6 +6,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from inspect import signature
 
 import huggingface_hub
 import numpy as np
@@ -55,6 +56,15 @@ def no_network(monkeypatch):
 
     monkeypatch.setattr(socket, "getaddrinfo", refuse)
     monkeypatch.setattr(socket.socket, "connect", refuse)
+
+
+@LOADS
+def test_loaders_and_streams_have_the_arguments_of_load_episodes_in_common(load):
+    arguments = signature(load).parameters
+    for name, argument in signature(load_episodes).parameters.items():
+        assert arguments[name] == argument
+    if load is stream_transitions:
+        assert arguments == signature(stream_episodes).parameters
 
 
 def shards_of(data_dir, config, split):
