@@ -205,3 +205,9 @@ def test_the_work_for_two_routes_is_a_few_walks_through_the_labyrinth(task):
     labyrinth = sample_labyrinth(40, 40, task, np.random.default_rng(0), open_walls=0)
     table = transition_table(labyrinth)
     assert lines_run(lambda: simple_routes(labyrinth, 2)) < 60 * len(table)
+
+
+@pytest.mark.parametrize("routes", [simple_routes, shortest_routes])
+def test_no_more_routes_are_looked_for_than_the_limit_says(routes):
+    labyrinth = without_walls(5, 5)
+    assert lines_run(lambda: routes(labyrinth, 2)) < lines_run(lambda: routes(labyrinth, 40)) / 3

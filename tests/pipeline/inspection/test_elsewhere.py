@@ -34,6 +34,14 @@ def test_a_card_that_is_no_yaml_is_answered_with_one_line(
         read_elsewhere(str(folder), "3x3")
 
 
+def test_a_config_that_is_not_there_is_answered_with_those_that_are(small_dataset: Run) -> None:
+    source = str(small_dataset.data_dir)
+    with pytest.raises(DatasetError) as caught:
+        read_elsewhere(source, "9x9")
+    there = f"{source}: BuilderConfig '9x9' not found. Available: ['3x3', "
+    assert str(caught.value).startswith(there)
+
+
 @pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_not_taken_for_a_folder_that_is_not_there(
     small_dataset: Run,

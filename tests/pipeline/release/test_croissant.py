@@ -103,6 +103,7 @@ def test_what_is_not_released_points_at_nothing_on_the_hub(carded):
     values = content(carded)
     assert values["url"] == "README.md"
     assert "huggingface.co" not in json.dumps(values["distribution"])
+    assert not any("containedIn" in part for part in values["distribution"])
 
 
 def test_a_release_is_named_with_its_version_and_is_read_from_a_copy(folder):

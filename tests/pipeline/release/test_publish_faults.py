@@ -305,7 +305,9 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
             local_hub.faults.fail("GET|HEAD", "/resolve", status=501, times=UNLIMITED)
         rule.released.set()
         error = last_line(process)
-    assert error.startswith(f"error: the verification of {commit[:12]} failed, so it is not tagged")
+    failed = f"error: the verification of {commit[:12]} failed, so it is not tagged: "
+    # Not only what is streamed, which comes last and is in no cache.
+    assert error.startswith(f"{failed}README.md cannot be downloaded: ")
     assert "refs/tags/1.0.0" not in local_hub.refs(REPO)
     assert held(local_hub) == built(releasable)
 

@@ -113,6 +113,18 @@ def test_episodes_of_other_options_are_played_anew_and_nothing_is_removed(tmp_pa
     assert (played, mine.read_text()) == ([], "mine")
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("__version__", "0.0.1"), ("version", lambda library: f"old {library}")]
+)
+def test_episodes_of_an_earlier_version_are_played_anew(tmp_path, played, monkeypatch, name, value):
+    with monkeypatch.context() as earlier:
+        earlier.setattr(environments, name, value)
+        compare(run_of(tmp_path, "Labyrinth"))
+    played.clear()
+    compare(run_of(tmp_path, "Labyrinth"))
+    assert played == [range(4), range(4, 8)]
+
+
 def test_a_table_of_a_person_is_not_written_over(tmp_path):
     (tmp_path / "environments.md").write_text("mine")
     with pytest.raises(DatasetError, match=r"environments\.md: made or changed by somebody else"):

@@ -92,8 +92,15 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
         with pytest.raises(KeyboardInterrupt):
             train.run(killed, checkpoint_seconds=0)
         assert [path.name for path in killed.training_folder.iterdir()] == [CHECKPOINT]
-    monkeypatch.setattr(bc.Method, "epoch", epoch)
+    done: list[bc.Method] = []
+
+    def counted(self: bc.Method) -> dict[str, float]:
+        done.append(self)
+        return epoch(self)
+
+    monkeypatch.setattr(bc.Method, "epoch", counted)
     train.run(killed)
+    assert len(done) == len(record_of(whole)["history"]) - 2  # What was done is not done again.
     assert weights_of(killed) == weights_of(whole)
     histories = [record_of(run) for run in (whole, killed)]
     for history in histories:
