@@ -219,13 +219,26 @@ def test_it_remembers_its_plan_until_it_is_reset(trained: Mapper) -> None:
     assert [int(policy.act(each)[0]) for each in (first, later)] == [fresh[0]] * 2
 
 
+def counted(player: Player) -> tuple[Player, list[int]]:
+    """Return a player, and how many pictures it was shown each time that it was asked."""
+    asked: list[int] = []
+
+    def act(pictures: Any) -> Any:
+        asked.append(len(pictures))
+        return player.act(pictures)
+
+    return replace(player, act=act), asked
+
+
 def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
     torch.manual_seed(0)
     arrays = as_arrays(labyrinths_of(2, 2), ObservationSpec("image", PICTURE_SIZE, draw=True))
     for remember in (True, False):
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
-        early = step_through(player, arrays, 1)
-        late = step_through(replace(player, remembered=None), arrays, 1)
+        saying, asked = counted(player)
+        silent, asked_of_silent = counted(replace(player, remembered=None))
+        early, late = (step_through(each, arrays, 1) for each in (saying, silent))
+        assert len(asked) < len(asked_of_silent) == arrays.step_limit
         assert not early.solved.all()
         assert early.letters == late.letters
         assert np.array_equal(early.moves, late.moves)
