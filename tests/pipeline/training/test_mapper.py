@@ -178,6 +178,15 @@ def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
             assert torch.allclose(one, same, atol=1e-5)
 
 
+def test_a_way_is_as_passable_as_the_least_passable_line_across_it() -> None:
+    torch.manual_seed(0)
+    network = Mapper(MapperSpec(8, 4))
+    seen = torch.randn(1, 2, 8, 4, CELL, CELL)
+    lines = [seen[..., line, None, :].expand_as(seen) for line in range(CELL)]
+    least = torch.stack([network.passable(each) for each in lines]).amin(0)
+    assert torch.allclose(network.passable(seen), least, atol=1e-6)
+
+
 def test_with_permuted_actions_the_same_is_learnt_of_the_permuted_ones(
     problem_of: Problems,
 ) -> None:
