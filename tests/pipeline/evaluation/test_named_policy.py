@@ -182,6 +182,11 @@ def test_impossible_options_are_refused_in_one_line(run_of, options, message):
         run_of(**options)
 
 
+def test_a_policy_that_cannot_be_is_refused_by_a_stage_that_asks_none(make_run, tmp_path):
+    with pytest.raises(ConfigError, match=r"\Apolicy=ppo\.zip: give module:name, the folder of"):
+        make_run(tmp_path, stages=["results"], policy="ppo.zip")
+
+
 @pytest.mark.parametrize("theirs", ["my policy", None])
 def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
     path = folder / "runs" / "3x3" / "my-policy" / "results.json"

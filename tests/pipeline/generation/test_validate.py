@@ -43,8 +43,9 @@ Build = Callable[..., Run]
 Change = Callable[[Rows, Path], str]
 """Changes the rows of a file in a folder; returns how the problem that is found begins."""
 
-OTHER, TEST, RANDOM, MOVED = (
-    f"{split}-00000-of-00001.parquet" for split in ("validation", "test", "random", "s0_and_g")
+OTHER, TEST, RANDOM, S0, MOVED = (
+    f"{split}-00000-of-00001.parquet"
+    for split in ("validation", "test", "random", "s0", "s0_and_g")
 )
 """Files; the labyrinths of the first are not the parents of others."""
 
@@ -265,6 +266,15 @@ def a_longer_route_with_the_right_pictures(rows: Rows, _: Path) -> str:
     return f"row 0 actions: routes of {moves + 2} moves, instead of one of {moves}"
 
 
+def the_second_labyrinth_in_place_of_the_first(split: str) -> Change:
+    def change(rows: Rows, _: Path) -> str:
+        its = parse(next(row["info"] for row in rows if row["info"] != rows[0]["info"]))
+        replace_first(rows, split, its, shortest_routes(its)[0])
+        return "row 0 info: its structure is not that of its parent in train"
+
+    return change
+
+
 def ends_too_near_to_each_other(rows: Rows, _: Path) -> str:
     its = Labyrinth(parse(rows[0]["info"]).structure, 4, 5)
     replace_first(rows, "s0_and_g", its, shortest_routes(its)[0])
@@ -317,6 +327,8 @@ WITH_OTHERS: list[tuple[str, Change]] = [
     (RANDOM, steps_of_random_left_out),
     (RANDOM, a_random_episode_cut_too_early),
     (MOVED, ends_too_near_to_each_other),
+    (RANDOM, the_second_labyrinth_in_place_of_the_first("random")),
+    (S0, the_second_labyrinth_in_place_of_the_first("s0")),
 ]
 """The file and the change of which validation names a problem, and what follows from it."""
 

@@ -178,6 +178,15 @@ def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
             assert torch.allclose(one, same, atol=1e-5)
 
 
+def test_a_way_is_as_passable_as_the_least_passable_line_across_it() -> None:
+    torch.manual_seed(0)
+    network = Mapper(MapperSpec(8, 4))
+    seen = torch.randn(1, 2, 8, 4, CELL, CELL)
+    lines = [seen[..., line, None, :].expand_as(seen) for line in range(CELL)]
+    least = torch.stack([network.passable(each) for each in lines]).amin(0)
+    assert torch.allclose(network.passable(seen), least, atol=1e-6)
+
+
 def test_with_permuted_actions_the_same_is_learnt_of_the_permuted_ones(
     problem_of: Problems,
 ) -> None:
@@ -219,13 +228,26 @@ def test_it_remembers_its_plan_until_it_is_reset(trained: Mapper) -> None:
     assert [int(policy.act(each)[0]) for each in (first, later)] == [fresh[0]] * 2
 
 
+def counted(player: Player) -> tuple[Player, list[int]]:
+    """Return a player, and how many pictures it was shown each time that it was asked."""
+    asked: list[int] = []
+
+    def act(pictures: Any) -> Any:
+        asked.append(len(pictures))
+        return player.act(pictures)
+
+    return replace(player, act=act), asked
+
+
 def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
     torch.manual_seed(0)
     arrays = as_arrays(labyrinths_of(2, 2), ObservationSpec("image", PICTURE_SIZE, draw=True))
     for remember in (True, False):
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
-        early = step_through(player, arrays, 1)
-        late = step_through(replace(player, remembered=None), arrays, 1)
+        saying, asked = counted(player)
+        silent, asked_of_silent = counted(replace(player, remembered=None))
+        early, late = (step_through(each, arrays, 1) for each in (saying, silent))
+        assert len(asked) < len(asked_of_silent) == arrays.step_limit
         assert not early.solved.all()
         assert early.letters == late.letters
         assert np.array_equal(early.moves, late.moves)

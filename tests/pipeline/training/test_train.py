@@ -227,6 +227,10 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
             {"method": {"name": "planner", "path_prior": 1}},
             "method.path_prior=1: give true or false",
         ),
+        (
+            {"method": {"name": "planner", "sharpness": 1001}},
+            "sharpness=1001: give a number from 0",
+        ),
         ({"method": {"name": "mapper", "looks": 65}}, "looks=65: give a whole number from 1 to 64"),
         ({"revision": "v1"}, "is a folder, which has no revisions"),
         ({"train_labyrinths": 9}, "train_labyrinths=9: give 8 or fewer, as many as train of /"),
