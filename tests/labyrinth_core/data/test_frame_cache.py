@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from labyrinth_core.data import frame_cache
+from labyrinth_core.data import frame_cache, loader
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.frame_cache import LIMIT_VARIABLE, SUFFIX
 from labyrinth_core.data.loader import load_transitions
@@ -118,6 +118,13 @@ def test_each_dataset_split_size_and_way_to_make_pictures_has_its_own_file(
         kept = load_transitions(folder, "3x3", cache_dir=cache, **options)
         assert_same(kept, load_transitions(folder, "3x3", cache_dir=False, **options))
         assert len(list(cache.iterdir())) == number + 1
+
+
+def test_a_version_that_draws_otherwise_makes_its_own_file(data_dir, cache, monkeypatch):
+    for version in (1, 2):
+        monkeypatch.setattr(loader, "PICTURES_VERSION", version)
+        load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+        assert len(list(cache.iterdir())) == version
 
 
 def test_a_dataset_that_is_refused_leaves_nothing(data_dir, cache, tmp_path):

@@ -162,6 +162,7 @@ IMPOSSIBLE_TO_TRAIN = [
     ("device", "tpu", "[auto, cpu, cuda]"),
     ("threads", 0, "from 1 to"),
     ("results_dir", " ", "give a folder"),
+    ("results_dir", "s3://bucket/results", "a folder on this machine"),
     *(
         ("method", {"name": name}, "give the name of a method")
         for name in ("", "BC", "os.path", "../bc", None)

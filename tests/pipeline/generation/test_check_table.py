@@ -39,10 +39,10 @@ def folder(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / made.name))
 
 
-def write(folder: Path, table: pa.Table, *, agree: bool = True) -> None:
+def write(folder: Path, table: pa.Table, *, agree: bool = True, **options: int) -> None:
     """Write the table, and a manifest that agrees."""
     path = folder / TABLE
-    pq.write_table(table, path)
+    pq.write_table(table, path, **options)
     if agree:
         with manifest_of(folder) as content:
             content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
@@ -135,6 +135,7 @@ def test_the_table_is_read_in_no_thread_of_arrow(
     def noting(path: Path, mode: str = "r", **options: Any) -> Any:
         return Noting(path) if path.name == TABLE else opened(path, mode, **options)
 
+    write(folder, pq.read_table(folder / TABLE), row_group_size=1)
     monkeypatch.setattr(Path, "open", noting)
     assert problems(folder) == []
     assert set(threads) == {threading.get_ident()}

@@ -116,6 +116,18 @@ def test_in_bf16_each_step_is_taken_with_the_weights_after_the_one_before(
 
 
 @pytest.mark.slow
+def test_in_the_usual_precision_nothing_is_computed_in_bf16(
+    problem_of: Callable[..., Problem], tmp_path: Path
+) -> None:
+    learner, shown = bc.Method(problem_of(encoder="cnn"), settings_of("bc", epochs=1)), set()
+    for layer in learner.policy.modules():
+        layer.register_forward_hook(lambda *of: shown.add(of[-1].dtype))
+    path = tmp_path / CHECKPOINT
+    fit(learner, lambda _: {"validation_sr": 0.5}, PROTOCOLS["default"], path, {}, lambda _: None)
+    assert shown == {torch.float32}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dagger", "gail", "bco", "sqil", "iupe"])
 def test_every_method_can_be_trained_in_bf16(problem_of: Callable[..., Problem], name: str) -> None:
     method, settings = find(name, {"batch_size": 64})

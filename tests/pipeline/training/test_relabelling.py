@@ -92,7 +92,7 @@ def test_whole_routes_are_labelled_where_they_go(problem_of: Callable[..., Probl
 def test_examples_are_of_one_piece_each_and_learnt_from_as_they_are_where_none_is_relabelled(
     build: Callable[..., Run], tmp_path: Path, task: str
 ) -> None:
-    shown = DemonstrationsConfig(noise=0.3, pieces=2)
+    shown = DemonstrationsConfig(noise=0.7, pieces=2)
     run = build(tmp_path, size="4", task=task, labyrinths=4, demonstrations=shown)
     arrays = load_arrays(tmp_path, run.dataset.name, "train")
     sampler = ExampleSampler(arrays)
@@ -103,10 +103,14 @@ def test_examples_are_of_one_piece_each_and_learnt_from_as_they_are_where_none_i
     ended = [episode.terminated for episode in sampler.episodes]
     assert arrays.done[steps.states, steps.actions][lasts].tolist() == ended
     assert False in ended
+    on_ice = [each.states[-1].agent in each.labyrinth.ice for each in sampler.episodes]
+    assert any(on_ice) == (task == "icy_floor")
     for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
         assert len(episode) <= 2
         for first, last in parts:
-            assert episode.states[first].agent != episode.states[last].agent
+            ends = {episode.states[first].agent, episode.states[last].agent}
+            assert len(ends) == 2
+            assert ends.isdisjoint(episode.labyrinth.ice)
     rng = np.random.default_rng(0)
     shown = zip(arrays.observations[steps.states], steps.actions.tolist(), strict=True)
     drawn = zip(*sampler.draw(40, rng, relabel=False, whole=False), strict=True)
