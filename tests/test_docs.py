@@ -105,6 +105,14 @@ def test_the_check_runs_the_test_command_of_the_readme():
     assert f"\n{test} " in script.split(install)[1]
 
 
+def test_the_list_of_defects_names_tests_that_exist():
+    text = (ROOT / "tests" / "defects.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\| .+ \| `([\w/]+\.py)::(\w+)` \|$", text, re.MULTILINE)
+    assert len(named) == text.count("\n| ") - 1 > 0  # But for the heading of the table.
+    gone = [name for path, name in named if f"def {name}(" not in (ROOT / path).read_text("utf-8")]
+    assert gone == []
+
+
 def paths(text: str) -> Iterator[str]:
     """Yield the paths that a text names in back-ticks or runs, and that are of this repository."""
     for quoted in [*re.findall(r"`([^`\s]+)`", text), *re.findall(r"python (\S+\.py)", text)]:
