@@ -1,4 +1,4 @@
-"""The labyrinth that a structure becomes in each split, and the randomness of it."""
+"""The labyrinth that a structure becomes in each split, and the random numbers that make it."""
 
 from __future__ import annotations
 

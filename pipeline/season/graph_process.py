@@ -1,8 +1,9 @@
 """The process that computes an ONNX graph, for `graph.py` alone; nothing else of ours is in it.
 
-It may use so much memory, and may open no file. In come the graph, then observations: the number of
-bytes, and the bytes. Out go what the graph takes and answers, then scores, likewise, after a byte
-that is zero; or, after another byte, an error, as text.
+Its memory is limited, and it may open no file. It reads the graph, then batches of observations:
+the number of bytes (`ASKED`), then the bytes. It answers each with a flag for an error and the
+number of bytes (`ANSWERED`), then the bytes: a description of the graph's inputs and outputs as
+JSON, scores as float32, or the text of an error.
 """
 
 from __future__ import annotations
