@@ -31,6 +31,11 @@ from pipeline.generation.validate import validate
 Rows = list[dict[str, Any]]
 
 TRAIN = "train-00000-of-00001.parquet"
+OTHER, TEST, RANDOM, S0, MOVED = (
+    f"{split}-00000-of-00001.parquet"
+    for split in ("validation", "test", "random", "s0", "s0_and_g")
+)
+"""Files; the labyrinths of the first are not the parents of others."""
 
 
 def content_of(folder: Path) -> dict[str, bytes]:
@@ -188,3 +193,8 @@ def problems(folder: Path) -> list[str]:
     found = validate(folder, Manifest.read(folder))
     assert all("\n" not in problem and len(problem) < 500 for problem in found)
     return found
+
+
+def names(found: list[str], row: int, field: str, file: str = TRAIN) -> bool:
+    """Return whether a problem with a field of a row is among those that were found."""
+    return any(problem.startswith(f"{file} row {row} {field}: ") for problem in found)
