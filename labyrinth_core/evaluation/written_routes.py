@@ -6,7 +6,7 @@ Every shortest route counts the same, since no answer is compared with another.
 from __future__ import annotations
 
 import re
-from collections import deque
+from bisect import bisect
 from dataclasses import dataclass
 
 from labyrinth_core.language.text import parse
@@ -103,22 +103,39 @@ def _why_not(labyrinth: Labyrinth, state: State, move: Action) -> str | None:
 
 
 def read_moves(answer: str) -> tuple[Action, ...]:
-    """Return the moves of an answer; none if it has none.
+    """Return the moves of an answer; an empty tuple if it has no moves.
 
     A move is one of the words up, right, down and left in small or capital letters, or one of the
     capital letters U, R, D and L. Between the moves of a run there is no other word than "and" or
-    "then"; punctuation and digits may be there. What counts is the longest run after the last
-    "Answer:", of several the first. Without an "Answer:" the last run of the text counts.
+    "then"; punctuation and digits may be there. Of several "Answer:" the last one with a move
+    somewhere after it counts: of the runs on its line the longest, or if its line has no move, the
+    longest run after it; of equals the first. Without an "Answer:" the last run of the text counts.
     """
-    marks = deque(_MARK.finditer(answer), maxlen=1)
+    marks = [mark.end() for mark in _MARK.finditer(answer)]
+    if not marks:
+        return (_runs(answer) or [()])[-1]
+    moves = (word.start() for word in _WORD.finditer(answer) if _move(word[0]) is not None)
+    last_move = max(moves, default=-1)
+    followed = bisect(marks, last_move)
+    if not followed:
+        return ()
+    after = answer[marks[followed - 1] :]
+    line = re.split(r"[\r\n]", after, maxsplit=1)[0]
+    return max(_runs(line) or _runs(after), key=len)
+
+
+def _move(word: str) -> Action | None:
+    """Return the move that a word means, or None."""
+    return _MOVES.get(word if len(word) == 1 else word.lower())
+
+
+def _runs(text: str) -> list[tuple[Action, ...]]:
+    """Return the runs of moves in a text, in order."""
     runs: list[list[Action]] = [[]]
-    for word in _WORD.finditer(answer, marks[0].end() if marks else 0):
-        text = word[0]
-        move = _MOVES.get(text if len(text) == 1 else text.lower())
+    for word in _WORD.finditer(text):
+        move = _move(word[0])
         if move is not None:
             runs[-1].append(move)
-        elif runs[-1] and text.lower() not in _BETWEEN:
+        elif runs[-1] and word[0].lower() not in _BETWEEN:
             runs.append([])
-    found = [run for run in runs if run] or [[]]
-    counting = max(found, key=len) if marks else found[-1]
-    return tuple(counting)
+    return [tuple(run) for run in runs if run]
