@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
+from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
+from labyrinth_core.evaluation.replanner import REPLANNERS
 
 LONGEST = 300
 """The largest number of characters of a text."""
@@ -27,6 +31,12 @@ DETAILS = {
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _URL = re.compile(r"https?://\S+")
+_RESERVED = {name.replace("_", " ") for name in (*BASELINES, *REFERENCES, *REPLANNERS)}
+
+
+def as_compared(name: str) -> str:
+    """Return a name as it is compared: case, blanks and forms of a letter make no other name."""
+    return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
 @dataclass(frozen=True)
@@ -34,8 +44,9 @@ class Description:
     """The description of a policy in tables; all but the name may be left out.
 
     Raises:
-        ValueError: The name is empty, the address or the date is not valid, a text is too long or
-            has characters that cannot be seen, or a detail is not in `DETAILS` or not a count.
+        ValueError: The name is empty or that of a baseline, the address or the date is not valid, a
+            text is too long or has characters that cannot be seen, or a detail is not in `DETAILS`
+            or not a count.
     """
 
     name: str
@@ -54,6 +65,8 @@ class Description:
     def __post_init__(self) -> None:
         if not self.name.strip():
             raise ValueError(f"name={self.name!r}: say what the policy is called")
+        if as_compared(self.name).replace("_", " ") in _RESERVED:
+            raise ValueError(f"name={self.name}: a baseline is called so; choose another name")
         for what in ("name", "author", "url", "date", "budget"):
             text = getattr(self, what)
             if len(text) > LONGEST or not text.isprintable():

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.evaluation.description import as_compared
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from pipeline.config.run import Run
@@ -156,11 +156,6 @@ def read_all(
             key = each.config, each.fingerprint, as_compared(name)
             named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
     return runs, submissions, refused
-
-
-def as_compared(name: str) -> str:
-    """Return a name as it is compared: case, blanks and forms of a letter make no other name."""
-    return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
 def _names(results: Results) -> list[str]:

@@ -140,6 +140,17 @@ def test_what_could_not_be_read_again_is_not_saved(results, tmp_path, make, abou
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "name", ["random", " Oracle", "FIXED path", "fixed_path", "route memory ", "replanner"]
+)
+def test_no_policy_is_called_as_a_baseline_is(results, content, read, tmp_path, name):
+    told = f"name={name}: a baseline is called so; choose another name"
+    with pytest.raises(ValueError, match=rf"\A{told}\Z"):
+        results.save(tmp_path / "mine.json", name=name)
+    content["method"]["name"] = name
+    refused(read, content, None, told)
+
+
 def nudged(value):
     """Return another value of the same kind, which no rounding explains."""
     if isinstance(value, list):
