@@ -1,7 +1,8 @@
-"""How a policy is asked, and what it answers: actions or scores, of numpy, PyTorch or JAX.
+"""What a policy is shown, how it is asked, and what it answers: actions or scores.
 
-No library but numpy is imported: a module of PyTorch is one only if PyTorch has been imported
-already, and the arrays of the others say themselves how they become numpy's.
+Answers are of numpy, PyTorch or JAX. No library but numpy is imported: a module of PyTorch is one
+only if PyTorch has been imported already, and the arrays of the others say themselves how they
+become numpy's.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import one_line
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Task
 
 Policy = Callable[[Any], Any]
 """From B observations to B actions, or to scores of the four actions, shape (B, 4).
@@ -46,6 +50,72 @@ def asked(call: Callable[..., Any], *arguments: Any) -> Any:
         shown = "" if not arguments else f" when given {_described(arguments[0])}"
         reason = f"{type(error).__name__}: {one_line(error):.300}"
         raise PolicyError(f"the policy raised {reason}{shown}") from error
+
+
+def fitted(
+    policy: Any,
+    height: int,
+    width: int,
+    task: Task,
+    *,
+    observation: str | None = None,
+    image_size: int | None = None,
+) -> tuple[Any, ObservationSpec]:
+    """Return a policy as it acts in labyrinths of one size and task, and what it is shown there.
+
+    A policy may have attributes that say what it has to be shown: `observation`; `image_size`, a
+    number of pixels or a function of height and width; and `resize`, as `load_arrays` has it. One
+    that depends on the labyrinths has `for_labyrinths(height, width, task)`, which returns the
+    policy for them, or raises a PolicyError if they cannot be shown to it.
+
+    Args:
+        policy: Any policy that `evaluate` accepts.
+        height: Rows of cells.
+        width: Columns of cells.
+        task: The task of the labyrinths.
+        observation: What the caller asks for; None for what the policy says, or "image".
+        image_size: What the caller asks for; None for what the policy says, or 64.
+
+    Raises:
+        ValueError: An argument has a value that is not allowed.
+        PolicyError: The policy cannot be shown these labyrinths, or not in the way asked for.
+    """
+
+    def stated(name: str) -> Any:
+        return None if isinstance(policy, type) else asked(lambda: getattr(policy, name, None))
+
+    adapt = stated("for_labyrinths")
+    if adapt is not None:
+        policy = asked(partial(adapt, height, width, task))
+    kind, pixels, resize = stated("observation"), stated("image_size"), stated("resize")
+    if isinstance(kind, str):  # Other policies may keep something else under this name.
+        if observation not in (None, kind):
+            raise PolicyError(f"the policy looks at observation={kind}, and is shown {observation}")
+        observation = kind
+    observation = "image" if observation is None else observation
+    if observation == "image" and pixels is not None:
+        needed = _needed_size(pixels, height, width)
+        if image_size not in (None, needed):
+            raise PolicyError(
+                f"the policy looks at pictures of image_size={needed} at {height}x{width}, and is "
+                f"shown image_size={image_size}"
+            )
+        image_size = needed
+    size = DEFAULT_IMAGE_SIZE if image_size is None else image_size
+    resize = resize if isinstance(resize, str) else "area"
+    return policy, ObservationSpec(observation, size, draw=True, resize=resize)
+
+
+def _needed_size(pixels: Any, height: int, width: int) -> int:
+    """Return the pixels on each side that a policy's `image_size` asks for."""
+    size = asked(partial(pixels, height, width)) if callable(pixels) else pixels
+    whole = isinstance(size, int | np.integer) and not isinstance(size, bool)
+    if not whole or not 1 <= size <= PICTURE_SIZE:
+        raise PolicyError(
+            f"the policy asks for image_size={size!r:.60} at {height}x{width}: a whole number of "
+            f"pixels from 1 to {PICTURE_SIZE} is allowed"
+        )
+    return int(size)
 
 
 def decide(

@@ -27,14 +27,12 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.buckets import sample_test
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.source import locate
-from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.evaluate import whole
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.dynamics import STEP_LIMIT
 
 TOGETHER = 64
@@ -131,8 +129,8 @@ def compare(
     source: str | Path,
     config: str,
     *,
-    observation: str | tuple[str, str] = "image",
-    image_size: int | tuple[int, int] = DEFAULT_IMAGE_SIZE,
+    observation: str | tuple[str | None, str | None] | None = None,
+    image_size: int | tuple[int | None, int | None] | None = None,
     within: str = "cells",
     most: int = 10_000,
     error: float = 0.05,
@@ -150,8 +148,8 @@ def compare(
         other: The other policy.
         source: Folder with a dataset, or its id on the Hub; only its manifest is read.
         config: Name of the dataset's config, such as `5x5`: size, task and sampler are its own.
-        observation: As `evaluate` has it; a pair if the policies differ in it.
-        image_size: Pixels on each side of the pictures; a pair if the policies differ in it.
+        observation: As `evaluate` has it, for both policies or as a pair.
+        image_size: As `evaluate` has it, for both policies or as a pair.
         within: The number of steps that solve a labyrinth: "cells" for as many as it has cells,
             "limit" for the step limit of the benchmark, within which random steps solve most.
         most: The number of labyrinths after which to stop undecided.
@@ -161,7 +159,8 @@ def compare(
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        PolicyError: A policy is not one, raises an error, or answers with anything but actions.
+        PolicyError: A policy is not one, raises an error, answers with anything but actions, or
+            cannot be shown these labyrinths.
         DatasetError: There is no such dataset.
         LabyrinthError: The labyrinths of the dataset can hardly be drawn.
     """
@@ -170,14 +169,14 @@ def compare(
         raise ValueError(f"within={within!r:.60}: choose cells or limit")
     if not 0 < error < 1:
         raise ValueError(f"error={error!r:.60}: give a probability above 0 and below 1")
-    players = [Player.of(each, seed) for each in (policy, other)]
-    specs = [
-        ObservationSpec(seen, size, draw=True)
-        for seen, size in zip(
-            _pair("observation", observation), _pair("image_size", image_size), strict=True
-        )
-    ]
+    seen, sizes = _pair("observation", observation), _pair("image_size", image_size)
     dataset = Manifest.read(locate(source, config, [], revision)).config
+    shape = dataset.height, dataset.width, dataset.task
+    policies = [
+        fitted(each, *shape, observation=shown, image_size=size)
+        for each, shown, size in zip((policy, other), seen, sizes, strict=True)
+    ]
+    players = [(Player.of(each, seed), spec) for each, spec in policies]
     cells = dataset.height * dataset.width
     steps = cells if within == "cells" else STEP_LIMIT * cells
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE,)))
@@ -186,8 +185,7 @@ def compare(
     while found.better is None and found.labyrinths < most:
         drawn = list(islice(fresh, min(TOGETHER, most - found.labyrinths)))
         first, second = (
-            play_once(player, as_arrays(drawn, spec), steps).solved
-            for player, spec in zip(players, specs, strict=True)
+            play_once(player, as_arrays(drawn, spec), steps).solved for player, spec in players
         )
         found = Comparison(
             found.labyrinths + len(drawn),

@@ -19,7 +19,7 @@ import numpy as np
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
-from labyrinth_core.evaluation.answers import Player, PolicyError, decide
+from labyrinth_core.evaluation.answers import Player, PolicyError, decide, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
@@ -27,7 +27,6 @@ from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.labyrinth import Task
 
 NOT_EVALUATED = ("random",)
@@ -46,8 +45,8 @@ def evaluate(
     source: str | Path,
     config: str,
     *,
-    observation: str = "image",
-    image_size: int = DEFAULT_IMAGE_SIZE,
+    observation: str | None = None,
+    image_size: int | None = None,
     episodes: int | None = None,
     seed: int = 0,
     splits: Sequence[str] | None = None,
@@ -68,14 +67,17 @@ def evaluate(
     - A model or policy of Stable-Baselines3, or anything else with its `predict`, which is asked
       for deterministic actions. One that returns a state is stepped, as it remembers.
 
+    A policy that says what it has to be shown, as those of `load_policy` do, is shown that: see
+    `labyrinth_core.evaluation.answers.fitted`.
+
     Args:
         policy: What is judged.
         source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
         config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
         observation: What the policy is shown: "image", uint8 (B, image_size, image_size, 3);
             "vector", int32 (B, length); or "text", a list of B texts in the language of labyrinths,
-            with the agent in them as `@`.
-        image_size: Pixels on each side of the pictures.
+            with the agent in them as `@`. None for what the policy says, or "image".
+        image_size: Pixels on each side of the pictures. None for what the policy says, or 64.
         episodes: How many episodes to step in each labyrinth; for a policy that draws at random.
             None for look-ups where the policy allows them, else one.
         seed: Settles the generator `rng`.
@@ -84,35 +86,45 @@ def evaluate(
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        PolicyError: The policy is not one of these, raises an error, or answers with anything but
-            actions.
+        PolicyError: The policy is not one of these, raises an error, answers with anything but
+            actions, or cannot be shown these labyrinths.
         DatasetError: There is no such dataset or split.
     """
     seed = whole("seed", seed, 0, MOST_SEED)
     if episodes is not None:
         episodes = whole("episodes", episodes, 1, MOST_EPISODES)
-    player = Player.of(policy, seed)
     manifest = Manifest.read(locate(source, config, [], revision))
+    about = manifest.config
+    policy, spec = fitted(
+        policy,
+        about.height,
+        about.width,
+        about.task,
+        observation=observation,
+        image_size=image_size,
+    )
+    player = Player.of(policy, seed)
 
-    def load(split: str, observation: str = observation) -> LabyrinthArrays:
+    def load(split: str, observation: str = spec.observation) -> LabyrinthArrays:
         return load_arrays(
             source,
             config,
             split,
             observation=observation,
-            image_size=image_size,
+            image_size=spec.image_size,
+            resize=spec.resize,
             revision=revision,
         )
 
     chosen = _chosen(splits, manifest)
-    scores, baselines = judge(player, load, chosen, manifest.config.task, episodes=episodes)
+    scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
     return Results(
         dataset=str(source),
         revision=revision,
         config=config,
         fingerprint=manifest.fingerprint,
-        observation=observation,
-        image_size=image_size if observation == "image" else None,
+        observation=spec.observation,
+        image_size=spec.image_size if spec.observation == "image" else None,
         way=way_of(player, episodes),
         episodes=episodes or 1,
         seed=seed,

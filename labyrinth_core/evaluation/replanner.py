@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.answers import Player, PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import Scores, score
@@ -27,11 +27,12 @@ REPLANNERS = ("replanner", "without memory")
 class Replanner:
     """An optimistic planner under partial observability, with or without memory.
 
-        evaluate(Replanner(5, 5), "data/labyrinth", "5x5-partial_observability",
-                 observation="vector")
+        evaluate(Replanner(5, 5), "data/labyrinth", "5x5-partial_observability")
 
     Without memory it knows what it sees and no more, and `act` alone is a policy.
     """
+
+    observation = "vector"
 
     def __init__(self, height: int, width: int, *, memory: bool = True) -> None:
         self.memory = memory
@@ -45,6 +46,16 @@ class Replanner:
                 self._neighbours[cell, action] = beside
                 self._passages[cell, action] = (self._place[cell] + self._place[beside]) // 2
         self.reset(0)
+
+    def for_labyrinths(self, height: int, width: int, task: Task) -> Replanner:
+        """Return the planner for labyrinths of another size.
+
+        Raises:
+            PolicyError: Vectors of the task have other positions.
+        """
+        if tile_count(task) != tile_count(Task.PARTIAL_OBSERVABILITY):
+            raise PolicyError(f"the replanner looks at vectors without key and door, not of {task}")
+        return Replanner(height, width, memory=self.memory)
 
     def reset(self, count: int) -> None:
         """Begin `count` episodes, of which nothing is known."""

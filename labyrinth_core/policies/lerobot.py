@@ -27,6 +27,8 @@ IMAGE = "observation.image"
 class LeRobotPolicy:
     """A policy of LeRobot with `reset` and `act`: it remembers the rest of a chunk of actions."""
 
+    observation = "image"
+
     def __init__(
         self, policy: Any, preprocessor: Callable[[Any], Any], postprocessor: Callable[[Any], Any]
     ) -> None:
@@ -51,14 +53,9 @@ class LeRobotPolicy:
 
         Args:
             observations: Pictures, uint8 (B, size, size, 3).
-
-        Raises:
-            ValueError: The observations are not pictures.
         """
         import torch
 
-        if getattr(observations, "ndim", 0) != 4:
-            raise ValueError("a policy of LeRobot looks at pictures: give observation=image")
         weight = next(self.policy.parameters(), None)
         pictures = torch.as_tensor(observations, device=None if weight is None else weight.device)
         batch = {IMAGE: pictures.permute(0, 3, 1, 2).float() / 255}

@@ -37,8 +37,9 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
     It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
     remembers its plan, so it is an object with `reset(count)` and `act(observations)`, which
     returns B actions. Of both, `network` is the module of PyTorch, on the processor, and `spec`
-    says what they look at; a mapper looks at pictures of 600 pixels (`image_size=600`). Both have
-    `predict` as in Stable-Baselines3, too.
+    says what they look at, which `evaluate` shows them. Both have `predict` as in
+    Stable-Baselines3, too, and `for_labyrinths(height, width, task)`, which returns the policy for
+    labyrinths of another size than those that it was trained on.
 
     Args:
         source: The folder of a run, such as `runs/5x5/bc-cnn-seed0`; a folder with `config.json`
@@ -47,8 +48,8 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
 
     Raises:
         ValueError: A folder is given with a revision.
-        DatasetError: The policy does not exist, one of its files is too large or has other
-            content than it should have, or PyTorch is not installed.
+        DatasetError: The policy does not exist, was trained with `memory=true`, one of its files
+            is too large or has other content than it should have, or PyTorch is not installed.
     """
     try:
         import safetensors.torch  # noqa: F401
@@ -128,10 +129,15 @@ def _read_spec_of_run(folder: Path) -> PolicySpec:
     _, metadata = _read_weights(folder / POLICY)
     try:
         check_size(record, RECORD, record.stat().st_size)
-        network, settings = json.loads(metadata["network"]), read_json(record)["run"]["settings"]
-        return PolicySpec.from_json(PolicySpec.of_run(network, settings).to_json())
+        network, run = json.loads(metadata["network"]), read_json(record)["run"]
+        spec = PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
+        remembers = run.get("memory", False)
     except _UNREADABLE as error:
         raise DatasetError(f"{folder} is no run of a policy: {one_line(error):.300}") from error
+    if remembers is not False:
+        reason = "such a policy is evaluated by the options of its run alone, and not loaded"
+        raise DatasetError(f"{folder} was trained with memory=true: {reason}")
+    return spec
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.answers import Policy, PolicyError, fitted
 from labyrinth_core.pictures.bands import Sums, bands_of
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import AGENT_INSET, DEFAULT_STYLE
+from labyrinth_core.world.labyrinth import Task
 
 Pictures = NDArray[np.uint8]
 
@@ -57,6 +58,7 @@ class PictureMemory:
         Raises:
             ValueError: The labyrinths have walls that are thinner than a pixel.
         """
+        self.image_size = image_size
         self._bands = bands = bands_of(height, width, None, image_size)
         down, across = bands.rows.bands[bands.row], bands.columns.bands
         if _is_coarse(down) or _is_coarse(across):
@@ -117,6 +119,8 @@ class PictureMemory:
 class Remembering:
     """A policy that is shown what has been seen so far, in one picture, as `evaluate` takes it."""
 
+    observation = "image"
+
     def __init__(self, policy: Policy, memory: PictureMemory) -> None:
         """Begin with no episode.
 
@@ -125,6 +129,21 @@ class Remembering:
             memory: What makes them.
         """
         self.policy, self.memory = policy, memory
+        self.image_size = memory.image_size
+
+    def for_labyrinths(self, height: int, width: int, task: Task) -> Remembering:
+        """Return the policy with a memory for labyrinths of another size.
+
+        Raises:
+            PolicyError: The policy cannot be shown the pictures of the memory.
+            ValueError: The labyrinths have walls that are thinner than a pixel.
+        """
+        policy, spec = fitted(
+            self.policy, height, width, task, observation="image", image_size=self.image_size
+        )
+        if spec.resize != "area":
+            raise PolicyError(f"the memory cannot show pictures of resize={spec.resize}")
+        return Remembering(policy, PictureMemory(height, width, self.image_size))
 
     def reset(self, count: int) -> None:
         """Begin `count` episodes, in which nothing has been seen."""

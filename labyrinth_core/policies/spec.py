@@ -10,8 +10,11 @@ from dataclasses import Field, asdict, dataclass, field, fields
 from math import inf
 from typing import Any, TypeVar
 
+from labyrinth_core.data.observations import RESIZES
 from labyrinth_core.data.schema import Exactly, Number, OneOf, check_shape
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
 from labyrinth_core.world.labyrinth import Task
 
@@ -32,6 +35,9 @@ MAPPER_FORMAT = 2
 
 ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 """Encoder -> what it looks at."""
+
+RESIZE_OF_PROTOCOL = {"default": "area", "paper": "original", "authors": "original"}
+"""Protocol of training -> how pictures become small, one of `RESIZES`."""
 
 PLANNER, MAPPER = "planner", "mapper"
 """The methods with a network of their own; in a `NetworkSpec` they stand for the encoder."""
@@ -99,13 +105,15 @@ OWN = {PLANNER: PlannerSpec, MAPPER: MapperSpec}
 
 @dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's network is made from."""
+    """What a policy's network is made from, and what the policy has to be shown."""
 
     network: NetworkSpec
     average: bool
     """Whether it is averaged over the symmetries of the picture."""
     own: PlannerSpec | MapperSpec | None = None
     """The settings of a network without an encoder."""
+    resize: str = "area"
+    """How its pictures become small; one of `RESIZES`."""
 
     @property
     def observation(self) -> str:
@@ -119,9 +127,36 @@ class PolicySpec:
             return PICTURE_SIZE
         return DEFAULT_IMAGE_SIZE if self.observation == "image" else None
 
+    def image_size_in(self, height: int, width: int) -> int | None:
+        """Return the pixels on each side of its pictures of labyrinths of another size.
+
+        A planner's cells keep their number of pixels.
+        """
+        if self.network.encoder == PLANNER:
+            trained_on = max(self.network.height, self.network.width)
+            return round(DEFAULT_IMAGE_SIZE * max(height, width) / trained_on)
+        return self.image_size
+
+    def require_fit(self, height: int, width: int, task: Task) -> None:
+        """Raise a PolicyError if labyrinths of a size and task cannot be shown to the policy."""
+        network, shape = self.network, f"{height}x{width}"
+        if self.observation == "vector":
+            own = network.height, network.width, tile_count(Task(network.task))
+            if own != (height, width, tile_count(task)):
+                raise PolicyError(
+                    f"the policy looks at vectors of {network.height}x{network.width}, "
+                    f"{network.task}: those of {shape}, {task}, have another meaning"
+                )
+        if isinstance(self.own, PlannerSpec) and self.own.grid_prior and height != width:
+            raise PolicyError(
+                f"the policy is a planner with grid_prior=true, which needs as many rows as "
+                f"columns: {shape} cannot be shown to it"
+            )
+
     def to_json(self) -> dict[str, Any]:
         """Return the content of `config.json`."""
         own = {} if self.own is None else {self.network.encoder: asdict(self.own)}
+        resize = {} if self.resize == "area" else {"resize": self.resize}
         return {
             "kind": KIND,
             "format": MAPPER_FORMAT if self.network.encoder == MAPPER else FORMAT,
@@ -131,21 +166,28 @@ class PolicySpec:
             "average": self.average,
             PLANNER: None,
             **own,
+            **resize,
         }
 
     @classmethod
-    def of_run(cls, network: Any, settings: Any) -> PolicySpec:
+    def of_run(cls, network: Any, run: Any) -> PolicySpec:
         """Return what the policy of a run is made from; `from_json` checks its content.
 
         Args:
             network: The fields of its `NetworkSpec`.
-            settings: The settings of its method.
+            run: What determines the run, among it the `settings` of its method.
+
+        Raises:
+            ValueError: The protocol of the run does not exist.
         """
+        settings = run["settings"]
+        check_shape(run["protocol"], OneOf(tuple(RESIZE_OF_PROTOCOL)), "protocol")
+        resize = RESIZE_OF_PROTOCOL[run["protocol"]]
         of_method = OWN.get(network["encoder"])
         own = None
         if of_method is not None:
             own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
-        return cls(NetworkSpec(**network), settings.get("average", False), own)
+        return cls(NetworkSpec(**network), settings.get("average", False), own, resize)
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:
@@ -161,7 +203,9 @@ class PolicySpec:
         own = _read(OWN[name], content.get(name), name) if name in OWN else None
         if average and name == MAPPER:
             raise ValueError("average is True, but a mapper looks at a picture in one way")
-        spec = cls(network, average, own)
+        resize = content.get("resize", "area")
+        check_shape(resize, OneOf(tuple(RESIZES)), "resize")
+        spec = cls(network, average, own, resize)
         expected = spec.to_json()
         check_shape(content, Exactly(dict.fromkeys(expected)))
         for name, value in expected.items():

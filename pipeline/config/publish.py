@@ -85,11 +85,6 @@ def check_publish(
         "published is of, such as user/labyrinth",
     )
     check(
-        not publish.model or training.protocol == "default",
-        f"protocol={training.protocol}: its pictures are not those that evaluate shows, so that "
-        "its policy is not published",
-    )
-    check(
         not publish.model or training.network in (*ENCODERS, *OWN),
         f"publish.model={publish.model}: policies of method={training.method_name} are not "
         "published, since load_policy does not make their network",

@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 
 from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.policies.spec import ENCODERS
+from labyrinth_core.policies.spec import ENCODERS, RESIZE_OF_PROTOCOL
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check, listed
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
@@ -55,9 +55,11 @@ class Protocol:
 
 
 PROTOCOLS = {
-    "default": Protocol(resize="area"),
-    "paper": Protocol(resize="original", evaluate_every=10, patience=5),
-    "authors": Protocol(resize="original", methods="authors", first_of_equals=True),
+    "default": Protocol(resize=RESIZE_OF_PROTOCOL["default"]),
+    "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
+    "authors": Protocol(
+        resize=RESIZE_OF_PROTOCOL["authors"], methods="authors", first_of_equals=True
+    ),
 }
 """The first two keep the policy with the best SR on validation.
 
@@ -165,8 +167,11 @@ class TrainingOptions:
 class EvaluationOptions:
     """How the policy is shown labyrinths that `policy` names, and what its results say of it."""
 
-    image_size: int = option(
-        IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
+    image_size: int | None = option(
+        None,
+        "pixels on each side of the pictures (what the policy says, or 64)",
+        at_least=1,
+        at_most=PICTURE_SIZE,
     )
     episodes: int | None = option(
         None,

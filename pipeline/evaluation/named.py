@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from labyrinth_core import evaluate
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.schema import read_json
-from labyrinth_core.evaluation.answers import Player, PolicyError, asked
+from labyrinth_core.evaluation.answers import Player, PolicyError, asked, fitted
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.results import RESULTS, Results
@@ -48,7 +48,8 @@ def judge_named(run: Run) -> Judged:
     Raises:
         ConfigError: There is no such policy, or an option is impossible.
         DatasetError: The policy or the dataset cannot be read, or a split is missing.
-        PolicyError: The policy raises an error, or answers with anything but actions.
+        PolicyError: The policy raises an error, answers with anything but actions, or cannot be
+            shown these labyrinths.
     """
     options, asked = run.options, run.options.evaluation
     name = asked.name.strip() or Path(options.policy).name
@@ -58,13 +59,23 @@ def judge_named(run: Run) -> Judged:
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / RESULTS
     refuse_others(path, name)
-    manifest_of(run)  # Says how the dataset is made, if there is none.
+    config = manifest_of(run).config  # Says how the dataset is made, if there is none.
     policy = named_policy(options.policy)
+    # The option's default says nothing: a policy may look at something else.
+    observation = None if options.observation == "image" else options.observation
     try:
         about = _description(name, asked)  # First, as the evaluation may take long.
+        policy, spec = fitted(
+            policy,
+            config.height,
+            config.width,
+            config.task,
+            observation=observation,
+            image_size=asked.image_size,
+        )
         shown: dict[str, Any] = {
-            "observation": options.observation,
-            "image_size": asked.image_size,
+            "observation": spec.observation,
+            "image_size": spec.image_size,
             "revision": options.revision,
         }
         results = evaluate(
@@ -80,7 +91,7 @@ def judge_named(run: Run) -> Judged:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    load = partial(load_arrays, run.source, run.dataset.name, **shown)
+    load = partial(load_arrays, run.source, run.dataset.name, resize=spec.resize, **shown)
     return Judged(about, Player.of(policy, options.seed), load, results, path)
 
 

@@ -183,18 +183,15 @@ def _card(trained: Trained) -> str:
     test = trained.results.splits["test"]
     low, high = (f"{100 * bound:.0f}" for bound in test.figures()["sr_interval"])
     spec, options = trained.spec, trained.run.options.publish
-    size = spec.image_size
-    shown = ', observation="vector"' if spec.observation == "vector" else ""
     form = "a function from a batch of observations to the scores of the four actions"
     if isinstance(spec.own, MapperSpec):
-        shown = f", image_size={size}"
         form = "an object with `reset(count)` and `act(observations)`, which returns actions"
     return fill(
         "model.md",
         dataset=trained.run.dataset_on_hub[0],
         method=plain(trained.made.method),
         config=trained.manifest.config.name,
-        sees="vectors" if size is None else f"pictures of {size} x {size} pixels",
+        sees=_sees(spec),
         spl=f"{test.spl:.1%}",
         solved=f"{test.sr:.1%}",
         low=low,
@@ -204,7 +201,6 @@ def _card(trained: Trained) -> str:
         model=options.model,
         version=options.version,
         revision=trained.revision,
-        shown=shown,
         form=form,
         weights=f"{trained.weights:,}",
         training=_training(trained),
@@ -213,6 +209,15 @@ def _card(trained: Trained) -> str:
         code=code(),
         citation=citation(),
     )
+
+
+def _sees(spec: PolicySpec) -> str:
+    if spec.image_size is None:
+        return "vectors"
+    pictures = f"pictures of {spec.image_size} x {spec.image_size} pixels"
+    if spec.resize == "original":
+        pictures += " (walls of two pixels, resized without antialiasing: most walls vanish)"
+    return pictures
 
 
 def _training(trained: Trained) -> str:

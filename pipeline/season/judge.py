@@ -22,10 +22,10 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.schema import SHARE, Each, Text, check_shape, read_json
 from labyrinth_core.data.storage import write_bytes, write_text
-from labyrinth_core.evaluation.description import Judgement
+from labyrinth_core.evaluation.description import Description, Judgement
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.results_form import JUDGEMENT
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
@@ -57,11 +57,16 @@ def run(run: Run) -> None:
     """Judge a submission, or judge it again and compare.
 
     Raises:
+        ConfigError: The submission is called as a baseline is.
         DatasetError: There is no such season or submission, the season is revealed, or the
             submission was judged otherwise before.
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
     place, named = Place.of(run), run.options.season.submission
+    try:
+        Description(named)  # What the results are to say, before a policy plays for hours.
+    except ValueError as error:
+        raise ConfigError(f"season.submission: {error}") from error
     season = Season.read(place)
     if place.revealed.exists():
         raise DatasetError(f"{place.public} is revealed, so that nothing is judged on it any more")
@@ -118,7 +123,8 @@ def judged(
         signed: The versions that the judge signed; None for those of this process.
 
     Raises:
-        PolicyError: The policy raises an error, or answers with anything but actions.
+        PolicyError: The policy raises an error, answers with anything but actions, or cannot be
+            shown these labyrinths.
     """
     judgement = Judgement(
         season=season.name,
@@ -132,9 +138,7 @@ def judged(
         submission.policy,
         data_dir,
         config.name,
-        observation=submission.observation,
         splits=["test", *config.shifts],
-        image_size=submission.image_size or DEFAULT_IMAGE_SIZE,
     )
     results = replace(
         results,

@@ -34,10 +34,7 @@ class Submission(NamedTuple):
     folder: Path
     """A copy of the files, and of nothing else."""
     policy: Any
-    """What `evaluate` takes."""
-    observation: str
-    """What it looks at: image or vector."""
-    image_size: int | None
+    """What `evaluate` takes; it says what it has to be shown."""
     library: str
     """The library that computes it."""
 
@@ -73,20 +70,22 @@ def fetched(
             weights = next(names[0] for names in _KINDS if names[0] in files)
             _require(named, weights, files[weights], revision)
         if GRAPH in files:
-            graph = stack.enter_context(computed((own / GRAPH).read_bytes(), named))
-            looks = graph, graph.observation, graph.image_size, "onnxruntime"
+            policy = stack.enter_context(computed((own / GRAPH).read_bytes(), named))
+            yield Submission(named, commit, files, own, policy, "onnxruntime")
         else:
-            looks = *_loaded(own), "torch"
-        yield Submission(named, commit, files, own, *looks)
+            yield Submission(named, commit, files, own, _loaded(own, named), "torch")
 
 
-def _loaded(folder: Path) -> tuple[Any, str, int | None]:
-    """Return the policy of a folder of weights, what it looks at, and the size of pictures."""
-    policy = load_policy(folder)
+def _loaded(folder: Path, named: str) -> Any:
+    """Return the policy of a folder of weights."""
+    try:
+        policy = load_policy(folder)
+    except DatasetError as error:  # The folder is a copy, whose name says nothing.
+        raise DatasetError(str(error).replace(str(folder), named)) from error
     import torch
 
     torch.set_num_threads(1)  # Sums of several threads may be rounded otherwise.
-    return policy, policy.spec.observation, policy.spec.image_size
+    return policy
 
 
 def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.policies.spec import CONFIG, WEIGHTS, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.policies.spec import (
+    CONFIG,
+    POLICY,
+    RECORD,
+    WEIGHTS,
+    NetworkSpec,
+    PlannerSpec,
+    PolicySpec,
+)
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(
@@ -16,6 +25,25 @@ RELEASED_SPEC = PolicySpec(
     average=True,
     own=PlannerSpec(True, True, True, channels=32, iterations=20, sharpness=3.0),
 )
+
+
+def lay_out_run(folder, spec, **run):
+    """Write a run whose policy has random weights into a new folder; return the folder."""
+    import torch
+    from safetensors.torch import save_file
+
+    from labyrinth_core.policies.networks.acting import make_network
+
+    folder.mkdir(parents=True)
+    network = make_network(spec.network, average=spec.average, own=spec.own)
+    for weights in network.parameters():
+        torch.nn.init.normal_(weights, generator=torch.Generator().manual_seed(0))
+    described = {"network": json.dumps(asdict(spec.network))}
+    save_file(network.state_dict(), folder / POLICY, described)
+    settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
+    content = {"run": {"protocol": "default", "settings": settings} | run}
+    (folder / RECORD).write_text(json.dumps(content), encoding="utf-8")
+    return folder
 
 
 class Table:

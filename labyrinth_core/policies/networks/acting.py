@@ -16,6 +16,7 @@ from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.networks.planning import Planner
 from labyrinth_core.policies.networks.symmetry import Averaged
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.world.labyrinth import Task
 
 BATCH = 256
 """The number of observations in a forward pass without gradients."""
@@ -76,6 +77,20 @@ class LoadedPolicy(NetworkPolicy):
     def __init__(self, network: nn.Module, spec: PolicySpec) -> None:
         super().__init__(network)
         self.spec = spec
+        self.observation, self.image_size, self.resize = (
+            spec.observation,
+            spec.image_size_in,
+            spec.resize,
+        )
+
+    def for_labyrinths(self, height: int, width: int, task: Task) -> LoadedPolicy:
+        """Return the policy, which is the same in labyrinths of another size.
+
+        Raises:
+            PolicyError: The labyrinths cannot be shown to it.
+        """
+        self.spec.require_fit(height, width, task)
+        return self
 
     def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
         """Return the scores of the four actions, shape (B, 4).
@@ -115,12 +130,12 @@ class LoadedPolicy(NetworkPolicy):
 class LoadedMapper(MapperPolicy):
     """The policy of a mapper that was loaded, for labyrinths as large as those trained on.
 
-    `MapperPolicy(policy.network, height, width)` is the same policy for labyrinths of another size.
+    `for_labyrinths` returns the same policy for labyrinths of another size.
     """
 
     def __init__(self, network: Mapper, spec: PolicySpec) -> None:
         super().__init__(network, spec.network.height, spec.network.width)
-        self.spec = spec
+        self.spec, self.resize = spec, spec.resize
 
     def act(self, observations: NDArray[np.uint8]) -> NDArray[np.int64]:
         """Return the actions, shape (B,).

@@ -25,7 +25,8 @@ is always in one corner is not learnt by its corner.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.network import ACTIONS
 from labyrinth_core.policies.networks.slots import (
     CELL,
@@ -46,6 +48,7 @@ from labyrinth_core.policies.networks.slots import (
     slots_of,
 )
 from labyrinth_core.policies.spec import MapperSpec
+from labyrinth_core.world.labyrinth import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
 """The moves to another cell, in rows down and columns right: each four are one, turned."""
@@ -180,6 +183,8 @@ class MapperPolicy:
     It plans in the first picture of an episode; in all others it only finds its own cell.
     """
 
+    observation, image_size = "image", PICTURE_SIZE
+
     def __init__(self, network: Mapper, height: int, width: int, *, remember: bool = True) -> None:
         """Begin with no episode.
 
@@ -191,6 +196,13 @@ class MapperPolicy:
         """
         self.network, self.size, self.remember = network, (height, width), remember
         self.reset(0)
+
+    def for_labyrinths(self, height: int, width: int, task: Task) -> Self:  # noqa: ARG002
+        """Return the policy for labyrinths of another size, with no episode begun."""
+        adapted = copy(self)
+        adapted.size = (height, width)
+        adapted.reset(0)
+        return adapted
 
     def reset(self, count: int) -> None:
         """Begin `count` episodes."""

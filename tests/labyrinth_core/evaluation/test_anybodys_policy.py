@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from labyrinths_of_datasets import CONFIGS
 from policies import Chance, Remembering, Rounds, Table, chance, mistaken
 
-from labyrinth_core import PolicyError, dump, evaluate, load_arrays
+from labyrinth_core import PolicyError, compare, dump, evaluate, load_arrays
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.env import LabyrinthEnv
@@ -416,3 +416,78 @@ def test_a_dataset_on_the_hub_is_read_at_its_revision(datasets, monkeypatch):
         (*manifest, "3x4/train-*.parquet"),
         (*manifest, "3x4/test-*.parquet"),
     ]
+
+
+# What it says that it has to be shown.
+
+
+class Stating:
+    """A policy that says what it has to be shown, and keeps what it is told."""
+
+    def __init__(self, **stated):
+        self.seen, self.told = set(), []
+        vars(self).update(stated)
+
+    def for_labyrinths(self, height, width, task):
+        self.told.append((height, width, str(task)))
+        return self
+
+    def __call__(self, observations):
+        self.seen.add("text" if isinstance(observations, list) else observations.shape[1:])
+        return np.ones(len(observations), int)
+
+
+@pytest.mark.parametrize(
+    ("stated", "options", "seen"),
+    [
+        ({}, {}, (64, 64, 3)),
+        ({"image_size": 20}, {}, (20, 20, 3)),
+        ({"image_size": np.int64(20)}, {"image_size": 20}, (20, 20, 3)),
+        ({"image_size": lambda height, width: 2 * height + width}, {}, (10, 10, 3)),
+        ({"observation": "vector", "image_size": None}, {}, (38,)),
+        ({"observation": "text"}, {"observation": "text"}, "text"),
+        ({"observation": np.zeros(3), "resize": str.lower}, {"image_size": 8}, (8, 8, 3)),
+    ],
+)
+def test_a_policy_is_shown_what_it_says_and_told_the_labyrinths(datasets, stated, options, seen):
+    policy = Stating(**stated)
+    results = evaluate(policy, datasets, "3x4", splits=["test"], **options)
+    assert policy.seen == {seen}
+    assert policy.told == [(3, 4, "navigation")]
+    size = seen[0] if len(seen) == 3 else None
+    kind = seen if seen == "text" else "vector" if size is None else "image"
+    assert (results.observation, results.image_size) == (kind, size)
+    pairs = {name: (value, None) for name, value in options.items()}
+    compare(policy, Stating(), datasets, "3x4", most=1, **pairs)
+    assert policy.seen == {seen}
+
+
+@pytest.mark.parametrize(
+    ("stated", "options", "message"),
+    [
+        (
+            {"observation": "vector"},
+            {"observation": "image"},
+            "looks at observation=vector, and is",
+        ),
+        (
+            {"image_size": 20},
+            {"image_size": 64},
+            "image_size=20 at 3x4, and is shown image_size=64",
+        ),
+        ({"image_size": 601}, {}, "the policy asks for image_size=601 at 3x4: a whole number"),
+        ({"image_size": True}, {}, "the policy asks for image_size=True at 3x4: a whole number"),
+        ({"image_size": (9, 9)}, {}, r"asks for image_size=\(9, 9\) at 3x4: a whole number of pix"),
+        ({"image_size": lambda side: side}, {}, "the policy raised TypeError: "),
+        ({"for_labyrinths": lambda *_: 1 / 0}, {}, "the policy raised ZeroDivisionError: "),
+        ({"observation": "smell"}, {}, "observation=smell: choose one of image, vector, text"),
+    ],
+)
+def test_what_a_policy_says_is_followed_or_refused_in_one_line(datasets, stated, options, message):
+    for call in (
+        lambda: evaluate(Stating(**stated), datasets, "3x4", **options),
+        lambda: compare(chance, Stating(**stated), datasets, "3x4", **options),
+    ):
+        with pytest.raises(ValueError, match=message) as caught:
+            call()
+        assert "\n" not in str(caught.value)

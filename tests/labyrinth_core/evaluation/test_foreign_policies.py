@@ -103,7 +103,7 @@ def test_a_policy_of_lerobot_is_evaluated_with_its_processors(datasets, arrays):
     check_alike(datasets, [Twice(), policy], "steps")
     for wrong, options, message in (
         (Selects(table), {}, r"policy: give one of LeRobot with its processors: .*LeRobotPolicy\("),
-        (policy, {"observation": "vector"}, "looks at pictures: give observation=image"),
+        (policy, {"observation": "vector"}, "looks at observation=image, and is shown vector"),
     ):
         with pytest.raises(PolicyError, match=message):
             evaluate(wrong, datasets, "3x4", image_size=8, **options)

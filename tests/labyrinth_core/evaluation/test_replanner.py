@@ -9,7 +9,7 @@ from labyrinths_of_datasets import CONFIGS
 from strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays
-from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.answers import Player, PolicyError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
@@ -79,7 +79,17 @@ def test_it_stands_beside_the_results_under_partial_observability_alone(datasets
     assert ("replanner" in str(results)) == hidden
     assert "route memory" in str(results)
     if hidden:
-        replanner = evaluate(Replanner(3, 4), datasets, config, observation="vector")
+        replanner = evaluate(Replanner(3, 4), datasets, config)
         own = replanner.splits["test"]
         assert content["baselines"]["replanner"]["test"] == own.summary()
         assert f"100.0% / {own.spl:.1%}" in str(results)
+
+
+def test_it_is_made_anew_for_labyrinths_of_another_size_and_refuses_other_vectors(datasets):
+    own, other = (
+        evaluate(Replanner(*size), datasets, CONFIG, splits=["test"]).splits["test"]
+        for size in ((3, 4), (4, 3))
+    )
+    assert own.episodes.moves.tolist() == other.episodes.moves.tolist()
+    with pytest.raises(PolicyError, match="vectors without key and door, not of key_and_door"):
+        evaluate(Replanner(3, 4), datasets, CONFIGS[Task.KEY_AND_DOOR])

@@ -15,18 +15,22 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from policies import RELEASED, RELEASED_SPEC, lay_out_released
+from labyrinths_of_datasets import CONFIGS
+from policies import RELEASED, RELEASED_SPEC, lay_out_released, lay_out_run
 from safetensors.torch import load_file, save_file
 
 from labyrinth_core import (
     DatasetError,
     PolicyError,
+    compare,
     evaluate,
+    load_arrays,
     load_policy,
     render,
     sample_labyrinth,
     shortest_route,
 )
+from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import MapperPolicy
@@ -74,6 +78,7 @@ def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None
     for old, new, reason in (
         ('"channels": 32', '"channels": 1e9', "planner.channels is 1000000000.0, not a whole num"),
         ('"settings"', '"others"', "'settings'"),
+        ('"protocol": "default"', '"protocol": "x"', "protocol is 'x', not one of default, paper"),
     ):
         (run / "run.json").write_text(record.replace(old, new), encoding="utf-8")
         check_refused(run, told + reason)
@@ -137,19 +142,99 @@ def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
     assert loaded.spec == MAPPER
     own = MapperPolicy(network, 3, 3)
     results = [
-        evaluate(each, small_dataset.data_dir, "3x3", image_size=600, splits=["test"])
-        for each in (loaded, own)
+        evaluate(each, small_dataset.data_dir, "3x3", splits=["test"]) for each in (loaded, own)
     ]
-    assert results[0].way == "steps"
+    assert (results[0].way, results[0].image_size) == ("steps", 600)
     first, second = (each.splits["test"].episodes for each in results)
     assert np.array_equal(first.outcomes, second.outcomes)
     assert np.array_equal(first.moves, second.moves)
     for options, message in (
-        ({"image_size": 64}, "ValueError: a picture has .* colours: show pictures of flat colours"),
+        ({"image_size": 64}, "pictures of image_size=600 at 3x3, and is shown image_size=64"),
         ({"observation": "vector"}, "looks at observation=image, and is shown vector"),
     ):
         with pytest.raises(PolicyError, match=message):
             evaluate(loaded, small_dataset.data_dir, "3x3", splits=["test"], **options)
+
+
+@pytest.mark.parametrize("config", ["3x3", "3x4"])
+def test_a_loaded_policy_is_told_the_size_of_the_labyrinths(
+    config: str, tmp_path: Path, datasets: Path, small_dataset: Any
+) -> None:
+    source = small_dataset.data_dir if config == "3x3" else datasets
+    mapper = replace(MAPPER, network=replace(MAPPER.network, height=5, width=5))
+    loaded = load_policy(lay_out_run(tmp_path / "mapper", mapper))
+    with pytest.MonkeyPatch.context() as patch:
+        sizes: list[tuple[int, int]] = []
+        act = MapperPolicy.act
+        patch.setattr(MapperPolicy, "act", lambda *a: sizes.append(a[0].size) or act(*a))
+        results = evaluate(loaded, source, config, splits=["test"])
+    assert results.image_size == 600
+    assert set(sizes) == {tuple(map(int, config.split("x")))}
+    assert loaded.size == (5, 5)
+
+
+def test_a_planner_is_shown_cells_of_as_many_pixels_as_it_was_trained_on(
+    datasets: Path, small_dataset: Any
+) -> None:
+    policy = load_policy(RELEASED)
+    assert [policy.image_size(*each) for each in ((5, 5), (10, 10), (3, 3))] == [64, 128, 38]
+    assert evaluate(policy, small_dataset.data_dir, "3x3", splits=["test"]).image_size == 38
+    check_not_shown(policy, datasets, "3x4", "the policy is a planner with grid_prior=true, which")
+    told = "looks at pictures of image_size=38 at 3x3, and is shown image_size=64"
+    check_not_shown(policy, small_dataset.data_dir, "3x3", told, image_size=64)
+    told = r"the policy asks for image_size=1280 at 100x100: a whole number of pixels from 1 to 600"
+    with pytest.raises(PolicyError, match=told):
+        fitted(policy, 100, 100, Task.NAVIGATION)
+
+
+def check_not_shown(policy: Any, source: Path, config: str, message: str, **options: Any) -> None:
+    with pytest.raises(PolicyError, match=message) as caught:
+        evaluate(policy, source, config, splits=["test"], **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("task", list(Task))
+@pytest.mark.parametrize("trained_on", [(3, 4), (4, 3), (3, 3)])
+def test_a_policy_of_vectors_is_shown_those_that_it_was_trained_on_or_none(
+    trained_on: tuple[int, int], task: Task, tmp_path: Path, datasets: Path
+) -> None:
+    spec = PolicySpec(NetworkSpec("mlp", 1, *trained_on, "icy_floor"), average=False)
+    policy = load_policy(lay_out_run(tmp_path / "run", spec))
+    config = CONFIGS[task]
+    if trained_on == (3, 4) and task is not Task.KEY_AND_DOOR:
+        assert evaluate(policy, datasets, config, splits=["test"]).observation == "vector"
+        assert compare(policy, policy, datasets, config, most=1).labyrinths == 1
+        return
+    told = f"the policy looks at vectors of .*, icy_floor: those of 3x4, {task}, have another mean"
+    check_not_shown(policy, datasets, config, told)
+    with pytest.raises(PolicyError, match=told):
+        compare(policy, policy, datasets, config)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "resize"), [("default", "area"), ("paper", "original"), ("authors", "original")]
+)
+def test_the_policy_of_a_run_is_shown_the_pictures_of_its_protocol(
+    protocol: str, resize: str, tmp_path: Path, small_dataset: Any
+) -> None:
+    spec = PolicySpec(NetworkSpec("cnn", 1, 3, 3, "navigation"), average=False)
+    run = load_policy(lay_out_run(tmp_path / "run", spec, protocol=protocol))
+    assert run.spec == replace(spec, resize=resize)
+    written(run.spec, tmp_path)
+    for policy in (run, load_policy(tmp_path)):
+        shown: set[bytes] = set()
+        policy.network.register_forward_pre_hook(
+            lambda _, given, shown=shown: shown.update(each.numpy().tobytes() for each in given[0])
+        )
+        evaluate(policy, small_dataset.data_dir, "3x3", splits=["test"])
+        arrays = load_arrays(small_dataset.data_dir, "3x3", "test", resize=resize)
+        assert shown == {each.tobytes() for each in arrays.observations[~arrays.terminal]}
+
+
+def test_a_run_with_memory_is_not_loaded_without_it(tmp_path: Path) -> None:
+    spec = PolicySpec(NetworkSpec("cnn", 1, 3, 3, "partial_observability"), average=False)
+    folder = lay_out_run(tmp_path / "run", spec, memory=True)
+    check_refused(folder, f"{folder} was trained with memory=true: ")
 
 
 def test_a_mapper_predicts_in_episodes_that_begin_at_different_steps_as_it_acts_in_each(
@@ -204,6 +289,8 @@ def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
         ("network.task", "__import__('os')", "network.task is \"__import__('os')\", not one"),
         ("network.code", "x", "network is {'encoder': 'planner', "),
         ("average", 1, "average is 1, not one of True, False"),
+        ("resize", "nearest", "resize is 'nearest', not one of area, original"),
+        ("resize", [], "resize is [], not one of area, original"),
         ("planner", None, "planner is None, not an object with path_prior, "),
         ("planner.channels", 10**6, "planner.channels is 1000000, not a whole number from 1"),
         ("planner.iterations", 1.5, "planner.iterations is 1.5, not a whole number from 1 to"),

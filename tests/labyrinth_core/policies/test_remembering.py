@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from labyrinths_of_datasets import CONFIGS
 from policies import Table, mistaken
 
-from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.answers import Player, PolicyError
+from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.language.text import parse
@@ -128,3 +130,36 @@ def test_pictures_in_which_walls_are_thinner_than_a_pixel_are_refused(side, imag
     words = f"pictures of {image_size} pixels are too small to remember {side}x{side} labyrinths"
     with pytest.raises(ValueError, match=words):
         PictureMemory(side, side, image_size)
+
+
+def test_the_memory_is_made_anew_for_labyrinths_of_another_size(datasets):
+    config = CONFIGS[Task.PARTIAL_OBSERVABILITY]
+    shown = []
+
+    def up(pictures):
+        shown.append(pictures.copy())
+        return np.zeros(len(pictures), np.int64)
+
+    for size in ((3, 4), (5, 5)):
+        evaluate(Remembering(up, PictureMemory(*size)), datasets, config, splits=["test"])
+    half = len(shown) // 2
+    assert all(map(np.array_equal, shown[:half], shown[half:]))
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"observation": "vector"}, "looks at observation=vector, and is shown image"),
+        ({"image_size": 600}, "image_size=600 at 3x4, and is shown image_size=64"),
+        ({"resize": "original"}, "the memory cannot show pictures of resize=original"),
+    ],
+)
+def test_a_policy_that_cannot_be_shown_the_memory_is_refused(datasets, stated, message):
+    def up(pictures):
+        return np.zeros(len(pictures), np.int64)
+
+    vars(up).update(stated)
+    with pytest.raises(PolicyError, match=message):
+        evaluate(
+            Remembering(up, PictureMemory(3, 4)), datasets, CONFIGS[Task.PARTIAL_OBSERVABILITY]
+        )

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from making import make
 from PIL import Image
-from policies import RELEASED
+from policies import RELEASED, lay_out_run
 from publishing import REPO, environment, local_hub, published
 from quick_python import python
 
@@ -20,6 +20,7 @@ from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import EvaluationOptions
 from pipeline.evaluation import evaluate as stage
@@ -133,6 +134,18 @@ def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folde
             assert picture.size == (620, 300)
             assert picture.n_frames > 2
         assert path.stat().st_size < 100_000
+
+
+def test_the_policy_of_a_run_is_shown_its_vectors_without_being_asked(run_of, folder):
+    spec = PolicySpec(NetworkSpec("mlp", 1, 3, 3, "navigation"), average=False)
+    lay_out_run(folder / "mlp", spec)
+    run = run_of("./mlp", gifs=1)
+    stage.run(run)
+    results = folder / "runs" / "3x3" / "mlp"
+    assert Results.load(results / "results.json").observation == "vector"
+    assert len([*(results / "attempts").glob("*.gif")]) == 1
+    with pytest.raises(PolicyError, match="looks at observation=vector, and is shown text"):
+        stage.run(run_of("./mlp", observation="text"))
 
 
 def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsys):

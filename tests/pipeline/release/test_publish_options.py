@@ -50,11 +50,6 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
         ),
         (
             MODEL,
-            {"dataset": REPO, "protocol": "paper"},
-            "protocol=paper: its pictures are not those that evaluate shows, so that its policy is",
-        ),
-        (
-            MODEL,
             {"dataset": REPO, "method": {"name": "vin"}},
             "publish.model=user/planner-3x3: policies of method=vin are not published, since",
         ),

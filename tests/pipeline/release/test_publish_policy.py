@@ -301,13 +301,33 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     content = json.loads((run.training_folder / "results.json").read_bytes())
     stage_policy(of_hub(run), staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
-    results = evaluate(load_policy(staged), run.source, "3x3", image_size=600)
+    results = evaluate(load_policy(staged), run.source, "3x3")
     for split, scores in content["splits"].items():
         assert results.splits[split].episodes.moves.tolist() == scores["moves"]
         assert results.splits[split].episodes.solved.mean() == scores["sr"]
-    assert f'"{REPO}", "3x3", revision="{COMMIT}", image_size=600' in card
+    assert f'evaluate(policy, "{REPO}", "3x3", revision="{COMMIT}")' in card
     assert "`policy` is an object with `reset(count)` and `act(observations)`" in card
     assert "It plans once, in the first picture of an episode" in card
+
+
+@pytest.mark.parametrize("protocol", ["paper", "authors"])
+def test_a_policy_of_another_protocol_is_published_with_what_it_has_to_be_shown(
+    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path, protocol: str
+) -> None:
+    method = {"name": "bc", "epochs": 1}
+    changed = replace(trained.options, protocol=protocol, method=method, run_dir=str(tmp_path))
+    run = replace(trained, options=changed)
+    train.run(run)
+    evaluate_stage.run(run)
+    content = json.loads((run.training_folder / "results.json").read_bytes())
+    stage_policy(of_hub(run), staged, COMMIT, manifest)
+    assert json.loads((staged / "config.json").read_bytes())["resize"] == "original"
+    for source in (staged, run.training_folder):
+        results = evaluate(load_policy(source), run.source, "3x3")
+        for split, scores in content["splits"].items():
+            figures = results.splits[split].figures()
+            assert figures == {name: scores[name] for name in figures}
+    assert "antialiasing: most walls vanish)" in (staged / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(

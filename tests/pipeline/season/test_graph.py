@@ -31,7 +31,7 @@ more = partial(linear, WEIGHTS, scores="scores")
 def test_a_graph_is_computed_as_it_is_written(tmp_path, dtype, small_dataset):
     (tmp_path / GRAPH).write_bytes(linear(WEIGHTS, dtype))
     with fetched(str(tmp_path)) as submission:
-        assert (submission.observation, submission.image_size) == ("image", 64)
+        assert (submission.policy.observation, submission.policy.image_size) == ("image", 64)
         scores = submission.policy(PICTURES)
         right = PICTURES.reshape(9, -1).astype(np.float32) @ WEIGHTS
         np.testing.assert_allclose(scores, right, atol=0.5)

@@ -10,13 +10,16 @@ import shutil
 from pathlib import Path
 
 import pytest
-from policies import RELEASED
+from policies import RELEASED, lay_out_run
 from publishing import local_hub, run_script
 from seasons import Performer
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.config.errors import ConfigError
 from pipeline.season.commitment import Season, seed_of, without_seed
+from pipeline.season.submission import fetched
 
 __all__ = ["local_hub"]
 
@@ -64,6 +67,7 @@ def test_the_seed_follows_from_the_secret_as_the_documents_say(make_run, tmp_pat
         ("season", {"executor": "dask"}, "executor=dask: a season stays on one machine"),
         ("judge", {"submission": ""}, "season.submission=: give the policy to judge"),
         ("judge", {"submission": "a.zip"}, "season.submission=a.zip: give an id on the Hub"),
+        ("judge", {"submission": "Oracle"}, "season.submission: name=Oracle: a baseline is calle"),
     ],
 )
 def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, options, message):
@@ -71,6 +75,15 @@ def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, 
     with pytest.raises(ConfigError, match=message):
         perform(stage, **options)
     assert not perform.place.secret.exists()
+
+
+def test_a_run_with_memory_is_no_submission_and_one_of_a_protocol_keeps_its_pictures(tmp_path):
+    spec = PolicySpec(NetworkSpec("cnn", 1, 5, 5, "partial_observability"), average=False)
+    folder = str(lay_out_run(tmp_path / "memory", spec, memory=True))
+    with pytest.raises(DatasetError, match=rf"\A{folder} was trained with memory=true: "):
+        fetched(folder).__enter__()
+    with fetched(str(lay_out_run(tmp_path / "paper", spec, protocol="paper"))) as submission:
+        assert submission.policy.resize == "original"
 
 
 @pytest.mark.slow
