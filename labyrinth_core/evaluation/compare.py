@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from itertools import islice
 from math import exp, lgamma, log, pi
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.evaluate import whole
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once
+from labyrinth_core.evaluation.results import COLUMNS
 from labyrinth_core.world.dynamics import STEP_LIMIT
 
 TOGETHER = 64
@@ -115,11 +117,12 @@ class Comparison:
             "other": "the other policy is better",
             None: "not decided",
         }[self.better]
-        return (
+        return fill(
             f"{verdict}, after {self.labyrinths:,} labyrinths: within {self.steps:,} steps the "
-            f"first solves {first:.1%}, the other {other:.1%};\n{self.wins:,} are solved by the "
+            f"first solves {first:.1%}, the other {other:.1%}; {self.wins:,} are solved by the "
             f"first alone, {self.losses:,} by the other alone (evidence {self.evidence:.3g} of the "
-            f"{1 / self.error:.3g} that decide)"
+            f"{1 / self.error:.3g} that decide)",
+            COLUMNS,
         )
 
 

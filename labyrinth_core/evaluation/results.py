@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.outcomes import refuse, scores_of
+from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
     EVALUATED,
@@ -37,11 +39,20 @@ RESULTS = "results.json"
 LARGEST = 1 << 28
 """The most bytes of a file that is read; five splits of 100,000 labyrinths have 16 million."""
 
-HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known / new", "AER", "failures")
-NOTE = f"""\
-{WHY_SPL}
-n x n: SR within as many steps as there are cells. 95%: the interval of SR.
-known / new: SR where train demonstrates an optimal route, and where it does not."""
+COLUMNS = 80
+"""The width of a terminal, in which tables and legends fit."""
+
+HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
+LEGEND = (
+    fill(" ".join(WHY_SPL.split()), COLUMNS),
+    "n x n: SR within as many steps as there are cells. 95%: the interval of SR.\n"
+    "known, new: SR where train demonstrates an optimal route, and where not.\n"
+    "All in percent, but AER and the number of failures by kind (loop, wall, ice).\n"
+    "Beside the failures: SPL/SR of what needs no learning; the optimum is 100/100.",
+)
+REPLANNER_LEGEND = """\
+replanner: planning anew after each step, with all that is out of sight taken
+for open; with memory, and without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,25 +90,34 @@ class Results:
     """What the judge of a season signs; None for other results."""
 
     def __str__(self) -> str:
-        """Return the figures as a table, a line for each split."""
-        rows = [list(HEADINGS)]
-        rows += [[split, *_cells(scores)] for split, scores in self.splits.items()]
-        lines = [self._title(), *_aligned(rows), NOTE, ""]
-        rows = [["SPL / SR", *(name.replace("_", " ") for name in self.baselines)]]
-        for split in self.splits:
-            rows.append([split, *(_pair(found[split]) for found in self.baselines.values())])
-        lines += _aligned(rows)
-        if REPLANNERS[0] in self.baselines:
-            lines.append("replanner: planning anew after each step, with all that is out of sight")
-            lines.append("taken for open; with memory, and without")
-        return "\n".join(lines)
+        """Return the figures as tables with a line for each split, and the legend."""
+        return "\n".join([self.tables(), "", *self.legend()])
+
+    def tables(self) -> str:
+        """Return the figures as tables with a line for each split."""
+        figures = [list(HEADINGS)]
+        figures += [[split, *_cells(scores)] for split, scores in self.splits.items()]
+        failures = {split: each.figures()["failures"] for split, each in self.splits.items()}
+        kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
+        beside = {name: found for name, found in self.baselines.items() if name != "oracle"}
+        names = [name.replace("_", " ").rpartition(" ") for name in beside]
+        rows = [[""] * (1 + len(kinds)) + [first for first, *_ in names]]
+        rows += [["split", *kinds, *(last for *_, last in names)]]
+        for split, found in failures.items():
+            counts = (f"{found.get(kind, 0):,}" for kind in kinds)
+            rows.append([split, *counts, *(_pair(each[split]) for each in beside.values())])
+        return "\n".join([self._title(), *_aligned(figures), "", *_aligned(rows)])
+
+    def legend(self) -> list[str]:
+        """Return what the columns of `tables` mean, in parts."""
+        return [*LEGEND, *[REPLANNER_LEGEND] * (REPLANNERS[0] in self.baselines)]
 
     def _title(self) -> str:
         shown = self.observation
         if self.image_size is not None:
             shown += f" of {self.image_size} x {self.image_size}"
         count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        return f"{self.config} of {self.dataset}: {shown}, {count} a labyrinth, by {self.way}"
+        return f"{self.config} of {self.dataset}\n{shown}, {count} a labyrinth, by {self.way}"
 
     def save(
         self,
@@ -263,34 +283,42 @@ def _described(scores: Scores) -> dict[str, Any]:
 def _cells(scores: Scores) -> list[str]:
     figures = scores.figures()
     low, high = figures["sr_interval"]
-    failures = (f"{count} {name}" for name, count in figures["failures"].items())
+    shares = (scores.spl, scores.sr_within_cells, scores.sr)
     return [
-        _percent(scores.spl),
-        _percent(scores.sr_within_cells),
-        f"{scores.sr:.1%}",
+        *map(_percent, shares),
         f"{100 * low:.0f}-{100 * high:.0f}",
-        f"{_percent(scores.sr_known_route)} / {_percent(scores.sr_new_route)}",
+        _percent(scores.sr_known_route),
+        _percent(scores.sr_new_route),
         f"{scores.aer:.2f} ± {figures['aer_std']:.2f}",
-        ", ".join(failures) or "none",
     ]
 
 
 def _pair(figures: Mapping[str, float]) -> str:
-    return f"{_percent(figures['spl'])} / {_percent(figures['sr'])}"
+    return f"{100 * figures['spl']:.0f}/{100 * figures['sr']:.0f}"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table: the first column to the left, the others to the right."""
+    """Return the lines of a table: the first column to the left, the others to the right.
+
+    Columns that do not fit in `COLUMNS` go below, beside the first column once more.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for first, *others in rows:
-        padded = (f"{text:>{width}}" for text, width in zip(others, widths[1:], strict=True))
-        lines.append("  ".join([f"{first:<{widths[0]}}", *padded]))
+    blocks: list[list[int]] = [[]]
+    for column in range(1, len(widths)):
+        if widths[0] + sum(2 + widths[each] for each in [*blocks[-1], column]) > COLUMNS:
+            blocks.append([])
+        blocks[-1].append(column)
+    lines: list[str] = []
+    for block in blocks:
+        lines += [""] * bool(lines)
+        for row in rows:
+            padded = (f"{row[each]:>{widths[each]}}" for each in block)
+            lines.append("  ".join([f"{row[0]:<{widths[0]}}", *padded]).rstrip())
     return lines
 
 
 def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{share:.1%}"
+    return "-" if share is None else f"{100 * share:.1f}"
 
 
 def _as_text(content: Mapping[str, Any]) -> str:

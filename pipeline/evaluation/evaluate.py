@@ -18,7 +18,7 @@ from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.run import Run
 from pipeline.evaluation.named import Judged, judge_named
-from pipeline.machinery.console import say
+from pipeline.machinery.console import say, say_once
 from pipeline.machinery.own_files import leave
 
 ATTEMPTS = "attempts"
@@ -45,7 +45,10 @@ def run(run: Run) -> None:
         folder = judged.path.parent / ATTEMPTS
         written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)
         say(f"{folder} has {written} moving pictures.")
-    say(f"{judged.about.name}\n{judged.results}\n{judged.path}")
+    say(f"{judged.about.name}\n{judged.results.tables()}\n")
+    for part in judged.results.legend():
+        say_once(part)
+    say(str(judged.path))
 
 
 def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:

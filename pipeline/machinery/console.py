@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from threading import Event, Thread
 from typing import Any, TypeVar
 
@@ -42,6 +43,12 @@ console = _Console(markup=False, emoji=False)
 def say(text: str) -> None:
     """Print a line as it is, neither coloured nor wrapped."""
     console.print(text, highlight=False, soft_wrap=True)
+
+
+@cache
+def say_once(text: str) -> None:
+    """Print a line as `say` does, unless this process has printed it already."""
+    say(text)
 
 
 def progress() -> Progress:

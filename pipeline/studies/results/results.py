@@ -8,16 +8,18 @@ from what is kept there.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
+from labyrinth_core.evaluation.results import LEGEND
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
-from pipeline.machinery.console import console, say
+from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
-from pipeline.studies.results.figures import MethodRuns, by_method
+from pipeline.studies.results.figures import MethodRuns, by_method, run_of
 from pipeline.studies.results.kept import Available, comparable, gather, read_all
 from pipeline.studies.results.leaderboard import (
     LEADERBOARD,
@@ -25,7 +27,7 @@ from pipeline.studies.results.leaderboard import (
     entries_of,
     write_leaderboard,
 )
-from pipeline.studies.results.paper import METHODS
+from pipeline.studies.results.paper import title_of
 from pipeline.studies.results.result_tables import write_tables
 
 
@@ -58,8 +60,9 @@ def run(run: Run) -> None:
     methods = by_method(comparable(found))
     if methods:
         write_tables(results_dir, methods)
-        console.print(overview(methods))
-        say(WHY_SPL)
+        for _, of_config in groupby(methods, lambda each: each.config):
+            console.print(overview(list(of_config)))
+        say_once(LEGEND[0])
         say(f"{count(len(found), 'run')}: {results_dir}")
     entries = list(entries_of(methods, submissions, available))
     write_leaderboard(results_dir, boards(entries))
@@ -72,11 +75,15 @@ def run(run: Run) -> None:
 
 
 def overview(methods: Sequence[MethodRuns]) -> Table:
-    """Return SPL as a table for the terminal."""
-    numbers = (Column(heading, justify="right") for heading in ("seeds", *EVALUATED_SPLITS))
-    table = Table("dataset", "setup", "method", *numbers, title="SPL in percent, mean over seeds")
+    """Return the SPL of methods on one dataset as a table for the terminal.
+
+    Where it has 80 columns, long names of methods go on in the next line.
+    """
+    title = f"{methods[0].config}: SPL in percent, mean over seeds"
+    numbers = ("seeds", *EVALUATED_SPLITS)
+    columns = (Column(heading, justify="right", no_wrap=True) for heading in numbers)
+    table = Table(Column("method", overflow="fold"), *columns, title=title)
     for each in methods:
-        name = METHODS.get(each.method, each.method)
         rates = (f"{100 * each.figures[split].spl:.1f}" for split in EVALUATED_SPLITS)
-        table.add_row(each.config, each.setup, name, str(len(each.runs)), *rates)
+        table.add_row(title_of(run_of(each.runs[0])), str(len(each.runs)), *rates)
     return table

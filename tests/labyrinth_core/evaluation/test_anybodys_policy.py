@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import huggingface_hub
 import numpy as np
@@ -16,12 +17,15 @@ from policies import Chance, Remembering, Rounds, Table, chance, mistaken
 from labyrinth_core import PolicyError, compare, dump, evaluate, load_arrays
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.evaluation.answers import Player
-from labyrinth_core.evaluation.baselines import random_figures
-from labyrinth_core.evaluation.playing import attempts, step_through
+from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
+from labyrinth_core.evaluation.playing import Episodes, attempts, step_through
+from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
+from labyrinth_core.world.labyrinth import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
 
@@ -393,8 +397,8 @@ def test_all_splits_but_the_random_one_are_evaluated(datasets):
     results = evaluate(Rounds(1), datasets, "3x4", image_size=8)
     assert tuple(results.splits) == EVALUATED_SPLITS
     assert results.fingerprint == Manifest.read(datasets / "3x4").fingerprint
-    policys, beside = str(results).split("\n\n")
-    for table in (policys.splitlines()[2:-4], beside.splitlines()[1:]):
+    policys, beside = results.tables().split("\n\n")
+    for table in (policys.splitlines()[3:], beside.splitlines()[2:]):
         assert [line.split()[0] for line in table] == list(EVALUATED_SPLITS)
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 
@@ -491,3 +495,44 @@ def test_what_a_policy_says_is_followed_or_refused_in_one_line(datasets, stated,
         with pytest.raises(ValueError, match=message) as caught:
             call()
         assert "\n" not in str(caught.value)
+
+
+# What is printed.
+
+
+def failing(scores):
+    """Return scores in which episodes end in all ways."""
+    moves, count = scores.episodes.moves, len(scores.distance)
+    outcomes = np.resize(["solved", "loop", "wall", "ice"], (12, count))
+    episodes = Episodes(outcomes, np.resize(moves, (12, count)), scores.episodes.cells)
+    return replace(scores, episodes=episodes)
+
+
+@pytest.mark.parametrize("splits", [EVALUATED_SPLITS, tuple(SPLITS)])
+@pytest.mark.parametrize("blind", [False, True])
+def test_tables_fit_a_terminal_and_cut_no_name_and_the_legend_is_printed_once(
+    datasets, splits, blind
+):
+    results = evaluate(chance, datasets, CONFIGS[Task.PARTIAL_OBSERVABILITY], splits=["test"])
+    scores = failing(results.splits["test"])
+    figures = dict.fromkeys(("spl", "sr"), 1.0)
+    names = [*BASELINES, *REFERENCES, *REPLANNERS] if blind else [*results.baselines]
+    wide = replace(
+        results,
+        splits=dict.fromkeys(splits, scores),
+        baselines={name: dict.fromkeys(splits, figures) for name in names},
+    )
+    place, *lines = str(wide).splitlines()
+    assert place == f"3x4-partial_observability of {datasets}"
+    assert max(map(len, lines)) <= 80
+    for split in splits:
+        shown = [line.split()[1:] for line in lines if line.startswith(f"{split} ")]
+        assert 2 <= len(shown) <= 3, shown
+        assert sum(map(len, shown)) == 9 + 3 + len(names) - 1  # AER is three words.
+    assert sum("success weighted by path length" in line for line in lines) == 1
+    assert str(wide) == "\n".join([wide.tables(), "", *wide.legend()])
+    headings = " ".join(line for line in lines if line.startswith((" ", "split"))).split()
+    words = {word for name in names for word in name.replace("_", " ").split()} - {"oracle"}
+    assert words | {"loop", "wall", "ice"} <= set(headings)
+    failed = f"{(outcomes := scores.episodes.outcomes)[outcomes == 'loop'].size}"
+    assert any(line.split()[:2] == [splits[0], failed] for line in lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 from dataclasses import replace
@@ -9,14 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from submitted import forgetful, keep, of_few, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.machinery.console import say_once
 from pipeline.studies.results import results as stage
 from pipeline.studies.results.figures import by_method
-from pipeline.studies.results.paper import METHODS, paper_figures
+from pipeline.studies.results.paper import METHODS, paper_figures, title_of
 from pipeline.studies.results.result_tables import write_tables
 
 PAPER = paper_figures()
@@ -93,13 +96,33 @@ def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
 def test_the_tables_are_made_of_the_kept_runs_alone(evaluated, run_of, tmp_path, capsys):
     folder = tmp_path / "results"
     tables = ("README.md", "results.csv", "leaderboard.md", "leaderboard.csv")
+    say_once.cache_clear()
     stage.run(run_of(evaluated))
-    assert "DAgger" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "DAgger" in printed
+    assert "success weighted by path length" in printed
     kept = sorted(path.name for path in (folder / "runs" / "3x3").iterdir())
     assert kept == ["bc-cnn-seed0.json", "bc-cnn-seed1.json", "dagger-cnn-seed0.json"]
     before = [(folder / name).read_bytes() for name in tables]
     stage.run(run_of(tmp_path / "nothing there"))
+    assert "success weighted" not in capsys.readouterr().out, "the legend is printed once"
     assert [(folder / name).read_bytes() for name in tables] == before
+
+
+def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evaluated):
+    found = of(evaluated, "bc-cnn-seed0")
+    changed = {"encoder": "resnet18", "protocol": "authors", "precision": "bf16"}
+    long = replace(found.run, pool_stride=2, train_labyrinths=100, **changed)
+    methods = by_method([found, replace(found, run=long)])
+    console = Console(file=io.StringIO(), width=80)
+    console.print(stage.overview(methods))
+    printed = console.file.getvalue()
+    assert "\u2026" not in printed
+    assert max(map(len, printed.splitlines())) <= 80
+    heading = next(line for line in printed.splitlines() if "seeds" in line)
+    assert heading.replace("\u2503", " ").split() == ["method", "seeds", *EVALUATED_SPLITS]
+    rows = [line.split("\u2502")[1].strip() for line in printed.splitlines() if "\u2502" in line]
+    assert "".join(rows).replace(" ", "") == f"BC,cnn{title_of(long)}".replace(" ", "")
 
 
 @pytest.mark.slow
