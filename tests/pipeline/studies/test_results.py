@@ -119,7 +119,7 @@ def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evalu
     printed = console.file.getvalue()
     assert "\u2026" not in printed
     assert max(map(len, printed.splitlines())) <= 80
-    heading = next(line for line in printed.splitlines() if "seeds" in line)
+    heading = next(line for line in printed.splitlines() if "s0_and_g" in line)
     assert heading.replace("\u2503", " ").split() == ["method", "seeds", *EVALUATED_SPLITS]
     rows = [line.split("\u2502")[1].strip() for line in printed.splitlines() if "\u2502" in line]
     assert "".join(rows).replace(" ", "") == f"BC,cnn{title_of(long)}".replace(" ", "")
