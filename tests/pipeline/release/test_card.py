@@ -191,6 +191,7 @@ def test_every_python_block_runs_on_the_folder(carded, tmp_path):
     program = "\n".join(blocks).replace("user/labyrinth", str(carded))
     program = program.replace("from huggingface_hub import hf_hub_download\n", local)
     program += "\nprint(row['actions'], observation.shape, action, picture.size, len(actions))"
+    program += "\nprint(len(steps), min(steps['actions']), min(actions))"
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", program],
         env=os.environ | {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"},
@@ -201,8 +202,10 @@ def test_every_python_block_runs_on_the_folder(carded, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     first = pq.read_table(next((carded / DEFAULT).glob("train-*.parquet")))["actions"]
-    expected = f"{first[0]} (64, 64, 3) {first[0]} (600, 600) {len(first)}"
-    assert done.stdout.splitlines()[-1] == expected
+    acted = sum(action >= 0 for action in first.to_pylist())
+    assert acted < len(first)
+    expected = f"{first[0]} (64, 64, 3) {first[0]} (600, 600) {acted}"
+    assert done.stdout.splitlines()[-2:] == [expected, f"{acted} 0 0"]
 
 
 def test_a_release_is_loaded_by_its_id_and_version(folder):
