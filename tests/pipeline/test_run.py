@@ -393,23 +393,6 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one(parts: str) -
     assert "0 datasets differ" in result.stdout
 
 
-def test_commands_short_of_memory_or_interrupted_end_with_one_line() -> None:
-    script = RUN.parent / "scripts" / "end_matrix.py"
-    given = ["--runs", "4", "--megabytes", "500", "650", "--interruptions", "4"]
-    given += ["--seconds", "2", "--labyrinths", "20"]
-    result = subprocess.run(
-        [sys.executable, str(script), *given],
-        env=os.environ | {"PYTHONPATH": str(RUN.parent)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=900,
-    )
-    assert (result.returncode, result.stderr) == (0, ""), result.stdout
-    assert "4 commands under limits of memory, 0 wrong" in result.stdout
-    assert "4 commands interrupted, 0 wrong" in result.stdout
-
-
 @pytest.mark.parametrize("name", ["a'b", "a,b", 'a"b', "a(b"])
 def test_the_line_that_is_to_be_typed_can_be_pasted(tmp_path: Path, name: str) -> None:
     error = error_of(run(tmp_path, f"data_dir={name}"))

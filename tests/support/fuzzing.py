@@ -1,21 +1,11 @@
-"""Fuzz the parsers with damaged texts: each must give a labyrinth or a LabyrinthSyntaxError.
-
-    python scripts/fuzz_language.py --inputs 1000000 --seed 0 --workers 2
-
-The exit status is 1 if anything else happens; the texts that cause it are printed.
-"""
+"""Random labyrinths, and texts of them with random damage, for the tests of the parsers."""
 
 from __future__ import annotations
 
-import argparse
 import pickle
-import resource
-import sys
-import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,8 +16,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure,
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import place
 
-CHUNK = 5_000
-"""The number of inputs that are made from one child of the seed and checked by one worker."""
 CHARACTERS = [
     *' |+-"SEKDIsex:,;()[]019\n\r\t\0\x1b\ufeff\u2028\xa0\xe9\U0001f600\ud800',
     '"""',
@@ -44,19 +32,6 @@ PHRASES = [
     '"""',
     "",
 ]
-
-
-@dataclass
-class Summary:
-    """The outcomes of a number of inputs."""
-
-    accepted: int = 0
-    rejected: int = 0
-    slowest: float = 0.0
-    """The time of the slowest input in seconds."""
-    peak_memory: int = 0
-    """The peak memory of a worker in KiB."""
-    failures: list[str] = field(default_factory=list)
 
 
 def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
@@ -167,56 +142,3 @@ def _check_error(text: str, error: LabyrinthSyntaxError) -> None:
     assert message.replace("\n", "").isprintable(), "the message has control characters"
     assert len(message) < 500, "the message is long"
     assert str(pickle.loads(pickle.dumps(error))) == message, "the error does not survive pickling"
-
-
-def fuzz(count: int, seed: np.random.SeedSequence) -> Summary:
-    """Return the outcomes of `count` inputs."""
-    summary = Summary()
-    for text in inputs(count, np.random.default_rng(seed)):
-        begin = time.perf_counter()
-        try:
-            accepted = check(text)
-        except Exception as error:
-            summary.failures.append(f"{type(error).__name__}: {error}\n  {text!r}")
-        else:
-            summary.accepted += bool(accepted)
-            summary.rejected += not accepted
-        summary.slowest = max(summary.slowest, time.perf_counter() - begin)
-    summary.peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return summary
-
-
-def main() -> int:
-    """Return the exit status: 1 if an input had an outcome that is not allowed."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--inputs", type=int, default=100_000, help="number of texts")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed, the same texts")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    options = parser.parse_args()
-    counts = [CHUNK] * (options.inputs // CHUNK)
-    if options.inputs % CHUNK:
-        counts.append(options.inputs % CHUNK)
-    seeds = np.random.SeedSequence(options.seed).spawn(len(counts))
-    begin = time.perf_counter()
-    with ProcessPoolExecutor(options.workers) as pool:
-        parts = list(pool.map(fuzz, counts, seeds))
-    total = Summary(
-        sum(part.accepted for part in parts),
-        sum(part.rejected for part in parts),
-        max(part.slowest for part in parts),
-        max(part.peak_memory for part in parts),
-        [failure for part in parts for failure in part.failures],
-    )
-    for failure in total.failures[:20]:
-        print(failure.encode(errors="backslashreplace").decode(), file=sys.stderr)
-    print(
-        f"{options.inputs:,} inputs: {total.accepted:,} accepted, {total.rejected:,} rejected, "
-        f"{len(total.failures):,} failures; {time.perf_counter() - begin:.0f} s, the slowest "
-        f"input {total.slowest * 1e3:.1f} ms, peak memory of a worker "
-        f"{total.peak_memory / 1024:.0f} MiB"
-    )
-    return 1 if total.failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
