@@ -36,7 +36,7 @@ def expert_of(environment: str, archive: str | None = None) -> Expert:
         return read_archive(archive)
     if environment in _CONTROLLERS:
         return _CONTROLLERS[environment]
-    # A linear policy as `scripts/studies/train_experts.py` wrote it.
+    # A linear policy of augmented random search; docs/results/ARCHIVE.md says how it was made.
     values = json.loads(source_of(environment).read_text(encoding="utf-8"))
     gain, bias = np.array(values["gain"]), np.array(values["bias"])
     return lambda observation: gain @ observation + bias
