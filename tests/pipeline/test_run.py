@@ -86,7 +86,6 @@ def spaced(text: str) -> str:
         (["size=2", "task=key_and_door"], ["0 in train", "choose another size or task"]),
         (["stages=[1,{a:2}]"], ["stages=", "a list of texts"]),
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
-        (["stages=environments", "analysis.experts=[[1]]"], ["analysis.experts=", "texts"]),
         (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
         (["method=[1]"], ["options that cannot be read"]),
     ],

@@ -198,7 +198,7 @@ def test_options_of_training_are_asked_for_where_something_is_trained() -> None:
 def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
     run = composed()
     options = run.options
-    left = (run.data_dir, options.run_dir, options.results_dir, options.analysis.folder)
+    left = (run.data_dir, options.run_dir, options.results_dir)
     ignored = (CONF.parent / ".gitignore").read_text(encoding="utf-8").split()
     for folder in left:
         assert f"/{Path(str(folder)).parts[0]}/" in ignored
@@ -316,7 +316,6 @@ def test_options_are_frozen_as_are_their_groups() -> None:
         assert is_dataclass(each)
         with pytest.raises(FrozenInstanceError):
             each.train = 1  # type: ignore[attr-defined]
-    assert isinstance(options.analysis.environments, tuple)
 
 
 @pytest.mark.slow

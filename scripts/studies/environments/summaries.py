@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from environments.discretisation import Discretisation
+from environments.environment import Environment
 from labyrinth_core.data.storage import write_bytes
 from pipeline.inspection.shift import Floats
-from pipeline.studies.environments.discretisation import Discretisation
-from pipeline.studies.environments.environment import Environment
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,22 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from environments.experts import expert_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.grid import Action
-from labyrinth_core.world.labyrinth import LabyrinthError
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_route
-from pipeline.config.analysis import LABYRINTH
-from pipeline.config.errors import ConfigError
-from pipeline.studies.environments.experts import expert_of
 
 Floats = NDArray[np.float64]
+
+LABYRINTH = "Labyrinth"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +68,21 @@ FACTS = {
     "Walker2d-v5": Facts(("angle", "height"), (1, 0), (4713.9521, 0.0005, 0.0016, 1.000)),
     "HalfCheetah-v5": Facts(("angle", "height"), (1, 0), (9526.0863, 0.0014, 0.0103, 0.254)),
 }
-"""By the names in `pipeline.config.analysis.ENVIRONMENTS`."""
+"""Environment -> its facts: labyrinths, and environments of Gymnasium."""
 
 
-def environment_of(name: str, dataset: DatasetConfig, archive: str | None = None) -> Environment:
+def environment_of(name: str, dataset: DatasetConfig) -> Environment:
     """Return an environment with its expert.
 
     Args:
         name: One of `FACTS`.
         dataset: Size, task and sampler of the labyrinths.
-        archive: A Stable-Baselines3 archive to use as the expert.
 
     Raises:
-        ConfigError: A library is missing, or no labyrinth can hold the task.
-        DatasetError: The archive cannot be read, or is for another environment.
+        LabyrinthError: Labyrinths of this size cannot hold the task.
+        ImportError: MuJoCo is missing.
     """
-    return _labyrinths(dataset) if name == LABYRINTH else _gymnasium(name, archive)
+    return _labyrinths(dataset) if name == LABYRINTH else _gymnasium(name)
 
 
 def _labyrinths(config: DatasetConfig) -> Environment:
@@ -105,27 +103,15 @@ def _labyrinths(config: DatasetConfig) -> Environment:
         rows, columns = np.divmod(states[:, 0], 2 * config.width - 1)
         return np.stack([columns, rows], axis=1) / 2
 
-    try:
-        play(0)
-    except LabyrinthError as error:  # Labyrinths of this size cannot hold the task.
-        raise ConfigError(str(error)) from error
+    play(0)  # Raises an error if labyrinths of this size cannot hold the task.
     return Environment(play, len(Action), on_map)
 
 
-def _gymnasium(name: str, archive: str | None) -> Environment:
-    import gymnasium
-    from gymnasium.error import DependencyNotInstalled
-
-    try:
-        if name not in ("MountainCar-v0", "CartPole-v1"):
-            quiet_mujoco()
-        env: Any = gymnasium.make(name)
-    except (DependencyNotInstalled, ModuleNotFoundError) as error:
-        raise ConfigError(
-            f"analysis.environments: {name} needs MuJoCo: "
-            "pip install 'labyrinth-datasets[analysis]'"
-        ) from error
-    expert = expert_of(name, archive)
+def _gymnasium(name: str) -> Environment:
+    if name not in ("MountainCar-v0", "CartPole-v1"):
+        quiet_mujoco()
+    env: Any = gymnasium.make(name)
+    expert = expert_of(name)
     space: Any = env.action_space
     discrete = hasattr(space, "n")
 
@@ -144,12 +130,6 @@ def _gymnasium(name: str, archive: str | None) -> Environment:
             over = terminated or truncated
         return Trajectory(np.array(states, np.float64), np.array(actions), sum(rewards))
 
-    try:
-        fits = space.contains(np.asarray(act(np.zeros(env.observation_space.shape)), space.dtype))
-    except ValueError:  # From multiplying matrices whose shapes do not fit.
-        fits = False
-    if not fits:
-        raise DatasetError(f"{archive} is no expert for {name}: it observes or acts otherwise")
     return Environment(
         play,
         int(space.n) if discrete else (space.low, space.high),

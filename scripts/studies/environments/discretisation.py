@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from environments.environment import Environment, Trajectory
 from pipeline.inspection.shift import Floats, jensen_shannon, wasserstein_of_counts
-from pipeline.studies.environments.environment import Environment, Trajectory
 
 POINTS = 32
 """The number of evenly spaced points, and of quantiles, of a continuous dimension."""

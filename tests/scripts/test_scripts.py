@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from importlib import import_module
-from pathlib import Path
-
 import pytest
+import report_authors
 
 from pipeline.studies.results.paper import paper_figures
-
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts" / "studies"))
-report_authors = import_module("report_authors")
-sys.path.pop(0)
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from environments.discretisation import Discretisation
+from environments.summaries import Summary
 from pipeline.inspection.shift import Floats, cohens_d, holm, permutation_test
-from pipeline.studies.environments.discretisation import Discretisation
-from pipeline.studies.environments.summaries import Summary
 
 PAIRS = 1_000
 """The number of pairs of episodes, one of each half, that are compared one by one."""

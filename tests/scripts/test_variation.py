@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from environments.discretisation import Discretisation
+from environments.environment import Environment, Trajectory
+from environments.summaries import Summary
+from environments.variation import corrected, measure
 from scipy.stats import wasserstein_distance
-
-from pipeline.studies.environments.discretisation import Discretisation
-from pipeline.studies.environments.environment import Environment, Trajectory
-from pipeline.studies.environments.summaries import Summary
-from pipeline.studies.environments.variation import corrected, measure
 
 
 def noise(shift: float = 0, *, discrete: bool = True) -> Environment:

@@ -1,4 +1,4 @@
-"""The report of the stage `environments`: tables in three formats, and maps of visits."""
+"""The report on environments: tables in three formats, and maps of visits."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.config.errors import ConfigError
+from environments.discretisation import Discretisation
+from environments.environment import FACTS
+from environments.variation import Variation
+from labyrinth_core.data.storage import write_bytes
 from pipeline.machinery.markdown import table
-from pipeline.machinery.own_files import leave
-from pipeline.studies.environments.discretisation import Discretisation
-from pipeline.studies.environments.environment import FACTS
-from pipeline.studies.environments.variation import Variation
 from pipeline.studies.results.spreadsheet import as_csv
 
 Visits = NDArray[np.int64]
@@ -58,16 +60,6 @@ MAPS = "visits"
 """The name of the pictures, before `.png` and `.svg`."""
 
 
-def check_can_draw() -> None:
-    """Raise ConfigError if matplotlib is missing; called before hours of playing."""
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise ConfigError(
-            "stages=environments needs matplotlib: pip install 'labyrinth-datasets[analysis]'"
-        ) from error
-
-
 def write_report(
     folder: Path, results: Sequence[Variation], maps: Mapping[str, tuple[Discretisation, Visits]]
 ) -> None:
@@ -79,7 +71,6 @@ def write_report(
         maps: The discretisation and the visits, (2, up, across), of each environment.
 
     Raises:
-        DatasetError: A file of a user is in the place of one.
         OSError: The folder cannot be written.
     """
     values = [
@@ -92,7 +83,8 @@ def write_report(
         "environments.md": _markdown(values),
     }
     files = {name: text.encode() for name, text in texts.items()} | drawn_visits(maps)
-    leave(folder, files, r"environments\.json")
+    for name, content in files.items():
+        write_bytes(folder / name, content)
 
 
 def _csv(values: Sequence[Values]) -> str:
@@ -139,10 +131,6 @@ def drawn_visits(maps: Mapping[str, tuple[Discretisation, Visits]]) -> dict[str,
 
     There is a column for each environment, even seeds above odd ones.
     """
-    import matplotlib
-    from matplotlib.colors import PowerNorm
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(2.5 * len(maps), 5.2), layout="constrained")
     axes = figure.subplots(2, len(maps), squeeze=False, sharex="col", sharey="col")
     for column, (name, (discretisation, visits)) in enumerate(maps.items()):
@@ -159,7 +147,7 @@ def drawn_visits(maps: Mapping[str, tuple[Discretisation, Visits]]) -> dict[str,
             panel.set_ylabel(up if column else f"{seeds}\n{up}")
         axes[0, column].set_title(name, fontsize=10)
         axes[1, column].set_xlabel(across)
-    with matplotlib.rc_context({"svg.hashsalt": MAPS}):
+    with mpl.rc_context({"svg.hashsalt": MAPS}):
         png, svg = io.BytesIO(), io.BytesIO()
         figure.savefig(png, format="png", dpi=150, metadata={"Software": None})
         figure.savefig(svg, format="svg", dpi=150, metadata={"Date": None})

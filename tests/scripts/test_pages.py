@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import re
-import sys
-from importlib import import_module
 from pathlib import Path
 
 import pytest
+import report_pages as pages
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs" / "studies").glob("*.md"))
-
-sys.path.insert(0, str(ROOT / "scripts" / "studies"))
-pages = import_module("report_pages")
-sys.path.pop(0)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
