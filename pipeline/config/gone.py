@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 GONE = {
+    "demonstrations.pieces": "cut episodes after loading, as docs/loading.md shows",
     "analysis": "run scripts/studies/compare_environments.py in a clone",
     "stages=environments": "run scripts/studies/compare_environments.py in a clone",
 }

@@ -115,14 +115,14 @@ def make_shard(job: ShardJob) -> Shard:
         batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
         for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
             number, parent = waiting.popleft()
-            cut += config.is_cut(split, len(solution.routes))
+            cut += config.is_cut(split, len(solution.episodes))
             count_done(1)
             info = ""
             for rows in render(split, number, solution.episodes):
                 info = rows[0].info
                 yield rows
-            of, pieces = solution.episodes[0].labyrinth, len(solution.episodes)
-            facts.add(of, info, solution.shortest, solution.routes, pieces, parent)
+            routes = [episode.actions for episode in solution.episodes]
+            facts.add(solution.episodes[0].labyrinth, info, solution.shortest, routes, parent)
 
     with new_file(job.path, job.building) as path:
         shard = write(path, split, episodes())

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import place
@@ -27,18 +24,13 @@ PHRASES = [
     "icy_floor: True",
     "key_and_lock: true",
     "occlusion:True",
-    "agent: (1, 0)",
-    "agent:(0,1) with open door",
     '"""',
     "",
 ]
 
 
 def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
-    """Return a labyrinth of a random size and task, not always with a connected structure.
-
-    In every fourth one the agent begins elsewhere than on the start, if it can.
-    """
+    """Return a labyrinth of a random size and task, not always with a connected structure."""
     height, width = (int(side) for side in rng.integers(2, 8, size=2))
     open_walls = float(rng.choice([0.0, 0.1, 0.7]))
     structure = next(sample_structures(height, width, rng, open_walls=open_walls))
@@ -50,10 +42,6 @@ def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
         labyrinth = place(structure, start, goal, list(Task)[rng.integers(4)], rng)
     except LabyrinthError:
         return random_labyrinth(rng)
-    if rng.random() < 0.25:
-        agent = state_at(labyrinth, int(rng.integers(state_count(labyrinth))))
-        with suppress(LabyrinthError):
-            return replace(labyrinth, agent=agent)
     return labyrinth
 
 

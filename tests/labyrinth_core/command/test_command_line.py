@@ -65,11 +65,7 @@ def test_check_says_size_task_and_route_length_of_each_file(run):
     assert err == ""
 
 
-def test_a_labyrinth_is_checked_and_shown_with_the_agent_where_it_begins(run):
-    file = DATA / "valid" / "agent_with_open_door.labyrinth"
-    assert run("check", file) == (0, f"{file}: ok, 3x3, key_and_door, 1 move\n", "")
-    assert run("show", file) == (0, file.with_suffix(".canonical").read_text(), "")
-    assert run("solve", file) == (0, "1 move: right\n", "")
+def test_a_labyrinth_is_solved(run):
     assert run("solve", NAVIGATION) == (0, "4 moves: up right up right\n", "")
 
 

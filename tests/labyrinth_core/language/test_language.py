@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode
 from labyrinth_core.language.text import (
@@ -16,9 +15,7 @@ from labyrinth_core.language.text import (
     labyrinth_id,
     load,
     parse,
-    without_agent,
 )
-from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
@@ -168,10 +165,7 @@ def test_missing_tiles_are_placed_in_a_huge_labyrinth_too():
 @given(labyrinths.filter(lambda labyrinth: labyrinth.task is not Task.PARTIAL_OBSERVABILITY))
 def test_the_list_of_edges_gives_the_same_labyrinth(labyrinth):
     height, width = labyrinth.structure.height, labyrinth.structure.width
-    assert (
-        parse_edges(fuzzing.edge_list(labyrinth), height=height, width=width)
-        == labyrinth.from_start()
-    )
+    assert parse_edges(fuzzing.edge_list(labyrinth), height=height, width=width) == labyrinth
 
 
 def test_a_list_of_edges_without_a_size_is_the_smallest_square():
@@ -214,12 +208,3 @@ def test_tiles_and_edges_outside_a_given_size_are_refused():
         parse_edges("[(0, 1)];(0, 0);(0, 1)", height=1, width=2)
     with pytest.raises(LabyrinthSyntaxError, match="the size does not fit"):
         parse_edges("[(0, 1)];(0, 0);(0, 9999)")
-
-
-@given(labyrinths)
-def test_a_labyrinth_is_the_same_wherever_its_episodes_begin(labyrinth):
-    text, from_start = dump(labyrinth), labyrinth.from_start()
-    assert without_agent(text) == dump(from_start)
-    assert labyrinth_id(labyrinth) == labyrinth_id(text) == labyrinth_id(from_start)
-    state = initial(labyrinth)
-    assert describe(labyrinth, state) == describe(from_start, state)

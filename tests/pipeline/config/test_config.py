@@ -131,10 +131,6 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     (noisy(-0.1), ["demonstrations.noise=-0.1: give a probability from 0 to below 1"]),
     (noisy(0.1, solutions="all"), ["give solutions=shortest, not all"]),
     (noisy(0.1, shifts=("one_wall",)), ["the demonstrated route is no shortest one"]),
-    (
-        {"demonstrations": DemonstrationsConfig(pieces=-1)},
-        ["demonstrations.pieces=-1: give a number of steps up to 10**9, or 0"],
-    ),
     ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
     ({"shifts": ("all", "g")}, ["shifts=[all, g]: choose from [all, g, "]),
     ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["no kruskal: train is sampled"]),
@@ -367,7 +363,6 @@ def test_json_of_another_kind_is_no_dataset_config(name: str, value: Any) -> Non
         ({"goals": "varied"}, "goals"),
         ({"shifts": ("g",)}, "shifts"),
         (noisy(0.1), "noise"),
-        ({"demonstrations": DemonstrationsConfig(pieces=3)}, "pieces"),
     ],
 )
 def test_an_option_that_is_not_used_is_not_written_as_before_it_was_there(
