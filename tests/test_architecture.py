@@ -87,9 +87,8 @@ HOMES = {
     ),
     "rich": ("pipeline",),
     "yaml": ("pipeline",),
-    "joblib": ("pipeline.machinery.executor", "pipeline.machinery.worker"),
+    "joblib": ("pipeline.machinery.executor",),
     "distributed": ("pipeline.machinery.executor",),
-    "ray": ("pipeline.machinery.executor",),
     "torch": (
         "labyrinth_core.policies",
         "pipeline.training",

@@ -76,11 +76,11 @@ class PlaceOptions:
     workers: int = option(1, "processes", at_least=1, at_most=1_000)
     executor: str = option(
         "local",
-        "where they run: local (this machine), dask or ray",
-        one_of=("local", "dask", "ray"),
+        "where they run: local (this machine) or dask",
+        one_of=("local", "dask"),
     )
     executor_address: str | None = option(
-        None, "address of a running cluster of Dask or Ray; else one is started for the run"
+        None, "address of a running cluster of Dask; else one is started for the run"
     )
     part: str = option(
         "",

@@ -21,7 +21,6 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.fingerprint import PictureDigest
 from pipeline.generation.render import Pictures, picture_names
-from pipeline.machinery.worker import count_done
 
 
 class Problem(NamedTuple):
@@ -109,7 +108,6 @@ def check_labyrinth(
         if wrong and not lengths:
             problems.append(Problem(begin, "info", wrong))
         lengths.append(len(rows))
-        count_done(len(rows))
         problems += _shape_problems(episode)
         if labyrinth is None or pictures is None or not episode.is_whole:
             continue
