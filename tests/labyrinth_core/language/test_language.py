@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode
 from labyrinth_core.language.text import (
@@ -16,6 +17,7 @@ from labyrinth_core.language.text import (
     load,
     parse,
 )
+from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
@@ -208,3 +210,15 @@ def test_tiles_and_edges_outside_a_given_size_are_refused():
         parse_edges("[(0, 1)];(0, 0);(0, 1)", height=1, width=2)
     with pytest.raises(LabyrinthSyntaxError, match="the size does not fit"):
         parse_edges("[(0, 1)];(0, 0);(0, 9999)")
+
+
+def test_hidden_cells_are_covered_and_their_walls_too():
+    text = (VALID / "figure_1a_navigation.labyrinth").read_text()
+    labyrinth = parse(text.replace("occlusion: False", "occlusion: True"))
+    assert draw_text(labyrinth, initial(labyrinth)).split("\n")[1:6] == [
+        "|   | ? ? E |",
+        "|   + ? + ? |",
+        "|     ? ? ? |",
+        "|   + - + ? |",
+        "| @     | ? |",
+    ]
