@@ -20,19 +20,11 @@ check:
 # Run the benchmarks briefly; without --quick each takes minutes
 bench:
     python scripts/benchmark_build.py --quick
-    python scripts/benchmark_parquet.py --quick
     python scripts/benchmark_load.py --quick
-    python run.py size=5 data_dir=build/measured
-    python scripts/benchmark_evaluate.py --quick --data build/measured
-    python scripts/benchmark_export.py --folder build/exports-measured --labyrinths 204
-    python scripts/benchmark_leakage.py --quick
-    python scripts/benchmark_precision.py --quick --encoder cnn
-    python scripts/benchmark_report.py --quick
 
-# Run those beside MiniGrid and maze-dataset, each of which needs an environment of its own
+# Run the benchmark beside MiniGrid, which needs an environment of its own
 bench-beside:
     python scripts/benchmark_env.py --quick
-    python scripts/benchmark_core.py --quick
 
 # Build the site of the documentation in build/site; `pip install -c constraints.txt -e '.[docs]'` first
 docs:

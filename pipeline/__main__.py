@@ -10,7 +10,6 @@ import sys
 try:
     from pipeline.machinery.ending import (
         answer_signals,
-        end_if_short_of_memory,
         end_interrupted,
         end_without_output,
         show_start,
@@ -24,7 +23,6 @@ except KeyboardInterrupt:  # No signal is answered yet.
 def main() -> int:
     """Run what the command line asks for, and return the exit status: 1 for an error."""
     answer_signals(end_interrupted)  # Importing takes seconds, and swallows exceptions.
-    end_if_short_of_memory()
     try:
         show_start()
         from pipeline.command import run_command

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import traceback
 from importlib import import_module
 from tempfile import TemporaryDirectory
@@ -33,13 +32,10 @@ from pipeline.config.run import (
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
 from pipeline.machinery.ending import (
-    GOES_ON,
     answer_signals,
-    end,
     end_interrupted,
     end_without_output,
     interrupt,
-    lacks_memory,
     show_start,
 )
 from pipeline.machinery.executor import cluster
@@ -71,7 +67,6 @@ def run_command() -> int:
     if "--version" in sys.argv[1:]:  # Hydra would print its own.
         print(f"labyrinth-datasets {__version__}")
         return 0
-    threading.excepthook = _end_with_thread
     sys.unraisablehook = _answer_swallowed
     # joblib's tracker would say what it clears up where the program ends at once.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
@@ -133,7 +128,6 @@ def _error_of(config: DictConfig) -> str | None:
     except PolicyError as error:
         return f"{error}{_below(error)}"
     except Exception as error:
-        _end_without_memory(error)
         if isinstance(error, OmegaConfBaseException):
             return refusal(error)
         if isinstance(error, ConfigError | DatasetError):
@@ -158,27 +152,11 @@ def _below(error: PolicyError) -> str:
     return "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
 
 
-def _end_without_memory(error: BaseException | None) -> None:
-    """End at once if an error says that there is not enough memory."""
-    if error is not None and lacks_memory(error):
-        end(1, f"error: out of memory ({one_line(error):.200}); {GOES_ON}")
-
-
-def _end_with_thread(ended: threading.ExceptHookArgs) -> None:
-    """End for want of memory in a thread, for which another thread would wait for ever."""
-    _end_without_memory(ended.exc_value)
-    threading.__excepthook__(ended)
-
-
 def _answer_swallowed(ignored: Any) -> None:
-    """End after an interruption where Python can raise no exception, and say nothing of memory.
-
-    Where memory has ended, the work ends by itself.
-    """
+    """End after an interruption where Python can raise no exception."""
     if isinstance(ignored.exc_value, KeyboardInterrupt):
         end_interrupted(*ignored.exc_value.args)
-    if not isinstance(ignored.exc_value, MemoryError):
-        sys.__unraisablehook__(ignored)
+    sys.__unraisablehook__(ignored)
 
 
 def _explain(reason: str) -> None:

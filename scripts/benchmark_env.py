@@ -1,11 +1,9 @@
-"""Measure how fast the environments are, beside MiniGrid and mazes of JAX in the same run.
+"""Measure how fast the environments are, beside MiniGrid in the same run.
 
     pip install minigrid
-    python scripts/benchmark_env.py [--rounds N] [--quick] [--jax FOLDER]
+    python scripts/benchmark_env.py [--rounds N] [--quick]
 
-MiniGrid brings pygame-ce, which takes the place of pygame: give it a virtual environment. With
-`--jax`, Navix, XLand-MiniGrid and Jumanji's Maze are measured as well, by `jax_mazes.py` in another
-virtual environment, which is made in that folder if it is not there.
+MiniGrid pins other versions of libraries: give it a virtual environment.
 
 In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
 median of the rounds' ratios to the last row above that has none. Rates are per second of CPU time,
@@ -22,21 +20,17 @@ forward. Labyrinths are 8 x 8 as well, except those of 5x5, the size of the data
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 import time
-import venv
 import warnings
 from collections.abc import Callable
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
-from measuring import machine, parser_of, per_second, ratio, report, take_turns
+from measuring import machine, parser_of, per_second, report, take_turns
 
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import state_at
@@ -49,14 +43,6 @@ NUM_ENVS = 10_000
 PICTURE_SIZE = 600
 OBSERVED_SIZE = 64
 PICTURED_ENVS = 1_024
-
-JAX_MAZES = ("jax==0.10.2", "navix==0.7.4", "xminigrid==0.9.3", "jumanji==1.1.2")
-BESIDE_JAX = {
-    "Navix": "10,000 kept 8x8, vector",
-    "XLand-MiniGrid": "10,000 kept 8x8, vector",
-    "Jumanji": "10,000 fresh 8x8, state",
-}
-"""Library, as its mazes' names begin -> which of ours is most like it."""
 
 Rate = Callable[[], float]
 """Measures something, and returns how many there are per second."""
@@ -186,36 +172,9 @@ def contestants(scale: int) -> tuple[dict[str, Rate], dict[str, str]]:
     return found, rivals
 
 
-def jax_mazes(folder: Path) -> dict[str, Rate]:
-    """Return the measurements of mazes of JAX; the environment is made if it is missing."""
-    python = folder / "bin" / "python"
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *JAX_MAZES], check=True)
-    worker = subprocess.Popen(
-        [python, Path(__file__).with_name("jax_mazes.py")],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"JAX_PLATFORMS": "cpu"},
-    )
-    asked, answered = worker.stdin, worker.stdout
-    assert asked is not None
-    assert answered is not None
-
-    def rate(name: str) -> float:
-        print(name, file=asked, flush=True)
-        return float(answered.readline())
-
-    names = answered.readline().rstrip("\n").split("\t")
-    return {name: partial(rate, name) for name in names}
-
-
 def main() -> None:
     """Measure and report."""
-    parser = parser_of(__doc__, rounds=7)
-    parser.add_argument("--jax", type=Path, metavar="FOLDER", help="measure mazes of JAX, too")
-    arguments = parser.parse_args()
+    arguments = parser_of(__doc__, rounds=7).parse_args()
     try:
         import minigrid
     except ImportError:
@@ -223,16 +182,8 @@ def main() -> None:
     gymnasium.register_envs(minigrid)
     warnings.filterwarnings("ignore", module="gymnasium")
     rates, rivals = contestants(1 if arguments.quick else 5)
-    if arguments.jax is not None:
-        rates |= jax_mazes(arguments.jax)
     print(f"{machine('numpy', 'gymnasium', 'minigrid')}; {arguments.rounds} rounds")
-    measured = take_turns(rates, arguments.rounds)
-    report(measured, rivals, "a second")
-    for name, of_one in measured.items():
-        ours = BESIDE_JAX.get(name.partition(",")[0])
-        if ours is not None:
-            middle, extent = ratio(measured[ours], of_one)
-            print(f"{ours}: {middle} times {name} ({extent})")
+    report(take_turns(rates, arguments.rounds), rivals, "a second")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,6 @@ class Client:
     """The client in whose environment it runs; by default in its own."""
 
 
-MINARI = ("minari[hdf5]==0.5.4", "pillow")
 LEROBOT = Client(
     "LeRobot",
     "read_lerobot.py",
@@ -76,8 +75,6 @@ CLIENTS = (
     MINARI_CLIENT,
     replace(MINARI_CLIENT, name="Minari-release", environment="Minari"),
     Client("imitation", "read_imitation.py", ("imitation==1.0.1", "numpy<2", "pyarrow<22")),
-    Client("d3rlpy", "read_d3rlpy.py", ("d3rlpy==2.8.1", *MINARI)),
-    Client("TorchRL", "read_torchrl.py", ("torchrl==0.14.1", *MINARI)),
     LEROBOT,
     replace(LEROBOT, name="LeRobot-release", environment="LeRobot"),
     replace(LEROBOT, name="EnvHub", script="use_envhub.py", environment="LeRobot"),
@@ -90,15 +87,7 @@ CLIENTS = (
         ),
         bare="IL-Datasets==1.0.0",
     ),
-    Client(
-        "Stable-Baselines3",
-        "read_stable_baselines3.py",
-        ("stable-baselines3==2.9.2", "sb3-contrib==2.9.2", "pyarrow", "pillow", "safetensors"),
-    ),
-    Client("polars", "read_tables.py", ("polars", "pillow", "numpy")),
-    Client("DuckDB", "read_tables.py", ("duckdb", "pillow", "numpy")),
     Client("inspect-ai", "read_inspect.py", ("inspect-ai==0.3.285", "datasets>=4", "numpy")),
-    Client("WebDataset", "read_webdataset.py", ("webdataset", "pyarrow", "pillow")),
 )
 
 

@@ -47,7 +47,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave a file whose tests are all slow unread in the fast lane.
 
-    Importing what such files need (Ray, Dask, MuJoCo, a server of S3) takes longer than many tests.
+    Importing what such files need (Dask, a server of S3) takes longer than many tests.
     """
     if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
         return None

@@ -74,7 +74,6 @@ HOMES = {
         "labyrinth_core.data",
         "labyrinth_core.policies",
         "pipeline.release",
-        "pipeline.studies.environments.stable_baselines",  # By id.
         "pipeline.season.submission",
     ),
     "PIL": (
@@ -88,31 +87,26 @@ HOMES = {
     ),
     "rich": ("pipeline",),
     "yaml": ("pipeline",),
-    "joblib": ("pipeline.machinery.executor", "pipeline.machinery.worker"),
+    "joblib": ("pipeline.machinery.executor",),
     "distributed": ("pipeline.machinery.executor",),
-    "ray": ("pipeline.machinery.executor",),
     "torch": (
         "labyrinth_core.policies",
         "pipeline.training",
         "pipeline.studies.methods",
-        "pipeline.studies.environments.stable_baselines",  # Weights, read without pickle.
         "pipeline.season.submission",
     ),
     "onnxruntime": ("pipeline.season.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": (
         "labyrinth_core.env",
-        "pipeline.studies.environments",
         "pipeline.export.minari",
     ),
-    "mujoco": ("pipeline.studies.environments",),
     "matplotlib": ("pipeline.studies", "pipeline.training"),
     "tensorboard": ("pipeline.training.record",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.command"),
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.
     "time": (
         "pipeline.training.loop",  # How long a run took.
-        "pipeline.studies.environments.compare",
         "pipeline.release",  # To wait and try again.
     ),
     "datetime": (),

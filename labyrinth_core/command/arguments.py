@@ -16,9 +16,6 @@ from labyrinth_core.world.labyrinth import LabyrinthError, Task
 ROUTES = 1_000
 """The default limit of `solve --all`."""
 
-GIF_ROUTES = 10
-"""The default limit of `play --gif --all`."""
-
 
 class RequestError(ValueError):
     """A command that cannot be carried out; the message says why."""
@@ -89,7 +86,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; an error in it ends with exit status 1."""
     parser = _Parser(
         prog="labyrinth",
-        description="Check, show, solve, make, convert and play labyrinths in the text language.",
+        description="Check, show, solve, make and convert labyrinths in the text language.",
     )
     parser.add_argument("--version", action="version", version=f"labyrinth {__version__}")
     commands = parser.add_subparsers(
@@ -119,18 +116,13 @@ def parser() -> argparse.ArgumentParser:
         "any other file is a list of edges."
     )
     convert = command("convert", text)
-    text = (
-        "Walk through a labyrinth with the arrow keys; q quits. With --gif, a moving picture of a "
-        "shortest route is written instead."
-    )
-    play = command("play", text)
 
     help_of_file = "a file; - for standard input"
     check.add_argument("files", nargs="+", metavar="FILE", help=help_of_file)
-    for each in (show, solve, convert, play):
+    for each in (show, solve, convert):
         each.add_argument("file", metavar="FILE", help=help_of_file)
     text = "settles where missing tiles of the task are placed (default: %(default)s)"
-    for each in (check, show, solve, play):
+    for each in (check, show, solve):
         each.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
 
     show.add_argument(
@@ -138,12 +130,8 @@ def parser() -> argparse.ArgumentParser:
     )
     show.add_argument("--solution", action="store_true", help="mark a shortest route")
 
-    text = "write a moving picture to this file"
-    play.add_argument("--gif", type=_file(".gif"), metavar="OUT", help=text)
-    text = "show every route without a loop, one after the other (with --gif)"
-    play.add_argument("--all", action="store_true", help=text)
-    text = f"stop --all after N routes (default: {GIF_ROUTES})"
-    play.add_argument("--limit", type=_whole(1), metavar="N", help=text)
+    text = "write a moving picture of a shortest route to this file"
+    show.add_argument("--gif", type=_file(".gif"), metavar="OUT", help=text)
 
     solve.add_argument("--all", action="store_true", help="print every route without a loop")
     text = f"stop --all after N routes (default: {ROUTES:,})"

@@ -1,20 +1,21 @@
-"""What each command does: check, show, solve, new, convert and play."""
+"""What each command does: check, show, solve, new and convert."""
 
 from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.command.arguments import ERRORS, GIF_ROUTES, ROUTES, RequestError, explain
+from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.command.terminal_play import draw, play
 from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.language.collection import KINDS, is_collection
+from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, read_text
 from labyrinth_core.language.text import dump, parse
@@ -27,6 +28,9 @@ from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.rollout import Episode, replay
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.solver import shortest_route, simple_routes
+
+COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
+"""The colour of each character on a terminal, as parameters of the SGR sequence of ECMA-48."""
 
 
 def _read(file: str) -> tuple[str, str]:
@@ -72,8 +76,17 @@ def _show(options: Namespace) -> int:
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
         write_bytes(options.png, _picture(labyrinth, cells))
-        return 0
-    sys.stdout.write(draw(labyrinth, route=cells, colour=_in_colour()))
+    elif options.gif is not None:
+        write_bytes(options.gif, _moving_picture(labyrinth))
+    else:
+        drawing = draw_text(labyrinth, route=cells)
+        if _in_colour():
+            tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)
+            drawing = re.sub(
+                tiles, lambda run: f"\x1b[{COLOURS[run[0][0]]}m{run[0]}\x1b[0m", drawing
+            )
+        settings, _, _ = dump(labyrinth).partition("-")
+        sys.stdout.write(f"{settings}{drawing}end\n")
     return 0
 
 
@@ -121,25 +134,26 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     return file.getvalue()
 
 
-def _check_limit(options: Namespace) -> None:
-    if options.limit is not None and not options.all:
-        raise RequestError("--limit goes with --all")
-
-
-def _routes(labyrinth: Labyrinth, options: Namespace, most: int) -> list[list[int]]:
-    """Return a shortest route, or with `--all` every route up to a limit, `most` by default."""
-    if not options.all:
-        return [_optimal(labyrinth).actions.tolist()]
-    limit = options.limit or most
-    routes = simple_routes(labyrinth, limit)
-    if len(routes) == limit:
-        print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
-    return routes
+def _moving_picture(labyrinth: Labyrinth) -> bytes:
+    """Return a GIF file of a shortest route."""
+    _pictured_side(labyrinth)
+    try:
+        return gif([frames_of(_optimal(labyrinth))])
+    except ImportError as error:
+        raise RequestError("a moving picture needs Pillow: pip install pillow") from error
 
 
 def _solve(options: Namespace) -> int:
-    _check_limit(options)
-    for actions in _routes(_load(options), options, ROUTES):
+    if options.limit is not None and not options.all:
+        raise RequestError("--limit goes with --all")
+    labyrinth = _load(options)
+    routes = [_optimal(labyrinth).actions.tolist()]
+    if options.all:
+        limit = options.limit or ROUTES
+        routes = simple_routes(labyrinth, limit)
+        if len(routes) == limit:
+            print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
+    for actions in routes:
         words = " ".join(Action(action).name.lower() for action in actions)
         print(f"{_counted(len(actions), 'move')}: {words}")
     return 0
@@ -174,40 +188,10 @@ def _convert(options: Namespace) -> int:
     return 0
 
 
-def _play(options: Namespace) -> int:
-    _check_limit(options)
-    if options.gif is not None:
-        return _animate(options)
-    if options.all:
-        raise RequestError("--all goes with --gif")
-    if options.file == "-" or sys.stdin is None or not sys.stdin.isatty():
-        raise RequestError("play reads keys: give it a file, and a terminal as standard input")
-    try:
-        play(_load(options), colour=_in_colour())
-    except ImportError as error:
-        raise RequestError("play needs a terminal of the Unix kind (termios)") from error
-    return 0
-
-
-def _animate(options: Namespace) -> int:
-    """Write the moving picture that `play --gif` asks for."""
-    labyrinth = _load(options)
-    _pictured_side(labyrinth)
-    try:
-        routes = _routes(labyrinth, options, GIF_ROUTES)
-        picture = gif(frames_of(replay(labyrinth, actions)) for actions in routes)
-    except ImportError as error:
-        raise RequestError("a moving picture needs Pillow: pip install pillow") from error
-    write_bytes(options.gif, picture)
-    print(f"wrote {printable(str(options.gif))}")
-    return 0
-
-
 COMMANDS = {
     "check": _check,
     "show": _show,
     "solve": _solve,
     "new": _new,
     "convert": _convert,
-    "play": _play,
 }

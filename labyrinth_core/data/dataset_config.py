@@ -84,13 +84,6 @@ class DatasetConfig:
         default=0.0,
     )
     """The probability with which a demonstrator takes a uniformly random action."""
-    pieces: int = _option(
-        lambda steps: 0 <= steps <= 10**9,
-        "give a number of steps up to 10**9, or 0 for whole routes",
-        name="demonstrations.pieces",
-        default=0,
-    )
-    """The number of steps of the pieces that routes are handed out in; 0 for whole routes."""
     goals: str = _one_of(*GOALS, default="fixed")
     """Where start and goal of train, validation and test lie, one of `GOALS`."""
 
@@ -160,10 +153,6 @@ class DatasetConfig:
     def splits(self) -> tuple[str, ...]:
         """The names of all splits, in order."""
         return BASE_SPLITS + self.shifts
-
-    def is_in_pieces(self, split: str) -> bool:
-        """Return whether the episodes of a split are pieces of routes."""
-        return self.pieces > 0 and split != "random"
 
     def is_cut(self, split: str, routes: int) -> bool:
         """Return whether `solutions_limit` may have left out some of the `routes`."""

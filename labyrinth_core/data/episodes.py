@@ -17,7 +17,7 @@ from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.parse_many import parse_many
-from labyrinth_core.language.text import dump, labyrinth_id, parse, without_agent
+from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.batch_labyrinths import Labyrinths, replay_many
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import replay
@@ -128,7 +128,7 @@ class Episodes:
         return acting
 
     def parsed(self) -> list[Labyrinth]:
-        """Return the labyrinths, one by one; they begin where the episodes do."""
+        """Return the labyrinths, one by one."""
         return [parse(text) for text in self.texts]
 
     def take(self, episodes: slice) -> Episodes:
@@ -156,11 +156,7 @@ class Episodes:
 
     def optimal(self) -> NDArray[np.bool_]:
         """Return which actions begin a shortest route in each row, shape (n, 4)."""
-        solved: dict[str, NDArray[np.bool_]] = {}
-        for text in self.texts:  # Pieces of a route share a labyrinth.
-            if (bare := without_agent(text)) not in solved:
-                solved[bare] = optimal_actions(parse(bare))
-        tables = np.stack([solved[without_agent(text)] for text in self.texts])
+        tables = np.stack([optimal_actions(labyrinth) for labyrinth in self.parsed()])
         return tables[self.which, self.states]
 
 

@@ -25,7 +25,6 @@ from labyrinth_core.data.rows import (
 )
 from labyrinth_core.data.source import local_folder, locate
 from labyrinth_core.data.storage import AnyPath, RemotePath
-from labyrinth_core.language.text import without_agent
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
@@ -250,14 +249,13 @@ def _numbers_of_rows(part: Part, count: int) -> NDArray[np.int64]:
     for rows in part.rows(pictures=False):
         if not len(rows.info):
             continue
-        bare = [without_agent(text) for text in rows.texts]
-        places = {text: place for place, text in enumerate(dict.fromkeys(bare))}
-        labyrinth = np.array([places[text] for text in bare])[rows.info]
+        places = {text: place for place, text in enumerate(dict.fromkeys(rows.texts))}
+        labyrinth = np.array([places[text] for text in rows.texts])[rows.info]
         begins = np.diff(labyrinth, prepend=places.get(last, -1)) != 0
         numbers.append(numbers[-1][-1] + np.cumsum(begins))
         if numbers[-1][-1] >= count:
             break
-        last = bare[rows.info[-1]]
+        last = rows.texts[rows.info[-1]]
     return np.concatenate(numbers[1:])
 
 

@@ -77,7 +77,6 @@ class LabyrinthSource(NamedTuple):
         )
         if labyrinth is None:
             return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
-        labyrinth = labyrinth if start is None else labyrinth.from_start()
         start = labyrinth.start if start is None else start
         goal = labyrinth.goal if goal is None else goal
         if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):

@@ -100,7 +100,6 @@ def question(labyrinth: Labyrinth) -> dict[str, Any]:
         ValueError: Most of the labyrinth is hidden from its agent (partial observability), or it
             has more than `MOST_ROUTES` shortest routes.
     """
-    labyrinth = labyrinth.from_start()
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         raise ValueError(
             f"task={labyrinth.task}: no question shows the way, as the agent does not see it; "

@@ -73,7 +73,6 @@ def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
     """
     if isinstance(labyrinth, str):
         labyrinth = parse(labyrinth)
-    labyrinth = labyrinth.from_start()
     moves, optimum = read_moves(answer), moves_of(labyrinth)
     state, limit = initial(labyrinth), step_limit(labyrinth)
     steps = reason = None

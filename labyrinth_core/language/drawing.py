@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from labyrinth_core.language.text import dump, without_agent
+from labyrinth_core.language.text import dump
 from labyrinth_core.world.batch_sampling import Structures
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.grid import neighbours
@@ -44,11 +44,8 @@ def draw_text(
 
 
 def describe(labyrinth: Labyrinth, state: State) -> str:
-    """Return what the agent observes in words: the text of the language, with `draw_text` in it.
-
-    The text does not say where the episode began.
-    """
-    text = without_agent(dump(labyrinth))
+    """Return what the agent observes in words: the text of the language, with `draw_text` in it."""
+    text = dump(labyrinth)
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
 
 

@@ -10,7 +10,6 @@ from labyrinth_core.language.source_text import LabyrinthSyntaxError
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.batch_sampling import Structures
-from labyrinth_core.world.dynamics import initial, state_index
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 
@@ -58,12 +57,6 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
         ice.any(axis=1) == (task is Task.ICY_FLOOR),
     ]
     tiles = there.argmax(axis=2)
-    begins = {
-        head: -1 if each.agent is None else state_index(each, initial(each))
-        for head, each in zip(dict.fromkeys(heads), some, strict=True)
-    }
-    given = np.array([begins[head] for head in heads])
-    as_drawn.append(given != tiles[:, 0])  # There, it would not be given.
     if not all(each.all() for each in as_drawn):
         return None
     up = np.zeros((len(texts), height, width), np.bool_)
@@ -71,9 +64,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     up[:, :-1] = (over == ord(" ")).reshape(-1, height - 1, width)
     right[:, :, :-1] = (right_of == ord(" ")).reshape(-1, height, width - 1)
     structures = Structures(height, width, *(each.reshape(len(texts), -1) for each in (up, right)))
-    labyrinths = Labyrinths(
-        structures, task, some[0].look, tiles, ice, np.where(given < 0, tiles[:, 0], given)
-    )
+    labyrinths = Labyrinths(structures, task, some[0].look, tiles, ice)
     return labyrinths if labyrinths.keep_the_rules() else None
 
 

@@ -1,4 +1,4 @@
-"""The settings above a drawing in the text language: task, look, and where the agent begins."""
+"""The settings above a drawing in the text language: the task and the look."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from typing import NamedTuple, NoReturn
 
 from labyrinth_core.language.source_text import Source, quoted
-from labyrinth_core.world.labyrinth import Labyrinth, Look, State, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 
 SETTINGS = {
     "key_and_lock": Task.KEY_AND_DOOR,
@@ -24,23 +24,18 @@ _SETTINGS_OF = {
 HEADING = "labyrinth"
 """The line that announces the drawing, without its colon."""
 
-_LOOK, _AGENT = "look", "agent"
+_LOOK = "look"
 _SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
 _FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
 
 _LOOKS = tuple(map(str, Look))
 _VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
     _LOOK: re.compile("|".join(_LOOKS)),
-    _AGENT: re.compile(r"\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?"),
 }
 """The values that each setting may have, in small letters."""
 _EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
     _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
-    _AGENT: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
 }
-
-_MOST_SETTINGS = 200
-"""An upper bound on the characters of the settings of a canonical text."""
 
 
 class Settings(NamedTuple):
@@ -50,8 +45,6 @@ class Settings(NamedTuple):
     offset: int
     """Offset of the setting that switches the task on, or of the heading if none is on."""
     look: Look
-    agent: tuple[str, int] | None
-    """The value of `agent` and its offset; None if the agent begins on the start."""
 
 
 def parse_settings(source: Source) -> Settings:
@@ -59,10 +52,9 @@ def parse_settings(source: Source) -> Settings:
 
     setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
     look = "look" ":" ("plain" | "recoloured" | "thin_walls")
-    agent = "agent" ":" "(" number "," number ")" ["with" ("key" | "open" "door")]
     """
     switched_on: tuple[Task, int] | None = None
-    look, agent = Look.PLAIN, None
+    look = Look.PLAIN
     seen: dict[str, int] = {}
     while True:
         offset, line = source.next_line()
@@ -71,7 +63,7 @@ def parse_settings(source: Source) -> Settings:
         name, colon, value = match[1].rstrip(" "), match[2], match[3]
         place, value_at = offset + match.start(1), offset + match.start(3)
         if name == HEADING and colon and not value:
-            return Settings(*(switched_on or (Task.NAVIGATION, place)), look, agent)
+            return Settings(*(switched_on or (Task.NAVIGATION, place)), look)
         if name not in _VALUES or not colon:
             _refuse_setting(source, offset, line)
         if name in seen:
@@ -84,8 +76,6 @@ def parse_settings(source: Source) -> Settings:
             source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
         if name == _LOOK:
             look = Look(value.lower())
-        elif name == _AGENT:
-            agent = value.lower(), value_at
         elif value.lower() == "true":
             if switched_on:
                 found = f"{name}, after line {source.line_number(switched_on[1])}"
@@ -114,43 +104,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
     source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
 
 
-def agent_state(source: Source, labyrinth: Labyrinth, value: str, offset: int) -> State:
-    """Return the state that a value of the setting `agent` describes."""
-    match = _VALUES[_AGENT].fullmatch(value)
-    assert match, "the value was checked before"
-    row, column, holds = int(match[1]), int(match[2]), match[3] or ""
-    height, width = labyrinth.structure.height, labyrinth.structure.width
-    if row >= height or column >= width:
-        expected = f"a row from 0 to {height - 1} and a column from 0 to {width - 1}"
-        source.fail(offset, "the agent is outside the grid", expected, f"({row}, {column})")
-    return State(row * width + column, bool(holds), holds.endswith("door"))
-
-
 def dump_settings(labyrinth: Labyrinth) -> str:
     """Return the settings of a labyrinth as in its canonical text, a line each."""
     look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
-    agent = ""
-    if labyrinth.agent is not None:
-        agent = f"{_AGENT}: {agent_text(labyrinth, labyrinth.agent)}\n"
-    return f"{_SETTINGS_OF[labyrinth.task]}{look}{agent}"
-
-
-def agent_text(labyrinth: Labyrinth, state: State) -> str:
-    """Return the value of the setting `agent` for a state, such as `(2, 3) with key`."""
-    holds = " with open door" if state.door_open else " with key" if state.has_key else ""
-    return f"{labyrinth.position(state.agent)}{holds}"
-
-
-def without_agent(text: str) -> str:
-    """Return the canonical text of a labyrinth without the setting `agent`.
-
-    All rows of one labyrinth share it, wherever their episodes begin.
-
-    Args:
-        text: The canonical text of the labyrinth.
-    """
-    begin = text.find(f"\n{_AGENT}: ", 0, _MOST_SETTINGS)
-    if begin < 0:
-        return text
-    _, _, rest = text[begin + 1 :].partition("\n")
-    return f"{text[:begin]}\n{rest}"
+    return f"{_SETTINGS_OF[labyrinth.task]}{look}"

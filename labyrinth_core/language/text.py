@@ -17,11 +17,8 @@ from labyrinth_core.language.settings import (
     HEADING,
     SETTINGS,
     Settings,
-    agent_state,
-    agent_text,
     dump_settings,
     parse_settings,
-    without_agent,
 )
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
 from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
@@ -31,12 +28,10 @@ from labyrinth_core.world.tasks import default_start_and_goal, place
 __all__ = [
     "SETTINGS",
     "LabyrinthSyntaxError",
-    "agent_text",
     "dump",
     "labyrinth_id",
     "load",
     "parse",
-    "without_agent",
 ]
 
 _VERTICAL = bytes.maketrans(b"01", b"| ")
@@ -47,7 +42,7 @@ _OPEN_IN_TEXT = str.maketrans("| -", "010")
 def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     """Return the labyrinth that a text describes.
 
-    text = {setting | look | agent} "labyrinth" ":" drawing "end"
+    text = {setting | look} "labyrinth" ":" drawing "end"
 
     Args:
         text: The description.
@@ -61,15 +56,10 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     settings = parse_settings(source)
     drawing = _parse_drawing(source)
     _parse_end(source)
-    at_fault = settings.offset
     try:
-        labyrinth = _build(source, drawing, settings, seed)
-        if settings.agent is None:
-            return labyrinth
-        value, at_fault = settings.agent
-        return replace(labyrinth, agent=agent_state(source, labyrinth, value, at_fault))
+        return _build(source, drawing, settings, seed)
     except LabyrinthError as error:
-        offset = at_fault if error.cell is None else drawing.offset(error.cell)
+        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
 
 
@@ -277,9 +267,7 @@ def dump(labyrinth: Labyrinth) -> str:
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:
     """Return sixteen hexadecimal digits, the same on every machine and in every process.
 
-    They do not depend on where episodes begin.
-
     Args:
         labyrinth: A labyrinth, or its canonical text, as `dump` gives it.
     """
-    return identity(without_agent(labyrinth if isinstance(labyrinth, str) else dump(labyrinth)))
+    return identity(labyrinth if isinstance(labyrinth, str) else dump(labyrinth))

@@ -26,8 +26,6 @@ class Labyrinths:
     """The cells of start and goal, with a key then of key and door, shape (n, 2) or (n, 4)."""
     ice: NDArray[np.bool_]
     """Whether there is ice in each cell, shape (n, cells)."""
-    initial: NDArray[np.int64]
-    """The number of the state in which episodes begin, shape (n,)."""
 
     def __len__(self) -> int:
         return len(self.tiles)
@@ -40,29 +38,20 @@ class Labyrinths:
             structures=replace(self.structures, up=up, right=right),
             tiles=self.tiles[numbers],
             ice=self.ice[numbers],
-            initial=self.initial[numbers],
         )
 
     def keep_the_rules(self) -> bool:
-        """Return whether each is what `Labyrinth` allows, with the agent where it may begin."""
+        """Return whether each is what `Labyrinth` allows."""
         count, cells = self.ice.shape
         first = cells * np.arange(count)
         onward = self.structures.moves().reshape(-1, 4) + np.repeat(first, cells)[:, None]
         start, goal, *locked = (self.tiles + first[:, None]).T
-        phase, agent = np.divmod(self.initial, cells)
-        agent = agent + first
-        ice = np.flatnonzero(self.ice)
-        way = distances_from(onward, goal, ice) != UNREACHABLE
-        kept = way[start] & (agent != goal) & ~self.ice.ravel()[agent]
-        if not locked:
-            return bool((kept & way[agent]).all())
-        key, door = locked
-        unlocked = distances_from(onward, start, door) != UNREACHABLE
-        kept &= unlocked[key] & ~unlocked[goal]
-        kept &= ((agent != key) | (phase > 0)) & ((agent != door) | (phase > 1))
-        without_key = distances_from(onward, agent, door) != UNREACHABLE
-        ahead = np.where(phase > 0, way[agent], without_key[key] | without_key[goal])
-        return bool((kept & ahead).all())
+        kept = distances_from(onward, goal, np.flatnonzero(self.ice))[start] != UNREACHABLE
+        if locked:
+            key, door = locked
+            before_door = distances_from(onward, start, door) != UNREACHABLE
+            kept &= before_door[key] & ~before_door[goal]
+        return bool(kept.all())
 
     def transitions(self) -> NDArray[np.int32]:
         """Return the state that each action leads to, shape (n, states, 4).
@@ -114,7 +103,7 @@ def replay_many(
     longest_first = np.argsort(firsts - ends, kind="stable")
     lengths = (ends - firsts)[longest_first]
     place, offset = firsts[longest_first], offset[longest_first]
-    now = labyrinths.initial[which[longest_first]]
+    now = labyrinths.tiles[which[longest_first], 0]
     states = np.empty(len(actions), np.int64)
     for step in range(lengths[0]):
         going = np.searchsorted(-lengths, -step)

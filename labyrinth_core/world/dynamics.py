@@ -18,7 +18,7 @@ STEP_LIMIT = 40
 
 def initial(labyrinth: Labyrinth) -> State:
     """Return the state an episode begins in."""
-    return labyrinth.agent or State(labyrinth.start)
+    return State(labyrinth.start)
 
 
 def transition(labyrinth: Labyrinth, state: State, action: int) -> State:

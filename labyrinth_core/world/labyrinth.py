@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
@@ -277,8 +277,6 @@ class Labyrinth:
     door: int | None = None
     ice: frozenset[int] = frozenset()
     look: Look = Look.PLAIN
-    agent: State | None = None
-    """The state that episodes begin in; None if that is the start, without the key."""
 
     def __post_init__(self) -> None:
         tiles = [("start", self.start), ("goal", self.goal)]
@@ -299,10 +297,6 @@ class Labyrinth:
                 raise LabyrinthError(f"the {taken[cell]} and the {name} share a cell", cell)
             taken[cell] = name
         self._check_solvable()
-        if self.agent == State(self.start):
-            object.__setattr__(self, "agent", None)
-        if self.agent is not None:
-            self._check_agent(*self.agent)
 
     def __reduce__(self) -> tuple[object, ...]:
         return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
@@ -323,31 +317,6 @@ class Labyrinth:
                 raise LabyrinthError("a route from start to goal avoids the door", door)
             if before_door[self.key] == UNREACHABLE:
                 raise LabyrinthError("the key cannot be reached without passing the door", self.key)
-
-    def _check_agent(self, cell: int, has_key: bool, door_open: bool) -> None:
-        if not 0 <= cell < self.structure.cells:
-            raise LabyrinthError(f"the agent is outside the grid: cell {cell}")
-        if has_key and self.key is None:
-            raise LabyrinthError(f"a key and an open door belong to {Task.KEY_AND_DOOR}")
-        if door_open and not has_key:
-            raise LabyrinthError("the door cannot be open if the agent has no key")
-        if cell == self.goal or cell in self.ice:
-            where = "goal" if cell == self.goal else "ice"
-            raise LabyrinthError(f"the agent cannot begin on the {where}, where an episode ends")
-        if (cell == self.key and not has_key) or (cell == self.door and not door_open):
-            where = "key without it" if cell == self.key else "closed door"
-            raise LabyrinthError(f"the agent cannot begin on the {where}")
-        distance = self.cell_distances[cell]
-        if self.key is not None and self.door is not None and not has_key:
-            before_door = self.structure.distances(cell, [self.door])
-            distance = max(before_door[self.goal], before_door[self.key])
-        if distance == UNREACHABLE:
-            without = " without ice" if self.ice else ""
-            raise LabyrinthError(f"no route{without} leads from the agent to the goal")
-
-    def from_start(self) -> Labyrinth:
-        """Return the labyrinth in which episodes begin on the start."""
-        return self if self.agent is None else replace(self, agent=None)
 
     @property
     def size_name(self) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,17 +71,6 @@ def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: in
         if is_terminal(labyrinth, states[-1]):
             break
     return _episode(labyrinth, states, actions[: len(states) - 1])
-
-
-def pieces(episode: Episode, steps: int) -> Iterator[Episode]:
-    """Yield the parts of an episode, each of `steps` steps, the last of those that are left.
-
-    Each is an episode of the same labyrinth in which the agent begins where the part does.
-    """
-    for first in range(0, len(episode), steps):
-        states, part = episode.states[first : first + steps + 1], slice(first, first + steps)
-        labyrinth = replace(episode.labyrinth, agent=states[0]) if first else episode.labyrinth
-        yield Episode(labyrinth, states, episode.actions[part], episode.rewards[part])
 
 
 def _episode(labyrinth: Labyrinth, states: list[State], actions: list[int]) -> Episode:

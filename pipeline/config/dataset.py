@@ -36,13 +36,10 @@ class SplitsConfig:
 
 @dataclass(frozen=True)
 class DemonstrationsConfig:
-    """How well the demonstrator acts, and what is shown of it."""
+    """How well the demonstrator acts."""
 
     noise: float = option(
         0.0, "probability of a uniformly random action; the route goes on from where it leads"
-    )
-    pieces: int = option(
-        0, "steps of the pieces that each route is handed out in, as episodes (0: whole routes)"
     )
 
 

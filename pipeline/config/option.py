@@ -13,6 +13,7 @@ from math import inf
 from typing import Any, TypeVar, get_origin, get_type_hints
 
 from pipeline.config.errors import check, listed
+from pipeline.config.gone import instead
 
 Options = TypeVar("Options")
 
@@ -65,7 +66,8 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        check(name in kinds, f"{group}{name} is no option: choose from {listed(kinds)}")
+        allowed = f"{group}{name} is no option: choose from {listed(kinds)}"
+        check(name in kinds, instead(group + name) or allowed)
         _check_kind(group + name, value, kinds[name])
         made[name] = tuple(value) if isinstance(value, list) else value
         if is_dataclass(kinds[name]):
@@ -106,9 +108,11 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             check(isinstance(value, bool), f"{name}={value}: give true or false")
         elif isinstance(value, list | tuple):
             known = not one_of or (len(value) > 0 and set(value) <= set(one_of))
-            check(known, f"{name}={listed(value)}: choose from {listed(one_of)}")
+            allowed = f"{name}={listed(value)}: choose from {listed(one_of)}"
+            check(known, instead(name, *value) or allowed)
         elif one_of:
-            check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
+            allowed = f"{name}={value}: choose one of {listed(one_of)}"
+            check(value in one_of, instead(name, value) or allowed)
         elif like is not None:
             matches = re.fullmatch(like[0], value, re.ASCII) is not None
             check(matches, f"{name}={value}: give {like[1]}")

@@ -22,10 +22,11 @@ from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.evaluation.description import RunName
-from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
+from pipeline.config.analysis import LeakageOptions
 from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
 from pipeline.config.export import NAMESPACE, ExportOptions
+from pipeline.config.gone import instead
 from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
 from pipeline.config.publish import PublishOptions, check_publish
 from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
@@ -48,7 +49,6 @@ STAGES = {
     "train": "pipeline.training.train",
     "evaluate": "pipeline.evaluation.evaluate",
     "results": "pipeline.studies.results.results",
-    "environments": "pipeline.studies.environments.compare",
     "season": "pipeline.season.season",
     "judge": "pipeline.season.judge",
     "reveal": "pipeline.season.reveal",
@@ -76,11 +76,11 @@ class PlaceOptions:
     workers: int = option(1, "processes", at_least=1, at_most=1_000)
     executor: str = option(
         "local",
-        "where they run: local (this machine), dask or ray",
-        one_of=("local", "dask", "ray"),
+        "where they run: local (this machine) or dask",
+        one_of=("local", "dask"),
     )
     executor_address: str | None = option(
-        None, "address of a running cluster of Dask or Ray; else one is started for the run"
+        None, "address of a running cluster of Dask; else one is started for the run"
     )
     part: str = option(
         "",
@@ -98,7 +98,6 @@ class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     """All options, as they are given on a command line."""
 
     leakage: LeakageOptions = field(default_factory=LeakageOptions)
-    analysis: AnalysisOptions = field(default_factory=AnalysisOptions)
     publish: PublishOptions = field(default_factory=PublishOptions)
     export: ExportOptions = field(default_factory=ExportOptions)
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
@@ -110,10 +109,7 @@ SECTIONS = {
     "Where and how it is built": meanings(PlaceOptions),
     "Training, by 'stages=[train,evaluate]'": meanings(TrainingOptions),
     "Evaluation of policy=..., by stages=evaluate": meanings(EvaluationOptions, "evaluation."),
-    "Analysis, by stages=analyse and stages=environments": {
-        **meanings(LeakageOptions, "leakage."),
-        **meanings(AnalysisOptions, "analysis."),
-    },
+    "Analysis, by stages=analyse": meanings(LeakageOptions, "leakage."),
     "Publishing, by stages=publish": meanings(PublishOptions, "publish."),
     "Export, by stages=export": meanings(ExportOptions, "export."),
     "Seasons, by stages=season, judge, reveal and verify": meanings(SeasonOptions, "season."),
@@ -243,6 +239,8 @@ def refusal(error: Exception) -> str:
         return f"{group}={given}: choose one of {listed(error.options)}"
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
+    if unknown and (line := instead(unknown[1])):
+        return line
     if unknown:
         group, _, _ = unknown[1].rpartition(".")
         parent = getattr(error.__cause__, "parent_node", None) if group else None
@@ -327,8 +325,6 @@ def resolve(options: RunConfig) -> Run:
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options, run.dataset.task)
         check_options(options.evaluation, EvaluationOptions, "evaluation.")
-    if "environments" in stages:
-        check_analysis(options.analysis)
     if "publish" in stages:
         check_publish(options.publish, options.export, options)
     if "export" in stages:

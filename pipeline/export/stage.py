@@ -25,7 +25,6 @@ from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.ending import lacks_memory
 from pipeline.machinery.folders import (
     followed,
     held,
@@ -153,8 +152,6 @@ def _made_whole(target: Path) -> Iterator[Path]:
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # Of h5py, either.
-        if lacks_memory(error):
-            raise
         reason = getattr(error, "strerror", None) or one_line(error)
         raise DatasetError(f"{target} cannot be written: {reason}") from error
     finally:

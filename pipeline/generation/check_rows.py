@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.columns import NO_ACTION, Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.language.text import LabyrinthSyntaxError, agent_text, dump, parse
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_in
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
@@ -21,8 +21,6 @@ from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.fingerprint import PictureDigest
 from pipeline.generation.render import Pictures, picture_names
-from pipeline.generation.rules import Route
-from pipeline.machinery.worker import count_done
 
 
 class Problem(NamedTuple):
@@ -61,8 +59,8 @@ class CheckedLabyrinth(NamedTuple):
     """The number of rows of each episode."""
     labyrinth: Labyrinth | None
     """None if the text is not a labyrinth of the dataset."""
-    routes: list[Route]
-    """The routes of the episodes that could be replayed."""
+    routes: list[list[int]]
+    """The actions of the episodes that could be replayed."""
     rows: list[Row]
     """The rows of these episodes, without pictures, but with the digests of those."""
 
@@ -94,15 +92,14 @@ def check_labyrinth(
         config: The configuration of the dataset.
         split: The split of the labyrinth.
         number: The number of the labyrinth, which is part of the names of its pictures.
-        text: Its text, wherever the agent begins.
+        text: Its text.
         episodes: Its episodes, at least one.
         same_bytes: Whether pictures must be equal byte for byte.
     """
     problems: list[Problem] = []
     lengths: list[int] = []
-    routes: list[Route] = []
+    routes: list[list[int]] = []
     checked: list[Row] = []
-    in_pieces = config.is_in_pieces(split)
     labyrinth, wrong = _parsed(config, text)
     pictures = None if labyrinth is None else Pictures(labyrinth)
     end: State | None = None
@@ -111,27 +108,19 @@ def check_labyrinth(
         if wrong and not lengths:
             problems.append(Problem(begin, "info", wrong))
         lengths.append(len(rows))
-        count_done(len(rows))
         problems += _shape_problems(episode)
         if labyrinth is None or pictures is None or not episode.is_whole:
             continue
-        was_cut = end is not None and not is_terminal(labyrinth, end)
-        if was_cut and not in_pieces:
+        if end is not None and not is_terminal(labyrinth, end):
             message = "an episode is cut before the last one of its labyrinth"
             problems.append(Problem(begin - 1, "actions", message))
-        expected = end if was_cut and in_pieces and end is not None else initial(labyrinth)
-        state, astray = _first_state(labyrinth, text, rows[0].info, expected)
-        problems += [Problem(begin, "info", astray)] if astray else []
-        names = picture_names(split, number, sum(map(len, routes)), range(len(rows)))
-        found, shown, after = _replay(
-            labyrinth, pictures, state, episode, names, same_bytes=same_bytes
-        )
+        names = picture_names(split, number, len(routes), range(len(rows)))
+        found, shown, after = _replay(labyrinth, pictures, episode, names, same_bytes=same_bytes)
         problems += found
         checked += shown
         if after is None:
             continue
-        routes += [] if was_cut and in_pieces else [[]]
-        routes[-1].append(episode.actions[:-1])
+        routes.append(episode.actions[:-1])
         end = after
     may_fail = split == "random" or config.noise > 0
     if labyrinth is not None and end is not None and end.agent != labyrinth.goal and not may_fail:
@@ -143,7 +132,7 @@ def check_labyrinth(
 def _parsed(config: DatasetConfig, text: str) -> tuple[Labyrinth | None, str | None]:
     """Return the labyrinth of a text, None if the dataset cannot have it, and what is wrong."""
     try:
-        labyrinth = parse(text).from_start()
+        labyrinth = parse(text)
     except LabyrinthSyntaxError as error:
         return None, f"not a labyrinth: {str(error).splitlines()[0]}"
     if (labyrinth.size_name, labyrinth.task) != (f"{config.height}x{config.width}", config.task):
@@ -169,27 +158,9 @@ def _shape_problems(episode: EpisodeRows) -> Iterator[Problem]:
         yield Problem(begin + len(rows), "episode_starts", message)
 
 
-def _first_state(
-    labyrinth: Labyrinth, text: str, info: str, expected: State
-) -> tuple[State, str | None]:
-    """Return the state in which an episode begins as its `info` says, and what is wrong with it."""
-    try:
-        found = labyrinth if info == text else parse(info)
-    except LabyrinthSyntaxError as error:
-        return expected, f"not a labyrinth: {str(error).splitlines()[0]}"
-    state = initial(found)
-    if found is not labyrinth and dump(found) != info:
-        return state, "not in the canonical form"
-    if state != expected:
-        begins, should = (agent_text(labyrinth, each) for each in (state, expected))
-        return state, f"the agent begins in {begins}, not in {should}"
-    return state, None
-
-
 def _replay(
     labyrinth: Labyrinth,
     pictures: Pictures,
-    state: State,
     episode: EpisodeRows,
     names: list[str],
     *,
@@ -203,6 +174,7 @@ def _replay(
     """
     problems: list[Problem] = []
     checked: list[Row] = []
+    state = initial(labyrinth)
     for number, (row, name) in enumerate(zip(episode.rows, names, strict=True), episode.begin):
         if row.obs_path != name:
             message = f"its path is {row.obs_path!r:.99}, not {name}"

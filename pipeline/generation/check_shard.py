@@ -24,13 +24,12 @@ from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import footer_problem, open_shard, read_schema, tables_of, texts
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
-from labyrinth_core.language.text import without_agent
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation.check_rows import EpisodeRows, Problem, check_labyrinth, episodes_of
 from pipeline.generation.check_table import table_problems
 from pipeline.generation.fingerprint import Fingerprint
-from pipeline.generation.rules import Route, labyrinth_problems, routes_problem
+from pipeline.generation.rules import labyrinth_problems, routes_problem
 from pipeline.generation.shifts import Train
 from pipeline.generation.tabulate import FactsOfShard
 from pipeline.generation.variants import labyrinth_of
@@ -140,13 +139,11 @@ def _add_facts(
     facts: FactsOfShard,
     text: str,
     labyrinth: Labyrinth,
-    routes: list[Route],
+    routes: list[list[int]],
     parent: Parent | None,
 ) -> None:
-    actions = [list(chain.from_iterable(route)) for route in routes]
-    shortest, episodes = moves_and_routes(labyrinth), sum(map(len, routes))
     origin = None if parent is None else parent.labyrinth
-    facts.add(labyrinth, text, shortest, actions, episodes, origin)
+    facts.add(labyrinth, text, moves_and_routes(labyrinth), routes, origin)
 
 
 def _otherwise(shard: Shard, counts: Mapping[str, int | str]) -> Iterator[str]:
@@ -161,7 +158,7 @@ def _labyrinths(
 ) -> Iterator[tuple[int, str, Iterator[EpisodeRows]]]:
     """Yield the number of each labyrinth, or of its parent in the parent's; text and episodes."""
     number = job.first - 1
-    for text, group in groupby(episodes_of(rows), lambda each: without_agent(each.rows[0].info)):
+    for text, group in groupby(episodes_of(rows), lambda each: each.rows[0].info):
         first = next(group)
         number += 1
         if has_parents:  # Shifts leave labyrinths out; the pictures' names say which.
@@ -215,7 +212,7 @@ def _number_in(path: str, split: str, *, least: int) -> int:
 
 
 def _broken_rules(
-    job: CheckJob, labyrinth: Labyrinth, routes: list[Route], parent: Parent | None
+    job: CheckJob, labyrinth: Labyrinth, routes: list[list[int]], parent: Parent | None
 ) -> Iterator[tuple[str, str]]:
     """Yield the rules that a labyrinth and its routes break, each with the column that shows it."""
     config, split = job.config, job.shard.split
@@ -224,8 +221,7 @@ def _broken_rules(
         yield "info", message
     if not routes:
         return  # Its rows have been found wrong.
-    episodes = [*chain.from_iterable(routes)]
-    if parent is not None and SPLITS[split].is_redrawn and episodes != parent.episodes:
+    if parent is not None and SPLITS[split].is_redrawn and routes != parent.episodes:
         yield "actions", "the routes are not its parent's"
     if wrong := routes_problem(config, split, labyrinth, routes):
         yield "actions", wrong

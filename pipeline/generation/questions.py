@@ -30,7 +30,6 @@ from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
-from pipeline.machinery.worker import count_done
 
 GROUP_ROWS = 256
 """The rows of a row group, some 3 MB."""
@@ -118,7 +117,6 @@ def _write(job: Job, scratch: AnyPath) -> Shard:
                 writer.write_table(pa.Table.from_pylist(group, schema))
                 rows += len(group)
                 longest = max(longest, *(row["moves"] for row in group))
-                count_done(len(group))
         return Shard(
             path=job.shard.path,
             split=job.shard.split,

@@ -30,15 +30,13 @@ def render(
     Args:
         split: The split of the labyrinth.
         number: The index of the labyrinth in the split.
-        episodes: At least one, all of the same labyrinth; the agent may begin anywhere.
+        episodes: At least one, all of the same labyrinth.
         at_once: The number of rows in each part.
     """
     labyrinth = episodes[0].labyrinth
     pictures, info = Pictures(labyrinth), dump(labyrinth)
     for place, episode in enumerate(episodes):
         states = episode.states
-        if episode.labyrinth is not labyrinth:  # The agent begins elsewhere.
-            labyrinth, info = episode.labyrinth, dump(episode.labyrinth)
         actions = [*episode.actions.tolist(), NO_ACTION]
         rewards = [*episode.rewards.tolist(), 0.0]
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)

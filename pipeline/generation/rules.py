@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -16,9 +15,6 @@ from labyrinth_core.world.tasks import tiles_matter
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 from pipeline.generation.solve import acting_rng, all_routes
 from pipeline.generation.variants import start_and_goal, twin_problem
-
-Route = list[list[int]]
-"""The actions of each piece of a route; a whole route is one piece."""
 
 
 def labyrinth_problems(
@@ -105,7 +101,7 @@ def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
 
 
 def routes_problem(
-    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: Sequence[Route]
+    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: list[list[int]]
 ) -> str | None:
     """Return what is wrong with the routes that a labyrinth has, None if nothing is.
 
@@ -115,27 +111,16 @@ def routes_problem(
         labyrinth: The labyrinth.
         routes: The routes of its episodes, in order.
     """
-    found = [list(chain.from_iterable(route)) for route in routes]
     if split == "random":
-        steps = sum(map(len, found))
+        steps = sum(map(len, routes))
         return None if steps == config.random_steps else f"{steps} random steps"
     if config.noise:
-        if found != [erring_route(labyrinth, config.noise, acting_rng(config, split, labyrinth))]:
+        if routes != [erring_route(labyrinth, config.noise, acting_rng(config, split, labyrinth))]:
             return f"not the route of a demonstrator with noise {config.noise} and this seed"
     elif config.solutions == "shortest":
-        lengths, best = [len(route) for route in found], moves_of(labyrinth)
+        lengths, best = [len(route) for route in routes], moves_of(labyrinth)
         if lengths != [best]:
             return f"routes of {', '.join(map(str, lengths))} moves, instead of one of {best}"
-    elif found != (expected := all_routes(config, labyrinth)):
-        return f"{len(found)} routes, not the {len(expected)} that the configuration asks for"
-    return _pieces_problem(config.pieces, routes) if config.pieces else None
-
-
-def _pieces_problem(steps: int, routes: Sequence[Route]) -> str | None:
-    """Return what is wrong with the lengths of pieces, all of `steps` but the last of a route."""
-    for route in routes:
-        *whole, last = map(len, route)
-        if last > steps or any(length != steps for length in whole):
-            found = ", ".join(map(str, [*whole, last]))
-            return f"a route in pieces of {found} steps, not of {steps}"
+    elif routes != (expected := all_routes(config, labyrinth)):
+        return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"
     return None

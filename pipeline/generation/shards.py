@@ -28,7 +28,6 @@ from pipeline.generation.solve import solve
 from pipeline.generation.tabulate import Facts, FactsOfShard, facts_path, read_facts
 from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.write import write
-from pipeline.machinery.worker import count_done
 
 CELLS_PER_BATCH = 2_000
 """The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5."""
@@ -84,7 +83,6 @@ def finished_shard(job: ShardJob) -> Shard | None:
         finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
         read_facts(job.building, finished)
         if file_sha256(job.path) == finished.sha256:
-            count_done(finished.labyrinths)
             return finished
     return None
 
@@ -115,14 +113,13 @@ def make_shard(job: ShardJob) -> Shard:
         batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
         for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
             number, parent = waiting.popleft()
-            cut += config.is_cut(split, len(solution.routes))
-            count_done(1)
+            cut += config.is_cut(split, len(solution.episodes))
             info = ""
             for rows in render(split, number, solution.episodes):
                 info = rows[0].info
                 yield rows
-            of, pieces = solution.episodes[0].labyrinth, len(solution.episodes)
-            facts.add(of, info, solution.shortest, solution.routes, pieces, parent)
+            routes = [episode.actions for episode in solution.episodes]
+            facts.add(solution.episodes[0].labyrinth, info, solution.shortest, routes, parent)
 
     with new_file(job.path, job.building) as path:
         shard = write(path, split, episodes())
@@ -141,7 +138,6 @@ def _copied(job: ShardJob) -> Shard | None:
         if file_sha256(job.old.path) == shard.sha256:
             with new_file(job.path, job.building) as path:
                 shutil.copyfile(job.old.path, path)
-            count_done(shard.labyrinths)
             return _leave(job, shard, job.old.facts)
     return None
 

@@ -7,12 +7,11 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import Episode, pieces, random_episode, replay
+from labyrinth_core.world.rollout import Episode, random_episode, replay
 from labyrinth_core.world.solver import (
     erring_route,
     moves_and_routes,
@@ -27,8 +26,6 @@ class Solution(NamedTuple):
     """The episodes of one labyrinth."""
 
     episodes: list[Episode]
-    routes: list[NDArray[np.int8]]
-    """The actions of each route; a route is an episode, or several, which are its pieces."""
     shortest: tuple[int, int]
     """How many moves a shortest route has, and how many such routes there are."""
 
@@ -51,10 +48,7 @@ def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) ->
             episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
         else:
             episodes = [replay(labyrinth, route) for route in all_routes(config, labyrinth)]
-        taken = [episode.actions for episode in episodes]
-        if config.is_in_pieces(split):
-            episodes = [part for episode in episodes for part in pieces(episode, config.pieces)]
-        yield Solution(episodes, taken, moves_and_routes(labyrinth))
+        yield Solution(episodes, moves_and_routes(labyrinth))
 
 
 def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.random.Generator:

@@ -61,17 +61,15 @@ class FactsOfShard:
         info: str,
         shortest: tuple[int, int],
         routes: Sequence[Sequence[int] | NDArray[np.int8]],
-        episodes: int,
         parent: Labyrinth | None,
     ) -> None:
         """Add a labyrinth.
 
         Args:
             labyrinth: The labyrinth.
-            info: Its text, wherever the agent begins.
+            info: Its text.
             shortest: How many moves a shortest route has, and how many such routes there are.
-            routes: The actions of each route through it.
-            episodes: The number of episodes, which is larger if they are pieces of routes.
+            routes: The actions of each episode.
             parent: The labyrinth that it was made from, None if it has no parent.
         """
         moves, optimal_routes = shortest
@@ -92,8 +90,8 @@ class FactsOfShard:
                 labyrinth.goal,
                 moves,
                 _turns(routes[0]) if self._demonstrated else NOTHING,
-                episodes,
-                steps + episodes,  # A row for each state.
+                len(routes),
+                steps + len(routes),  # A row for each state.
                 steps if is_shortest else count_optimal(labyrinth, routes),
                 *(0, 0, 0),  # Counted for all at once.
             )

@@ -23,7 +23,7 @@ ROW_GROUP = 256
 """The number of rows after which a row group ends, at the next end of an episode."""
 
 WRITER_OPTIONS = {
-    # Chosen by scripts/benchmark_parquet.py; see docs/performance.md.
+    # docs/performance.md compares them with others.
     "compression": "zstd",
     "compression_level": 1,
     "use_dictionary": ["info"],

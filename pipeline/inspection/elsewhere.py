@@ -77,7 +77,7 @@ def _in_files(path: Path) -> Elsewhere:
         if found is not None:
             held: Held = structure_of(found)
             if isinstance(found, Labyrinth) and not alone:
-                held = found.from_start()
+                held = found
             splits.setdefault(split, []).append(held)
             (number,) = ids_of([held])
             files.setdefault(split, {}).setdefault(digits(number), place)
@@ -87,7 +87,7 @@ def _in_files(path: Path) -> Elsewhere:
 def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
     for info in dict.fromkeys(infos):
         try:
-            yield parse(info).from_start()
+            yield parse(info)
         except ValueError as error:
             # Its first line says what is wrong, those below show the place.
             reason = str(error).partition("\n")[0]

@@ -10,7 +10,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.part import Part
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.text import parse, without_agent
+from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import initial, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import table_and_distances
@@ -44,19 +44,17 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
         IndexError: A number is not an action.
     """
     before = None
-    for info, actions, returned in episodes:
-        text = without_agent(info)
+    for text, actions, returned in episodes:
         is_first = text != before
         if is_first:
             before = text
-            labyrinth = parse(text).from_start()
+            labyrinth = parse(text)
             table, distances = table_and_distances(labyrinth)
             start = state_index(labyrinth, initial(labyrinth))
             shortest = distances[start]
-        begin = start if info == text else state_index(labyrinth, initial(parse(info)))
         if min(actions, default=0) < 0:
             raise ValueError(f"{min(actions)} is not an action")
-        states = [begin]
+        states = [start]
         for action in actions:
             states.append(table[states[-1]][action])
         yield Route(labyrinth, is_first, shortest, states, actions, returned)

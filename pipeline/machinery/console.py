@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
-from threading import Event, Thread
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -21,12 +20,8 @@ from rich.text import Text
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.language.source_text import printable
-from pipeline.machinery.worker import counted
 
 Item = TypeVar("Item")
-
-REFRESH = 0.2
-"""Seconds between two looks at what was counted."""
 
 
 class _Console(Console):
@@ -64,30 +59,12 @@ def progress() -> Progress:
 
 
 def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
-    """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total.
-
-    It fills, too, with what is counted of items that are not finished yet.
-    """
-    before, done = counted(), 0
-    ended = Event()
+    """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
     with progress() as bars:
         bar = bars.add_task(description, total=total)
-
-        def show() -> None:
-            bars.update(bar, completed=min(total, max(done, counted() - before)))
-
-        def keep_showing() -> None:
-            while not ended.wait(REFRESH):
-                show()
-
-        Thread(target=keep_showing, name="progress", daemon=True).start()
-        try:
-            for amount, item in items:
-                yield item
-                done += amount
-                show()
-        finally:
-            ended.set()
+        for amount, item in items:
+            yield item
+            bars.advance(bar, amount)
 
 
 def summary(manifest: Manifest) -> Table:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import inf
 from types import FrameType
 from typing import NoReturn
 
@@ -16,19 +16,8 @@ GOES_ON = "the same command goes on from what is finished"
 PATIENCE = 10
 """Seconds in which the work may clear up after an interruption."""
 
-NEEDED = 600_000_000
-"""Bytes of address space with which a small dataset is made and described by two workers."""
-
-AMPLE = 4_000_000_000
-"""Bytes of address space from which on threads need not be spared."""
-
-SPARING = {
-    "ARROW_DEFAULT_MEMORY_POOL": "system",
-    "ARROW_IO_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
-"""Variables of the environment by which libraries take less address space, each thread 40 MB."""
+LOOKED_AT = 0.5
+"""Seconds between two looks at whether the parent of a worker is still there."""
 
 STARTING = "starting ..."
 """What a terminal shows while libraries are imported, which takes seconds."""
@@ -63,54 +52,6 @@ def end(status: int, line: str = "") -> NoReturn:
         os._exit(status)
 
 
-def lacks_memory(error: BaseException) -> bool:
-    """Return whether an error, or one that caused it, says that there is not enough memory.
-
-    A library that cannot be loaded, a thread that cannot be started and a compressor have other
-    types; Arrow's error is a MemoryError. The cause of an error of a worker is a text.
-    """
-    signs = (
-        "failed to map segment",
-        "allocate memory",
-        "Allocation error",
-        "can't start new thread",
-        "launch worker thread",
-        "malloc of size",
-        "MemoryError",
-    )
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, MemoryError) or any(sign in str(cause) for sign in signs):
-            return True
-        cause = cause.__cause__ or cause.__context__
-    return False
-
-
-def limit_of_memory() -> float:
-    """Return the bytes of address space that this process may take, infinity for no limit."""
-    if sys.platform == "win32":
-        return inf
-    import resource
-
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return inf if limit == resource.RLIM_INFINITY else limit
-
-
-def end_if_short_of_memory() -> None:
-    """Let libraries spare address space if it is limited, and end if it is too small for them.
-
-    Without memory they crash, and each thread and worker says so in lines of its own.
-    """
-    limit = limit_of_memory()
-    if limit >= AMPLE:
-        return
-    for name, value in SPARING.items():
-        os.environ.setdefault(name, value)
-    if limit < NEEDED:
-        needed, there = NEEDED // 1_000_000, limit // 1_000_000
-        end(1, f"error: about {needed} MB of address space are needed: ulimit -v allows {there} MB")
-
-
 def end_without_output(error: OSError) -> NoReturn:
     """End because standard output cannot be written to; silently, if its reader has gone."""
     line = f"error: {error.filename or 'standard output'}: {error.strerror or error}"
@@ -139,6 +80,22 @@ def answer_signals(answer: Callable[[int, FrameType | None], None]) -> None:
     for number in _WORDS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, answer)
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process soon after its parent, the process of that id, has ended.
+
+    joblib's workers would wait five minutes for more work.
+    """
+    never = threading.Event()
+
+    def watch() -> None:
+        # The system gives an orphan another parent.
+        while os.getppid() == parent:
+            never.wait(LOOKED_AT)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="watch", daemon=True).start()
 
 
 @contextmanager

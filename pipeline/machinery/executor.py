@@ -1,7 +1,6 @@
-"""An ordered map over items: in this process, in several, or on a cluster.
+"""An ordered map over items: in this process, in several, or on a cluster of Dask, all by joblib.
 
-It runs on joblib's process pool, or on its backends for Dask and Ray. Within `cluster`, every
-`ordered_map` runs on that cluster.
+Within `cluster`, every `ordered_map` runs on that cluster.
 """
 
 from __future__ import annotations
@@ -9,62 +8,48 @@ from __future__ import annotations
 import logging
 import os
 import socket
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import BrokenExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from importlib import import_module
-from itertools import islice
 from typing import Any, TypeVar
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.ending import ctrl_c_held_back
-from pipeline.machinery.worker import begin_worker, shared_count
+from pipeline.machinery.ending import GOES_ON, ctrl_c_held_back, end_with_parent
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-LOSSES = 3
-"""The number of times in a row that workers may be lost."""
-
-Losses = tuple[type[Exception], ...]
-"""The errors that a backend raises when a worker is lost."""
-
 
 @dataclass
-class _Cluster:
+class _Dask:
     """The cluster that `ordered_map` runs on."""
 
-    executor: str
     address: str | None
-    """That of a running cluster; None for one that is started."""
+    """The address of a running cluster; None for a cluster that is started."""
     stack: ExitStack
     """Ends the cluster when it is closed."""
     processes: int = 0
-    lost: Losses = ()
 
     def provide(self, workers: int) -> None:
         """Start the cluster, or start it again, if it has fewer processes than `workers`."""
         if workers <= self.processes:
             return
         self.stack.close()
-        start = {"dask": _dask, "ray": _ray}[self.executor]
         try:
-            options, self.lost = start(self.stack, workers, self.address)
+            client = _client(self.stack, workers, self.address)
         except (OSError, ValueError, RuntimeError) as error:
             place = f" executor_address={self.address}" if self.address else ""
-            raise ConfigError(f"executor={self.executor}{place}: {one_line(error):.300}") from error
+            raise ConfigError(f"executor=dask{place}: {one_line(error):.300}") from error
         from joblib import parallel_config
 
-        self.stack.enter_context(parallel_config(backend=self.executor, **options))
+        self.stack.enter_context(parallel_config(backend="dask", client=client))
         self.processes = workers
 
 
-_LOST: Losses = (BrokenExecutor,)
-_cluster: ContextVar[_Cluster | None] = ContextVar("cluster", default=None)
+_cluster: ContextVar[_Dask | None] = ContextVar("cluster", default=None)
 
 
 @contextmanager
@@ -74,25 +59,24 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
     A new cluster is started when there is work for it, with no more processes than items of work.
 
     Args:
-        executor: local, dask or ray.
+        executor: local or dask.
         workers: The largest number of processes that will be used.
         address: The address of a running cluster to use instead. Its machines have to see the
             dataset's folder under the same name.
 
     Raises:
-        ConfigError: The executor is not installed, or its cluster cannot be reached.
+        ConfigError: Dask is not installed, or its cluster cannot be reached.
     """
     if executor == "local":
         yield
         return
-
     try:
-        import_module({"dask": "distributed", "ray": "ray"}[executor])
+        import distributed  # noqa: F401
     except ImportError as error:
-        install = f"pip install 'labyrinth-datasets[{executor}]'"
-        raise ConfigError(f"executor={executor} is not installed: {install}") from error
+        install = "pip install 'labyrinth-datasets[dask]'"
+        raise ConfigError(f"executor=dask is not installed: {install}") from error
     with ExitStack() as stack:
-        there = _Cluster(executor, address, stack)
+        there = _Dask(address, stack)
         if address is not None:
             there.provide(workers)
         token = _cluster.set(there)
@@ -102,15 +86,15 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
             _cluster.reset(token)
 
 
-def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
+def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
+    """Return a client of a running cluster, or of a new one that the stack ends."""
     import distributed
 
     # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
     place: Any = address
     if address is not None:
-        # The number of frames of a message comes first.
-        _check_listened_at(address, lambda came: int.from_bytes(came[:8], "little") < 1_000)
+        _connect(address)  # Where nothing listens, the client would end in a traceback.
     else:
         place = stack.enter_context(
             distributed.LocalCluster(
@@ -120,60 +104,26 @@ def _dask(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str
                 silence_logs=logging.ERROR,
             )
         )
-    client = stack.enter_context(distributed.Client(place, set_as_default=False))
-    return {"client": client}, (distributed.KilledWorker,)
+    return stack.enter_context(distributed.Client(place, set_as_default=False))
 
 
-def _ray(stack: ExitStack, workers: int, address: str | None) -> tuple[dict[str, Any], Losses]:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    if address and ":" in address:  # Others are names that Ray knows, such as auto.
-        # gRPC begins with a frame of HTTP/2 that has settings.
-        _check_listened_at(address, lambda came: came[3:4] == b"\x04")
-    import ray
-    from ray.exceptions import OutOfMemoryError, RayActorError, WorkerCrashedError
-    from ray.util.joblib import register_ray
-
-    own = {"num_cpus": workers, "include_dashboard": False} if address is None else {}
-    options = {"log_to_driver": False, "logging_level": logging.ERROR, **own}
-    ray.init(address=address or "local", **options)
-    stack.callback(ray.shutdown)
-    processors = int(ray.cluster_resources().get("CPU", 0))
-    if workers > processors:
-        raise ValueError(f"workers={workers}: the cluster has room for {processors}")
-    register_ray()
-    return {}, (OutOfMemoryError, RayActorError, WorkerCrashedError)
-
-
-def _check_listened_at(address: str, is_greeting: Callable[[bytes], bool]) -> None:
-    """Raise an error unless a cluster listens at an address; the clients would try for minutes.
-
-    Args:
-        address: The address, with a port.
-        is_greeting: Returns whether the first nine bytes that come are those of a cluster, which
-            greets whoever connects.
+def _connect(address: str) -> None:
+    """Connect to an address once.
 
     Raises:
-        ValueError: It is no address.
-        OSError: Nothing listens there, or something else.
+        ValueError: It is not an address with a port.
+        OSError: Nothing listens there.
     """
-    protocol, _, place = address.rpartition("://")
-    host, _, port = place.partition("/")[0].rpartition(":")
+    host, _, port = address.rpartition("://")[2].partition("/")[0].rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65_535:
         raise ValueError("give the address of a cluster with its port, such as 10.0.0.1:8786")
-    with socket.create_connection((host.strip("[]"), int(port)), timeout=10) as connection:
-        if protocol in ("", "tcp", "ray"):  # Others are encrypted.
-            with suppress(TimeoutError):
-                if is_greeting(connection.recv(9, socket.MSG_WAITALL)):
-                    return
-            raise ConnectionError("what listens there does not greet like a cluster")
+    socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
 
 
 def ordered_map(
     function: Callable[[Item], Result], items: Iterable[Item], workers: int
 ) -> Iterator[Result]:
     """Yield `function(item)` for each item, in their order, as they become ready.
-
-    The items of a lost worker are done by another.
 
     Args:
         function: Picklable, and pure: it may run in another process, and again.
@@ -182,7 +132,7 @@ def ordered_map(
             no cluster, everything happens in this one.
 
     Raises:
-        DatasetError: Workers were lost more than `LOSSES` times in a row.
+        DatasetError: A worker was lost.
     """
     if isinstance(items, Sized):
         workers = min(workers, len(items))
@@ -192,60 +142,37 @@ def ordered_map(
     elif workers <= 1:
         yield from map(function, items)
         return
-    backend, lost = ("local", _LOST) if there is None else (there.executor, there.lost)
-    source = iter(items)
-    again: deque[Item] = deque()  # Taken back from lost workers.
-    out: deque[Item] = deque()  # Given to workers, no result yet.
+    from joblib import Parallel, delayed
+
     errors: list[Exception] = []
 
-    def feed() -> Iterator[Item]:
+    def feed() -> Iterator[Any]:
         try:
-            while again:
-                out.append(again.popleft())
-                yield out[-1]
-            for item in source:
-                out.append(item)
-                yield item
+            for item in items:
+                yield delayed(function)(item)
         except Exception as error:  # joblib, which asks in a thread of its own, would lose it.
             errors.append(error)
 
-    lost_in_a_row = 0
-    while True:
-        try:
-            with closing(_results(function, feed(), workers, backend)) as results:
-                for result in results:
-                    out.popleft()
-                    lost_in_a_row = 0
-                    yield result
-            break
-        except lost as error:
-            lost_in_a_row += 1
-            if lost_in_a_row > LOSSES:
-                raise DatasetError(
-                    f"workers were lost {lost_in_a_row} times in a row, killed perhaps for want of "
-                    "memory: the same command goes on from what is finished; try fewer workers"
-                ) from error
-            again.extendleft(reversed(out))
-            out.clear()
+    # Workers of this machine do not see that their parent was killed.
+    own = {} if there else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
+    parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
+    try:
+        with ctrl_c_held_back():  # It starts the processes.
+            results = parallel(feed())
+        with closing(results):
+            yield from results
+    except _losses(there) as error:
+        raise DatasetError(
+            "a worker was lost, killed perhaps for want of memory: try fewer workers; " + GOES_ON
+        ) from error
     if errors:
         raise errors[0]
 
 
-def _results(
-    function: Callable[[Item], Result], feed: Iterable[Item], workers: int, backend: str
-) -> Generator[Result]:
-    from joblib import Parallel, delayed
+def _losses(there: _Dask | None) -> tuple[type[Exception], ...]:
+    """Return the errors that say that a worker was lost."""
+    if there is None:
+        return (BrokenExecutor,)
+    import distributed
 
-    if backend == "ray":  # It returns no result before all are there, so it gets a few at a time.
-        with Parallel(n_jobs=workers, batch_size=1) as parallel:
-            while part := list(islice(feed, 4 * workers)):
-                yield from parallel(delayed(function)(item) for item in part)
-        return
-    own = {}
-    if backend == "local":
-        own = {"initializer": begin_worker, "initargs": (os.getpid(), shared_count())}
-    parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
-    with ctrl_c_held_back():  # It starts the processes.
-        results = parallel(delayed(function)(item) for item in feed)
-    with closing(results):
-        yield from results
+    return (distributed.KilledWorker,)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.storage import AnyPath, RemotePath, temporaries, temporary_beside
-from pipeline.machinery.console import console
+from pipeline.machinery.console import say
 
 _REPLACED = ".replaced"
 """The end of the name of a folder that another takes the place of."""
@@ -19,7 +19,7 @@ _REPLACED = ".replaced"
 
 @contextmanager
 def held(folder: AnyPath, name: str) -> Iterator[None]:
-    """Hold the lock of a file or folder in a folder; wait for another process, and name it.
+    """Hold the lock of a file or folder in a folder; wait for another process, and say so.
 
     Object stores and some file systems have no locks: there the context begins at once.
 
@@ -27,16 +27,13 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
         folder: The folder, which is made if it does not exist, and removed if it is empty at the
             end.
         name: The name of what is changed; what killed processes left unfinished is removed.
-
-    Raises:
-        FileExistsError: A file of somebody else's has the name of the lock.
     """
     if isinstance(folder, RemotePath):
         yield
         return
 
-    def say_who(holder: str) -> None:
-        console.print(f"waiting for {holder}, which works on {folder / name}", highlight=False)
+    def say_so() -> None:
+        say(f"waiting for another process that works on {folder / name}")
 
     with ExitStack() as stack:
         # The last callback is called first: the innermost folder is removed before the others.
@@ -46,11 +43,9 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
         with suppress(OSError):  # A folder that cannot be written is reported by the caller.
             folder.mkdir(parents=True, exist_ok=True)
         try:
-            stack.enter_context(locked(folder / f".{name}.lock", say_who))
+            stack.enter_context(locked(folder / f".{name}.lock", say_so))
             for left in temporaries(folder / name):
                 remove(left)
-        except FileExistsError:
-            raise
         except OSError:  # Likewise; or there are no locks.
             pass
         yield

@@ -33,7 +33,7 @@ NEXT = {
 }
 """Stage -> the options of what can be done after it, and what that is for."""
 
-_OF_ONE_RUN = ("stages", "overwrite", "part", "policy", "leakage", "analysis", "publish", "export")
+_OF_ONE_RUN = ("stages", "overwrite", "part", "policy", "leakage", "publish", "export")
 """Options, and groups of options, that are not repeated for what comes next."""
 
 
@@ -53,8 +53,6 @@ def hints(run: Run, given: Iterable[str]) -> list[str]:
         return [f"Next: {line}, from any machine." for line, id_ in takes.items() if id_]
     if last == "export":
         return ["Next: docs/clients.md has the lines that load it with each library."]
-    if last == "environments":
-        return ["Next: docs/studies/environments.md says what the tables mean."]
     if options.leakage.source is not None or run.part is not None:
         return []
     kept = [each for each in given if each.partition("=")[0].split(".")[0] not in _OF_ONE_RUN]

@@ -40,7 +40,6 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
     names = ", ".join(f"`{dataset.name}`" for dataset in datasets)
     shown = next(dataset for dataset in datasets if dataset.name == default)
     varied = names_of_varied(datasets)
-    pieces = any(dataset.manifest.config.pieces for dataset in datasets)
     first, mit = datasets[0], release.licence == front_matter.LICENCE
     splits = front_matter.splits_of([dataset.manifest for dataset in datasets])
     return fill(
@@ -69,7 +68,6 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         pairs=_pairs(datasets),
         turned=f"\n\n{paragraph('turned', varied=varied)}" if varied else "",
         closeness=_closeness(datasets),
-        pieces=f"\n\n{paragraph('pieces')}" if pieces else "",
         statistics=_statistics(datasets, default),
         smallest=first.name,
         example=dump(first.splits["test"].examples[0].labyrinth).strip(),

@@ -30,7 +30,7 @@ from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import load_policy
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
-from pipeline.machinery.worker import end_with_parent
+from pipeline.machinery.ending import end_with_parent
 from pipeline.release.faults import PublishError, repeated
 from pipeline.release.files import files_of
 from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan

@@ -22,7 +22,7 @@ Groups = Mapping[str, Sequence[Run]]
 
 
 def read_run(path: Path) -> Run:
-    """Return a file of `labyrinth_sets.write_results`, or of the stage `evaluate`.
+    """Return a file of an archived study (docs/results/ARCHIVE.md), or of the stage `evaluate`.
 
     The latter's figures are not computed again, which `Results.load` does and a test of all files.
     """

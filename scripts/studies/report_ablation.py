@@ -1,6 +1,7 @@
 """What the planner's ingredients and labyrinths are worth: tables and figures of generalisation.md.
 
-They are of the results of ablate.py. Intervals: 95% bootstrap over seeds and labyrinths.
+The results are of an archived study (docs/results/ARCHIVE.md). Intervals: 95% bootstrap over seeds
+and labyrinths.
 `report_pages.py` writes and draws them.
 """
 

@@ -189,7 +189,7 @@ def costs() -> str:
     """Return a table of runs and core-hours by method, of all runs that are kept in a folder."""
     found: dict[str, dict[tuple[Any, ...], float]] = {}
     for content in _kept():
-        if "variant" in content:  # Of scripts/studies/ablate.py.
+        if "variant" in content:  # Of the ablation (docs/results/ARCHIVE.md).
             method, seconds = content["variant"], content["cpu_seconds"]
             method = "BC" if method.startswith("bc") else "planner"
             key = tuple(str(content[name]) for name in ("config", "variant", "labyrinths", "seed"))

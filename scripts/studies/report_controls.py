@@ -1,7 +1,7 @@
 """The planner's seeds, controls and peers: tables of generalisation.md.
 
-They are of the results of the stage `evaluate`, controls.py, generalise.py and, with two actions
-exchanged, ablate.py. `report_pages.py` writes them.
+The results are of the stage `evaluate`, and of archived studies (docs/results/ARCHIVE.md).
+`report_pages.py` writes the tables.
 """
 
 from __future__ import annotations

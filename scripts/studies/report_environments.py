@@ -1,12 +1,11 @@
-"""The tables of environments.md, from kept files `environments.json` of `stages=environments`."""
+"""The tables of environments.md, from kept files of `compare_environments.py`."""
 
 from __future__ import annotations
 
 import json
 
+from environments.variation_report import LIKE_THEIRS, columns_of
 from kept_results import RESULTS
-
-from pipeline.studies.environments.variation_report import LIKE_THEIRS, columns_of
 
 MORE = {
     "environment": "{name}",

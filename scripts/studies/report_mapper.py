@@ -1,4 +1,4 @@
-"""What the mapper solves: the tables and figures of mapper.md, from results of generalise.py.
+"""What the mapper solves: the tables and figures of mapper.md, from results of an archived study.
 
 A row for each set of labyrinths, and columns for each kind of run: files that differ in `-seed0`,
 `-seed1` and so on alone. `report_pages.py` writes and draws them.
@@ -85,7 +85,7 @@ def shares_of(runs: Sequence[Run], name: str) -> list[float]:
 
 
 def on_slots() -> str:
-    """Return a table of the runs on slots of slot_controls.py, in percent: variants of one seed."""
+    """Return a table of the archived runs on slots, in percent: variants of one seed."""
     names = ["test", "test, walls of a quarter", "test, moved by 12 pixels", "test, new ends"]
     names.append("fresh 10x10")
     rows = []

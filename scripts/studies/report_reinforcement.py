@@ -1,6 +1,6 @@
 """What PPO and DQN achieve on the environment: a table and a figure of results.md.
 
-From the files of `reinforce.py`. `report_pages.py` writes and draws them.
+From files of an archived study (docs/results/ARCHIVE.md). `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations

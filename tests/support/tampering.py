@@ -19,7 +19,7 @@ from PIL import Image
 from labyrinth_core.data.columns import Row, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.language.text import dump, parse, without_agent
+from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -103,7 +103,7 @@ def manifest_of(folder: Path) -> Iterator[dict[str, Any]]:
 def agree(folder: Path, file: str, rows: Rows) -> None:
     """Make the manifest say of a shard what is true now."""
     starts = episode_starts(rows)
-    infos = [without_agent(rows[start]["info"]) for start in starts]
+    infos = [rows[start]["info"] for start in starts]
     values = {
         "labyrinths": 1 + sum(one != other for one, other in pairwise(infos)),
         "episodes": len(starts),

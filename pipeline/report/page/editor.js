@@ -48,7 +48,6 @@ function refreshEditor() {
   } else {
     const distance = distances(labyrinth);
     const moves = distance[initial(labyrinth)];
-    if (labyrinth.agent != null) view.state = labyrinth.agent;
     said = `Solvable; the shortest route has ${plural(moves, "move")}.`;
     if (editor.solved) {
       const actions = shortestRoute(labyrinth, distance);
@@ -263,7 +262,7 @@ function setUpEditor() {
   }
   chooseTool("wall");
   byId("edit-task").addEventListener("change", (event) => {
-    const none = { key: null, door: null, ice: [], agent: null };
+    const none = { key: null, door: null, ice: [] };
     edit({ ...editor.labyrinth, task: event.target.value, ...none });
   });
   for (const id of ["edit-height", "edit-width"]) byId(id).addEventListener("change", resize);

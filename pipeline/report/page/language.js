@@ -7,17 +7,14 @@ const SETTINGS = {
 };
 const LOOK = "look";
 const LOOKS = ["plain", "recoloured", "thin_walls"];
-const AGENT = "agent";
-const NAMES = [...Object.keys(SETTINGS), LOOK, AGENT];
+const NAMES = [...Object.keys(SETTINGS), LOOK];
 const VALUES = {
   ...Object.fromEntries(Object.keys(SETTINGS).map((name) => [name, /^(true|false)$/])),
   [LOOK]: new RegExp(`^(${LOOKS.join("|")})$`),
-  [AGENT]: /^\( *([0-9]{1,4}) *, *([0-9]{1,4}) *\)(?: +with +(key|open +door))?$/,
 };
 const EXPECTED = {
   ...Object.fromEntries(Object.keys(SETTINGS).map((name) => [name, "True or False"])),
   [LOOK]: `${LOOKS.slice(0, -1).join(", ")} or ${LOOKS.at(-1)}`,
-  [AGENT]: "a cell such as (2, 3), and perhaps 'with key' or 'with open door' after it",
 };
 const HEADING = "labyrinth";
 const MAX_TEXT = 32 * 1024 * 1024;
@@ -254,15 +251,11 @@ function parse(text) {
       source.fail(offset + line.length - rest.length, message, wanted, quoted(rest));
     }
   }
-  let atFault = settings.offset;
   try {
-    const labyrinth = build(source, drawing, settings);
-    if (settings.agent === null || missingTiles(labyrinth)) return labyrinth;
-    atFault = settings.agent.offset;
-    return checked({ ...labyrinth, agent: agentOf(source, labyrinth, settings.agent) });
+    return build(source, drawing, settings);
   } catch (error) {
     if (!(error instanceof LabyrinthError)) throw error;
-    const offset = error.cell === null ? atFault : drawing.offset(error.cell);
+    const offset = error.cell === null ? settings.offset : drawing.offset(error.cell);
     throw source.error(offset, error.message);
   }
 }
@@ -270,7 +263,6 @@ function parse(text) {
 function parseSettings(source) {
   let switchedOn = null;
   let look = LOOKS[0];
-  let agent = null;
   const seen = new Map();
   for (;;) {
     const [offset, line] = source.nextLine();
@@ -281,7 +273,7 @@ function parseSettings(source) {
     const value = trimBlanks(after);
     const place = offset + before.length - trimStart(before).length;
     if (name === HEADING && colon >= 0 && !value) {
-      return { ...(switchedOn ?? { task: "navigation", offset: place }), look, agent };
+      return { ...(switchedOn ?? { task: "navigation", offset: place }), look };
     }
     if (!NAMES.includes(name) || colon < 0) refuseSetting(source, offset, line);
     if (seen.has(name)) {
@@ -296,8 +288,6 @@ function parseSettings(source) {
     }
     if (name === LOOK) {
       look = value.toLowerCase();
-    } else if (name === AGENT) {
-      agent = { value: value.toLowerCase(), offset: at };
     } else if (value.toLowerCase() === "true") {
       if (switchedOn) {
         const found = `${name}, after line ${source.lineNumber(switchedOn.offset)}`;
@@ -472,17 +462,6 @@ function build(source, drawing, { task, look }) {
   return checked(labyrinth);
 }
 
-/** Return the number of the state that a value of the setting `agent` stands for. */
-function agentOf(source, { height, width }, { value, offset }) {
-  const [, row, column, holds] = VALUES[AGENT].exec(value);
-  if (+row >= height || +column >= width) {
-    const expected = `a row from 0 to ${height - 1} and a column from 0 to ${width - 1}`;
-    source.fail(offset, "the agent is outside the grid", expected, `(${+row}, ${+column})`);
-  }
-  const phase = holds === undefined ? 0 : holds === "key" ? 1 : 2;
-  return +row * width + +column + phase * height * width;
-}
-
 function only(source, drawing, tile) {
   const cells = [...drawing.tiles.keys()].filter((cell) => drawing.tiles[cell] === tile);
   if (cells.length < 2) return cells.length ? cells[0] : null;
@@ -517,11 +496,5 @@ function dump(labyrinth) {
     ([name, switchedOn]) => `${name}: ${switchedOn === task ? "True" : "False"}\n`,
   );
   if ((look ?? LOOKS[0]) !== LOOKS[0]) settings.push(`${LOOK}: ${look}\n`);
-  const state = initial(labyrinth);
-  if (state !== labyrinth.start) {
-    const [row, column] = [Math.floor((state % up.length) / width), state % up.length % width];
-    const holds = ["", " with key", " with open door"][Math.floor(state / up.length)];
-    settings.push(`${AGENT}: (${row}, ${column})${holds}\n`);
-  }
   return `${settings.join("")}\n${HEADING}:\n${lines.join("\n")}\n${outerWall}\nend\n`;
 }

@@ -149,7 +149,7 @@ function setUpPlayer() {
   });
   on("save-gif", saveMovingPicture);
   on("copy-shown", () => {
-    copyText(dump({ ...player.labyrinth, agent: player.states[0] }), byId("step"));
+    copyText(dump(player.labyrinth), byId("step"));
   });
   byId("progress").addEventListener("input", (event) => {
     stopPlaying();

@@ -109,35 +109,11 @@ function checked(labyrinth) {
       throw new LabyrinthError("the key cannot be reached without passing the door", key);
     }
   }
-  checkAgent(labyrinth, initial(labyrinth));
   return labyrinth;
 }
 
-/** Throw LabyrinthError if no episode can begin in a state. */
-function checkAgent(labyrinth, state) {
-  const { start, goal, key, door, ice } = labyrinth;
-  const cells = labyrinth.up.length;
-  const [cell, phase] = [state % cells, Math.floor(state / cells)];
-  if (state === start || missingTiles(labyrinth)) return;
-  if (phase && key === null) {
-    throw new LabyrinthError("a key and an open door belong to key_and_door");
-  }
-  if (cell === goal || ice.includes(cell)) {
-    const where = cell === goal ? "goal" : "ice";
-    throw new LabyrinthError(`the agent cannot begin on the ${where}, where an episode ends`);
-  }
-  if ((cell === key && !phase) || (cell === door && phase < 2)) {
-    const where = cell === key ? "key without it" : "closed door";
-    throw new LabyrinthError(`the agent cannot begin on the ${where}`);
-  }
-  if (distances(labyrinth)[state] === UNREACHABLE) {
-    const without = ice.length ? " without ice" : "";
-    throw new LabyrinthError(`no route${without} leads from the agent to the goal`);
-  }
-}
-
-/** Return the number of the state that episodes begin in: on the start, if nothing else is said. */
-const initial = (labyrinth) => labyrinth.agent ?? labyrinth.start;
+/** Return the number of the state that episodes begin in. */
+const initial = (labyrinth) => labyrinth.start;
 
 /** Return whether an episode ends in a state. */
 const isTerminal = ({ goal, ice, up }, state) =>

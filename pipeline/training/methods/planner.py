@@ -18,8 +18,8 @@ than what walls and goal look like. Each part of this knowledge can be switched 
 - `average`: the policy's outputs are averaged over the eight symmetries of the picture.
 - `path_prior`: a layer that solves for shortest paths, and with it the dynamics: which action leads
   to which neighbour, and that the costs of steps add up. If two labels are exchanged, as if up led
-  to the right, it cannot learn (`scripts/studies/ablate.py`). Without it, planning is an iterated
-  gated convolution, which knows nothing of what actions do.
+  to the right, it cannot learn (docs/studies/generalisation.md). Without it, planning is an
+  iterated gated convolution, which knows nothing of what actions do.
 - `sharpness`, with `path_prior` and `grid_prior`: the costs are raised to a power when acting. It
   is not learnt, and cannot be selected on validation, all of which powers from 1 to 8 solve. 3 was
   chosen on labyrinths of 10x10 and 25x25, which no other method saw; 1 leaves the costs as they

@@ -5,7 +5,7 @@ shortest route, so it demonstrates the way between its ends (hindsight: Kaelblin
 et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. In
 labyrinths with a door nothing is reversed, and a part is taken only if it is a complete episode of
 the labyrinth with the new start and goal, from before the key to behind the door. An episode
-without such a part, like most pieces of a route, is taken as it is. The picture with the new start
+without such a part is taken as it is. The picture with the new start
 and goal is drawn from `info`, which adds nothing to what the demonstration's own pictures show.
 
 With memory, under partial observability, a picture shows what a policy that remembers is shown
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.policies.remembering import PictureMemory
-from labyrinth_core.world.dynamics import State, state_at
+from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
 from pipeline.config.errors import check
@@ -37,12 +37,10 @@ class ExampleSampler:
     def __init__(self, arrays: LabyrinthArrays, memory: PictureMemory | None = None) -> None:
         """Replay the episodes of `arrays`; a memory makes the pictures, if one is given."""
         self._spec, self._memory = arrays.spec, memory
-        places = list(arrays.places)
         self.episodes: list[Episode] = []
         for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
-            labyrinth, (_, state) = arrays.labyrinths[arrays.labyrinth[start]], places[start]
-            begun = replace(labyrinth, agent=state_at(labyrinth, state))
-            self.episodes.append(replay(begun, route.tolist()))
+            labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
+            self.episodes.append(replay(labyrinth, route.tolist()))
         self.parts = [_parts(episode) for episode in self.episodes]
         """Of each episode, the pairs of indices of states that can be start and goal."""
 
@@ -142,7 +140,7 @@ def _agents(episode: Episode, indices: Iterable[int]) -> frozenset[int]:
 
 def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
     start, goal = episode.states[first].agent, episode.states[last].agent
-    return replace(episode.labyrinth, start=start, goal=goal, agent=None)
+    return replace(episode.labyrinth, start=start, goal=goal)
 
 
 def _parts(episode: Episode) -> list[tuple[int, int]]:

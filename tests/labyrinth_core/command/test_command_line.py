@@ -1,10 +1,6 @@
 import io
 import os
-import pty
-import re
-import select
 import shlex
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,11 +10,8 @@ from PIL import Image
 
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.command.commands import COMMANDS
-from labyrinth_core.command.terminal_play import draw, pressed
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.version import __version__
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 
@@ -65,11 +58,7 @@ def test_check_says_size_task_and_route_length_of_each_file(run):
     assert err == ""
 
 
-def test_a_labyrinth_is_checked_and_shown_with_the_agent_where_it_begins(run):
-    file = DATA / "valid" / "agent_with_open_door.labyrinth"
-    assert run("check", file) == (0, f"{file}: ok, 3x3, key_and_door, 1 move\n", "")
-    assert run("show", file) == (0, file.with_suffix(".canonical").read_text(), "")
-    assert run("solve", file) == (0, "1 move: right\n", "")
+def test_a_labyrinth_is_solved(run):
     assert run("solve", NAVIGATION) == (0, "4 moves: up right up right\n", "")
 
 
@@ -188,14 +177,11 @@ def test_new_without_a_seed_prints_another_one_each_time(run):
         (["fly"], "argument COMMAND: invalid choice: 'fly'"),
         ([], "the following arguments are required: COMMAND"),
         (["solve", "/nowhere"], "/nowhere: No such file or directory"),
-        (["play", NAVIGATION], "play reads keys: give it a file, and a terminal"),
-        (["play", NAVIGATION, "--all"], "--all goes with --gif"),
-        (["play", NAVIGATION, "--limit", "3"], "--limit goes with --all"),
+        (["solve", NAVIGATION, "--limit", "3"], "--limit goes with --all"),
         (
-            ["play", NAVIGATION, "--gif", "x.png"],
+            ["show", NAVIGATION, "--gif", "x.png"],
             "argument --gif: 'x.png': give a name that ends in",
         ),
-        (["play", "-"], "play reads keys: give it a file, and a terminal"),
     ],
 )
 def test_a_mistake_of_the_user_gets_one_message(refused, monkeypatch, arguments, message):
@@ -203,16 +189,12 @@ def test_a_mistake_of_the_user_gets_one_message(refused, monkeypatch, arguments,
     assert message in refused(*arguments)
 
 
-def test_play_writes_a_moving_picture_of_a_shortest_route_or_of_all(run, tmp_path):
-    path, one, routes = (tmp_path / name for name in ("open.labyrinth", "one.gif", "routes.gif"))
+def test_show_writes_a_moving_picture_of_a_shortest_route(run, tmp_path):
+    path, picture = tmp_path / "open.labyrinth", tmp_path / "one.gif"
     path.write_text(run("new", "--size", "2x3", "--open-walls", "1")[1])
-    assert run("play", path, "--gif", one) == (0, f"wrote {one}\n", "")
-    assert run("play", path, "--gif", routes, "--all") == (0, f"wrote {routes}\n", "")
-    for file, frames in ((one, 4), (routes, 4 + 4 + 4 + 6)):
-        with Image.open(file) as picture:
-            assert (picture.n_frames, picture.size) == (frames, (300, 300))
-    status, _, err = run("play", path, "--gif", routes, "--all", "--limit", "2")
-    assert (status, err) == (0, "labyrinth: stopped after 2 routes (--limit)\n")
+    assert run("show", path, "--gif", picture) == (0, "", "")
+    with Image.open(picture) as shown:
+        assert (shown.n_frames, shown.size) == (4, (300, 300))
 
 
 def test_convert_reads_a_list_of_edges_and_names_its_mistakes(run, tmp_path):
@@ -291,81 +273,3 @@ def test_a_reader_that_has_gone_causes_no_traceback():
     )
     os.close(writing)
     assert (process.returncode, process.stderr) == (1, b"")
-
-
-def play(file, *keys, interrupt=False):
-    """Return the exit status of `play` on a pseudo-terminal, and what it shows.
-
-    Each key is sent when the screen has been drawn after the one before.
-    """
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        [*COMMAND, "play", file], stdin=theirs, stdout=theirs, stderr=theirs, cwd=ROOT
-    )
-    os.close(theirs)
-    shown = ""
-    screens = 0
-    while select.select([ours], [], [], 30)[0]:
-        try:
-            received = os.read(ours, 4096)
-        except OSError:  # What Linux says when the other end has been closed.
-            break
-        shown += received.decode()
-        while len(re.findall(" moves?; ", shown)) > screens and shown.endswith("\n"):
-            screens += 1
-            if screens <= len(keys):
-                os.write(ours, keys[screens - 1])
-            elif interrupt:
-                process.send_signal(signal.SIGINT)
-    process.kill()
-    os.close(ours)
-    return process.wait(), shown
-
-
-def test_play_counts_bumps_starts_again_and_follows_the_arrow_keys_to_the_goal():
-    status, shown = play(NAVIGATION, b"\x1bOD", b"xr", b"\x1b[A", b"\x1b[C", b"\x1b[A", b"\x1b[C")
-    assert status == 0
-    assert "1 move; that way is closed" in shown
-    assert shown.count("0 moves") == 2
-    assert "4 moves" in shown
-    assert "The episode ends: you have reached the goal." in shown
-
-
-def test_play_ends_on_ice():
-    status, shown = play(str(DATA / "valid" / "figure_1d_ice_floor.labyrinth"), b"d")
-    assert status == 0
-    assert "The episode ends: the ice broke." in shown
-
-
-@pytest.mark.slow
-def test_q_and_ctrl_c_leave_a_game():
-    status, shown = play(NAVIGATION, b"q")
-    assert status == 0
-    assert "The episode ends" not in shown
-    assert play(NAVIGATION, b"w", interrupt=True)[0] == 130
-
-
-def test_a_key_may_arrive_in_parts():
-    reading, writing = os.pipe()
-    keys = pressed(reading)
-    parts = [b"\x1b", b"[", b"A", b"\x1b[1;5", b"C\x1b[B\x1b[D", b"\x1bz\x1b[5~\xffd"]
-    for part in parts[:3]:
-        os.write(writing, part)
-    assert next(keys) is Action.UP
-    for part in parts[3:]:
-        os.write(writing, part)
-    os.close(writing)
-    assert list(keys) == [Action.DOWN, Action.LEFT, Action.RIGHT]
-    os.close(reading)
-
-
-def test_hidden_cells_are_covered_and_their_walls_too():
-    labyrinth = parse(Path(NAVIGATION).read_text().replace("occlusion: False", "occlusion: True"))
-    drawing = draw(labyrinth, State(labyrinth.start)).split("\n")
-    assert drawing[6:11] == [
-        "|   | ? ? E |",
-        "|   + ? + ? |",
-        "|     ? ? ? |",
-        "|   + - + ? |",
-        "| @     | ? |",
-    ]

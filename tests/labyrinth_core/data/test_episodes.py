@@ -17,7 +17,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.part import Part
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language.drawing import describe
-from labyrinth_core.language.text import labyrinth_id, parse, without_agent
+from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.rollout import replay
@@ -29,12 +29,6 @@ BUILDS = {
     "partial_observability": {"size": "4x3", "task": "partial_observability"},
     "key_and_door": {"size": "4x4", "task": "key_and_door", "solutions": "all"},
     "icy_floor": {"size": "4x5", "task": "icy_floor"},
-    "pieces": {"size": "5", "demonstrations": DemonstrationsConfig(pieces=3)},
-    "pieces with a key": {
-        "size": "4",
-        "task": "key_and_door",
-        "demonstrations": DemonstrationsConfig(pieces=2),
-    },
     "noise": {"size": "4", "demonstrations": DemonstrationsConfig(noise=0.3)},
 }
 
@@ -85,7 +79,7 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
         episodes = rows_by_episode(run, split)
         if in_full:
             options = options | {"labyrinths": 1}
-            texts = [without_agent(rows[0]["info"]) for rows in episodes]
+            texts = [rows[0]["info"] for rows in episodes]
             episodes = episodes[: texts.count(texts[0])]
         place = run.data_dir, run.folder.name
         transitions = load_transitions(*place, split=split, **options, cache_dir=False)
@@ -131,7 +125,7 @@ def test_optimal_actions_are_those_of_each_state(run):
         for block in replayed(rows_of(run, split)):
             for which, state, acts in zip(block.which, block.states, block.acting, strict=True):
                 if acts:
-                    expected.append(optimal_actions(block.parsed()[which].from_start())[state])
+                    expected.append(optimal_actions(block.parsed()[which])[state])
         np.testing.assert_array_equal(transitions.optimal, expected)
 
 

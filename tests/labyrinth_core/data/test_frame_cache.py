@@ -279,7 +279,6 @@ def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
     cache.mkdir()
     temporary_beside(path).write_bytes(b"half of it")
     (cache / f".{path.name}.lock").touch()
-    (cache / f".{path.name}.lock.holder").write_text("process 1 on host")
     assert len(load_few(cache / f"{again}{SUFFIX}")) == 2
     assert only_file(cache).name == f"{again}{SUFFIX}"
 

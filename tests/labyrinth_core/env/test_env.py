@@ -3,7 +3,6 @@
 import pickle
 import sys
 import warnings
-from dataclasses import replace
 from importlib.util import find_spec, module_from_spec
 
 import gymnasium
@@ -23,7 +22,6 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import (
     State,
-    initial,
     is_terminal,
     reward,
     state_index,
@@ -31,7 +29,6 @@ from labyrinth_core.world.dynamics import (
 )
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances, optimal_actions, shortest_route
 from labyrinth_core.world.tasks import tiles_matter
 
@@ -213,23 +210,6 @@ def test_tiles_stay_where_they_are_unless_start_goal_or_task_change():
     assert tiles_matter(env.labyrinth)
     env.reset()
     assert env.labyrinth == parse(KEY_AND_DOOR)
-
-
-def test_episodes_begin_where_the_text_says():
-    labyrinth = parse(KEY_AND_DOOR)
-    route = shortest_route(labyrinth, np.random.default_rng(0))
-    state = replay(labyrinth, route[:-2]).states[-1]
-    begun = replace(labyrinth, agent=state)
-    env = LabyrinthEnv(labyrinth=dump(begun), reward="normalised")
-    for _ in range(2):
-        _, info = env.reset()
-        assert (env.state, info["distance"]) == (state, 2)
-        assert info["labyrinth"] == dump(begun)
-        assert info["labyrinth_id"] == labyrinth_id(labyrinth)
-        rewards = [env.step(action)[1] for action in route[-2:]]
-        assert sum(rewards) == pytest.approx(1)
-    env.reset(options={"start": labyrinth.position(labyrinth.start)})
-    assert env.state == initial(labyrinth)
 
 
 def test_a_limit_given_to_reset_is_that_of_one_episode():

@@ -15,7 +15,7 @@ from labyrinth_core import Labyrinth, Structure, Task, parse, question, render, 
 from labyrinth_core import score_answer as score
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.dynamics import State, initial
+from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.labyrinth import Look
 
 TASKS = [task for task in Task if task is not Task.PARTIAL_OBSERVABILITY]
@@ -56,11 +56,6 @@ def test_all_seventy_routes_through_no_walls_are_listed_in_the_order_of_the_move
     routes = question(labyrinth)["routes"]
     assert len(routes) == 70
     assert routes == sorted(routes, reverse=True)  # Of these, up comes before right.
-
-
-def test_a_question_begins_on_the_start_wherever_an_episode_does():
-    labyrinth = sample_labyrinth(3, 3, Task.NAVIGATION, np.random.default_rng(0))
-    assert question(replace(labyrinth, agent=State(4))) == question(labyrinth)
 
 
 @pytest.mark.parametrize(

@@ -11,31 +11,20 @@ from strategies import labyrinths
 
 from labyrinth_core.language.parse_many import parse_many
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.dynamics import initial, state_at, state_count, state_index
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Look, Structure
+from labyrinth_core.world.labyrinth import Look, Structure
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 
 
 @st.composite
 def texts(draw: st.DrawFn) -> list[str]:
-    """Canonical texts of labyrinths of one size, task and look, some with agents."""
+    """Canonical texts of labyrinths of one size, task and look."""
     first = replace(draw(labyrinths()), look=draw(st.sampled_from(Look)))
     height, width = first.structure.height, first.structure.width
     rng = np.random.default_rng(draw(st.integers(0, 99)))
     more = draw(st.integers(0, 3)) if min(height, width) > 2 else 0
     others = [sample_labyrinth(height, width, first.task, rng) for _ in range(more)]
     found = [first, *(replace(each, look=first.look) for each in others)]
-    return [dump(draw(beginning_anywhere(labyrinth))) for labyrinth in found]
-
-
-@st.composite
-def beginning_anywhere(draw: st.DrawFn, labyrinth: Labyrinth) -> Labyrinth:
-    """The labyrinth, with an agent where one may begin."""
-    state = state_at(labyrinth, draw(st.integers(0, state_count(labyrinth) - 1)))
-    try:
-        return replace(labyrinth, agent=state)
-    except LabyrinthError:
-        return labyrinth
+    return [dump(labyrinth) for labyrinth in found]
 
 
 def assert_those_of(found, texts):
@@ -47,7 +36,6 @@ def assert_those_of(found, texts):
         assert (found.task, found.look) == (labyrinth.task, labyrinth.look)
         assert found.tiles[place].tolist() == [cell for cell in tiles if cell is not None]
         assert set(np.flatnonzero(found.ice[place]).tolist()) == labyrinth.ice
-        assert found.initial[place] == state_index(labyrinth, initial(labyrinth))
 
 
 @given(texts())

@@ -20,9 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths, randoms, structures
 
-from labyrinth_core.world.dynamics import State, initial, state_at
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.solver import distances
 
 # Passages.
 
@@ -233,24 +231,3 @@ def test_a_broken_rule_that_no_text_can_break_is_named_with_the_cell(changes, ta
     with pytest.raises(LabyrinthError, match=message) as caught:
         labyrinth_of(replace(ROOM, **changes), Task(task))
     assert caught.value.cell == cell
-
-
-@given(labyrinths())
-def test_an_episode_may_begin_wherever_the_goal_can_still_be_reached(labyrinth):
-    cells = labyrinth.structure.cells
-    for number, moves in enumerate(distances(labyrinth)):
-        state = state_at(labyrinth, number)
-        on_key = state.agent == labyrinth.key and not state.has_key
-        on_door = state.agent == labyrinth.door and not state.door_open
-        if moves <= 0 or on_key or on_door:
-            with pytest.raises(LabyrinthError, match="the agent"):
-                replace(labyrinth, agent=state)
-            continue
-        begun = replace(labyrinth, agent=state)
-        assert initial(begun) == state
-        assert (begun == labyrinth) == (state == State(labyrinth.start))
-        assert begun.from_start() == labyrinth
-        assert pickle.loads(pickle.dumps(begun)) == begun
-    for state in (State(cells), State(-1), State(labyrinth.start, door_open=True)):
-        with pytest.raises(LabyrinthError):
-            replace(labyrinth, agent=state)

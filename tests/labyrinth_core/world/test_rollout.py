@@ -11,7 +11,7 @@ from strategies import labyrinths
 
 from labyrinth_core.world.dynamics import State, is_terminal, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.rollout import Episode, pieces, random_episode, replay
+from labyrinth_core.world.rollout import Episode, random_episode, replay
 from labyrinth_core.world.solver import shortest_route
 
 seeds = st.integers(0, 2**32 - 1)
@@ -92,20 +92,3 @@ def test_random_episodes_take_each_action_as_often_as_the_others():
     counts = np.bincount(firsts, minlength=4)
     assert len(counts) == 4
     assert chi_square(counts.tolist(), [1000] * 4) < 5
-
-
-@given(labyrinths(), st.integers(0, 2**32 - 1), st.integers(1, 9))
-def test_the_pieces_of_an_episode_join_and_each_replays_from_its_labyrinth(labyrinth, seed, steps):
-    whole = random_episode(labyrinth, np.random.default_rng(seed), 20)
-    parts = list(pieces(whole, steps))
-    assert [len(part) for part in parts[:-1]] == [steps] * (len(parts) - 1)
-    assert 1 <= len(parts[-1]) <= steps
-    assert [a for part in parts for a in part.actions] == whole.actions.tolist()
-    assert [part.terminated for part in parts] == [False] * (len(parts) - 1) + [whole.terminated]
-    for before, part in pairwise(parts):
-        assert before.states[-1] == part.states[0]
-    for part in parts:
-        assert part.labyrinth.from_start() == labyrinth
-        again = replay(part.labyrinth, part.actions.tolist())
-        assert again.states == part.states
-        assert again.rewards.tolist() == part.rewards.tolist()

@@ -125,16 +125,12 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     ),
     ({"run_dir": "s3://bucket/runs"}, ["run_dir=s3://bucket/runs", "a folder on this machine"]),
     ({"data_dir": "s3://"}, ["data_dir=s3://", "no bucket"]),
-    ({"executor": "slurm"}, ["executor=slurm: choose one of [local, dask, ray]"]),
+    ({"executor": "slurm"}, ["executor=slurm: choose one of [local, dask]"]),
     ({"executor_address": "tcp://x:1"}, ["executor_address=tcp://x:1: executor=local has none"]),
     (noisy(1.0), ["demonstrations.noise=1.0: give a probability from 0 to below 1"]),
     (noisy(-0.1), ["demonstrations.noise=-0.1: give a probability from 0 to below 1"]),
     (noisy(0.1, solutions="all"), ["give solutions=shortest, not all"]),
     (noisy(0.1, shifts=("one_wall",)), ["the demonstrated route is no shortest one"]),
-    (
-        {"demonstrations": DemonstrationsConfig(pieces=-1)},
-        ["demonstrations.pieces=-1: give a number of steps up to 10**9, or 0"],
-    ),
     ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
     ({"shifts": ("all", "g")}, ["shifts=[all, g]: choose from [all, g, "]),
     ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["no kruskal: train is sampled"]),
@@ -198,7 +194,7 @@ def test_options_of_training_are_asked_for_where_something_is_trained() -> None:
 def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
     run = composed()
     options = run.options
-    left = (run.data_dir, options.run_dir, options.results_dir, options.analysis.folder)
+    left = (run.data_dir, options.run_dir, options.results_dir)
     ignored = (CONF.parent / ".gitignore").read_text(encoding="utf-8").split()
     for folder in left:
         assert f"/{Path(str(folder)).parts[0]}/" in ignored
@@ -316,7 +312,6 @@ def test_options_are_frozen_as_are_their_groups() -> None:
         assert is_dataclass(each)
         with pytest.raises(FrozenInstanceError):
             each.train = 1  # type: ignore[attr-defined]
-    assert isinstance(options.analysis.environments, tuple)
 
 
 @pytest.mark.slow
@@ -368,7 +363,6 @@ def test_json_of_another_kind_is_no_dataset_config(name: str, value: Any) -> Non
         ({"goals": "varied"}, "goals"),
         ({"shifts": ("g",)}, "shifts"),
         (noisy(0.1), "noise"),
-        ({"demonstrations": DemonstrationsConfig(pieces=3)}, "pieces"),
     ],
 )
 def test_an_option_that_is_not_used_is_not_written_as_before_it_was_there(

@@ -147,14 +147,6 @@ def test_files_called_like_what_a_killed_build_leaves_are_kept(
     assert Manifest.read(folder).config.seed == 1
 
 
-@pytest.mark.parametrize("name", [".3x3.lock", ".3x3.lock.holder"])
-def test_a_file_called_like_a_lock_is_named_and_kept(build: Build, folder: Path, name: str) -> None:
-    (folder.parent / name).write_text("years of work")
-    with pytest.raises(FileExistsError, match=f"is not a lock: move it away.*{name}"):
-        build(folder.parent)
-    assert (folder.parent / name).read_text() == "years of work"
-
-
 def test_the_readme_of_another_dataset_is_not_changed(build: Build, tmp_path: Path) -> None:
     theirs = "---\nconfigs:\n- config_name: default\n  data_files: mine.csv\n---\n# Mine\n"
     (tmp_path / "README.md").write_text(theirs)

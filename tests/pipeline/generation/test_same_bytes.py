@@ -29,7 +29,6 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "key_and_door": {"task": "key_and_door", "solutions": "all"},
     "icy_floor": {"task": "icy_floor", "size": "4x5"},
     "noise": {"demonstrations": DemonstrationsConfig(noise=0.3)},
-    "pieces": {"demonstrations": DemonstrationsConfig(pieces=2)},
     "goals": {"goals": "varied"},
     "prim": {"sampler": "prim", "open_walls": 0.4, "shifts": ("wilson",)},
 }

@@ -38,7 +38,6 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import RunConfig, options_of, register, resolve
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import statistics_of
@@ -101,15 +100,6 @@ def test_the_numbers_of_rows_are_those_of_the_shards(carded):
         stated = {split["name"]: split["num_examples"] for split in infos[name]["splits"]}
         assert stated == counts
     assert f"**{total:,} rows** in 2 configs" in text(carded)
-
-
-def test_a_card_says_that_episodes_are_pieces_where_they_are(build, tmp_path, carded):
-    build(tmp_path, labyrinths=2, random_steps=10, demonstrations=DemonstrationsConfig(pieces=2))
-    card.write_card(tmp_path)
-    said = "is a piece of a route: *moves*, *longest* and *return* are of pieces"
-    assert said in text(tmp_path).replace("\n", " ")
-    assert "demonstrations.pieces=2\n" in text(tmp_path)
-    assert "piece" not in text(carded)
 
 
 def test_the_certificate_in_the_text_has_a_line_for_every_pair_of_splits(carded):

@@ -7,7 +7,6 @@ import io
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,11 @@ from reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, load, parse, without_agent
-from labyrinth_core.world.dynamics import initial, state_at, state_count, state_index
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.world.dynamics import initial, state_index
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import distances, optimal_actions
-from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
@@ -48,8 +46,7 @@ def reported(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
     data_dir = tmp_path_factory.mktemp("reported") / "labyrinth"
     first = build(data_dir, solutions="all").folder
     build(data_dir, size="4", task="key_and_door", labyrinths=3)
-    in_pieces = DemonstrationsConfig(pieces=3)
-    build(data_dir, size="4x5", task="icy_floor", labyrinths=2, demonstrations=in_pieces)
+    build(data_dir, size="4x5", task="icy_floor", labyrinths=2)
     analyse(first)
     for seed in (0, 1):
         evaluate(first, data_dir.parent / "runs", seed)
@@ -149,18 +146,14 @@ def answer_of_python(name, read):
 
 
 def sampled(count: int) -> list[Labyrinth]:
-    """Return labyrinths of all tasks, small and not so small, some with the agent anywhere."""
+    """Return labyrinths of all tasks, small and not so small."""
     rng = np.random.default_rng(7)
     labyrinths = []
     while len(labyrinths) < count:
         height, width = rng.integers(3, 9, 2).tolist()
         try:
             task = list(Task)[len(labyrinths) % len(Task)]
-            labyrinth = sample_labyrinth(height, width, task, rng)
-            if rng.random() < 0.5:
-                agent = state_at(labyrinth, int(rng.integers(state_count(labyrinth))))
-                labyrinth = replace(labyrinth, agent=agent)
-            labyrinths.append(labyrinth)
+            labyrinths.append(sample_labyrinth(height, width, task, rng))
         except LabyrinthError:
             continue
     return labyrinths
@@ -218,8 +211,7 @@ def test_the_page_holds_every_labyrinth_and_episode_of_the_datasets(open_report,
     for name, split, labyrinths in packed:
         held = defaultdict(list)
         for episode in load_episodes(reported, name, split=split, observation="vector"):
-            text = without_agent(episode.info)
-            held[f"{episode.labyrinth_id:016x}", text].append(episode.actions.tolist())
+            held[f"{episode.labyrinth_id:016x}", episode.info].append(episode.actions.tolist())
         assert [((number, text), episodes) for number, text, episodes in labyrinths] == list(
             held.items()
         )
@@ -285,28 +277,6 @@ def test_an_episode_is_saved_as_a_moving_picture(open_report, tmp_path):
             )
             with Image.open(io.BytesIO(base64.b64decode(drawn))) as shown:
                 assert np.array_equal(frame, np.array(shown.convert("RGB")))
-
-
-def test_a_piece_of_a_route_is_played_from_where_it_begins(open_report, reported):
-    page = open_report(permissions=["clipboard-read", "clipboard-write"])
-    page.select_option("select[name=task]", "icy_floor")
-    page.select_option("select[name=split]", "train")
-    page.locator(".tile").first.click()
-    episodes = list(load_episodes(reported, "4x5-icy_floor", observation="vector"))
-    pieces = [each for each in episodes if each.labyrinth_id == episodes[0].labyrinth_id]
-    assert len(pieces) > 1
-    for number, piece in enumerate(pieces):
-        page.select_option("#episode", str(number))
-        labyrinth = parse(piece.info)
-        left = distances(labyrinth)[initial(labyrinth).agent]
-        begun = f"State 0 of {len(piece)}: optimal: "
-        told = page.locator("#step").text_content()
-        assert told.startswith(begun)
-        assert f"; {left} move" in told
-        page.locator("#copy-shown").click()
-        assert page.evaluate("navigator.clipboard.readText()") == piece.info
-        page.locator("#last").click()
-        assert ("on the goal" in page.locator("#step").text_content()) == piece.terminated
 
 
 def test_everything_can_be_reached_by_keyboard(open_report):

@@ -89,24 +89,21 @@ def test_whole_routes_are_labelled_where_they_go(problem_of: Callable[..., Probl
 
 
 @pytest.mark.parametrize("task", ["navigation", "key_and_door", "icy_floor"])
-def test_examples_are_of_one_piece_each_and_learnt_from_as_they_are_where_none_is_relabelled(
+def test_examples_of_routes_that_err_are_learnt_from_as_they_are_where_none_is_relabelled(
     build: Callable[..., Run], tmp_path: Path, task: str
 ) -> None:
-    shown = DemonstrationsConfig(noise=0.7, pieces=2)
+    shown = DemonstrationsConfig(noise=0.7)
     run = build(tmp_path, size="4", task=task, labyrinths=4, demonstrations=shown)
     arrays = load_arrays(tmp_path, run.dataset.name, "train")
     sampler = ExampleSampler(arrays)
-    assert any(each.states[0] != initial(each.labyrinth.from_start()) for each in sampler.episodes)
     steps = load_steps(tmp_path, run.dataset.name, "train", arrays)
     assert len(steps.states) == sum(map(len, sampler.episodes))
     lasts = np.cumsum([len(episode) for episode in sampler.episodes]) - 1
     ended = [episode.terminated for episode in sampler.episodes]
     assert arrays.done[steps.states, steps.actions][lasts].tolist() == ended
-    assert False in ended
     on_ice = [each.states[-1].agent in each.labyrinth.ice for each in sampler.episodes]
     assert any(on_ice) == (task == "icy_floor")
     for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
-        assert len(episode) <= 2
         for first, last in parts:
             ends = {episode.states[first].agent, episode.states[last].agent}
             assert len(ends) == 2

@@ -1,0 +1,25 @@
+"""Options that are no longer there, and values of options: what to do instead."""
+
+from __future__ import annotations
+
+GONE = {
+    "demonstrations.pieces": "cut episodes after loading, as docs/loading.md shows",
+    "analysis": "run scripts/studies/compare_environments.py in a clone",
+    "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
+    "stages=environments": "run scripts/studies/compare_environments.py in a clone",
+}
+"""An option, a group of options, or `option=value` -> what to do instead, as a clause."""
+
+
+def instead(name: str, *values: object) -> str | None:
+    """Return one line on an option or one of its values that is no longer there, else None.
+
+    Args:
+        name: The whole name of an option, such as `analysis.seeds`.
+        values: The values that were given.
+    """
+    for given in (name, name.partition(".")[0], *(f"{name}={value}" for value in values)):
+        if given in GONE:
+            shown = given if "=" in given else name
+            return f"{shown} is no longer there: {GONE[given]}"
+    return None

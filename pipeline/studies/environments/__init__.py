@@ -1,1 +1,0 @@
-"""Labyrinths beside other environments of Gymnasium: how much do episodes vary?"""

@@ -1,0 +1,1 @@
+"""What `compare_environments.py` measures: environments, their experts and episodes."""

@@ -1,0 +1,30 @@
+"""The pages on studies have the tables that follow from docs/results, and no other figures."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import report_pages as pages
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs" / "studies").glob("*.md"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_tables_of_a_page_follow_from_the_results(page):
+    text = page.read_text(encoding="utf-8")
+    assert pages.with_tables(text) == text
+
+
+def test_every_table_of_figures_is_made_by_the_script_and_every_one_it_makes_is_shown():
+    named = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        named += [name for _, name, _ in pages.PLACE.findall(text)]
+        by_hand = pages.PLACE.sub("", text)
+        assert re.findall(r"^\|.*-:.*\|$", by_hand, re.MULTILINE) == [], page.name
+    assert sorted(named) == sorted(pages.TABLES)
