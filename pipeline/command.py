@@ -21,13 +21,15 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
+from pipeline.config.option import as_declared
 from pipeline.config.run import (
     STAGES,
+    VERSION_BASE,
+    RunConfig,
     options_of,
     refusal,
     register,
     resolve,
-    with_brackets,
 )
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
@@ -71,7 +73,11 @@ def run_command() -> int:
     # joblib's tracker would say what it clears up where the program ends at once.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
-    sys.argv[1:] = map(with_brackets, sys.argv[1:])
+    try:
+        sys.argv[1:] = [as_declared(argument, RunConfig) for argument in sys.argv[1:]]
+    except ConfigError as error:
+        _explain(str(error))
+        return 1
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
@@ -95,7 +101,7 @@ def run_command() -> int:
     return 0
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
+@hydra.main(**VERSION_BASE, config_path=str(CONF.absolute()), config_name="config")
 def perform(config: DictConfig) -> None:
     """Perform the stages of one run.
 

@@ -10,12 +10,15 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from math import inf
-from typing import Any, TypeVar, get_origin, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from pipeline.config.errors import check, listed
 from pipeline.config.gone import instead
 
 Options = TypeVar("Options")
+
+_STRUCTURED = re.compile(r"""["'\\$()\[\]{}]""")
+"""A character that has a meaning of its own in Hydra's grammar, apart from a comma."""
 
 FOLDER = (r"(?s).*\S.*", "a folder")
 LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
@@ -79,12 +82,65 @@ def _check_kind(name: str, value: Any, kind: Any) -> None:
     """Raise a ConfigError if a value is a list, or has options of its own, and should not."""
     if get_origin(kind) is tuple:
         allowed = "a list of texts"
-        fits = isinstance(value, list) and all(isinstance(each, str) for each in value)
+        fits = isinstance(value, list | tuple) and all(isinstance(each, str) for each in value)
     elif is_dataclass(kind) or get_origin(kind) is dict:
         fits, allowed = isinstance(value, dict), f"its own options, as {name}.NAME=..."
     else:
-        fits, allowed = not isinstance(value, list | dict), "a single value"
+        fits, allowed = not isinstance(value, list | tuple | dict), "a single value"
     check(fits, f"{name}={value}: give {allowed}")
+
+
+def as_declared(argument: str, cls: type) -> str:
+    """Return an argument of a command line for Hydra, which does not know what an option is.
+
+    A text is read as it is typed (`revision=1.10` is not 1.1), and a list may be one bare value.
+    All else stays as it is.
+
+    Args:
+        argument: An argument such as `revision=1.10`; several values stand between commas.
+        cls: The class that declares the options.
+
+    Raises:
+        ConfigError: A value is none of a switch, or not the name of one group of options.
+    """
+    name, equals, value = argument.partition("=")
+    kind, parts = _kind_of(cls, name.lstrip("+")), value.split(",")
+    if kind is None or not equals:
+        return argument
+    if get_origin(kind) is dict:
+        check(value not in ("", "null") and value[:1] != "[", f"{argument}: give one name")
+    if _STRUCTURED.search(value):
+        return argument
+    if kind is bool:
+        given = {part.strip().lower() for part in parts}
+        check(given <= {"true", "false"}, f"{argument}: give true or false")
+    elif get_origin(kind) is tuple and value and len(parts) == 1:
+        return f"{name}=[{value}]"
+    elif str in (kind, *get_args(kind)) and get_origin(kind) is not tuple:
+        kept = () if kind is str else ("null",)
+        parts = [part if part in kept else _as_text(part) for part in parts]
+    return f"{name}={','.join(parts)}"
+
+
+def _kind_of(cls: type, name: str) -> Any:
+    """Return the declared type of an option by its whole name, None if it is not declared."""
+    group, _, rest = name.partition(".")
+    kind = get_type_hints(cls).get(group)
+    if rest:
+        return _kind_of(kind, rest) if isinstance(kind, type) and is_dataclass(kind) else None
+    return kind
+
+
+def _as_text(value: str) -> str:
+    """Return a value in quotation marks, unless Hydra reads the very text without them."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    try:
+        read = str(OverridesParser.create().parse_override(f"x={value}").value())
+    except HydraException:
+        read = ""
+    return value if read == value else f'"{value}"'
 
 
 def check_options(options: Any, cls: type, group: str = "") -> None:

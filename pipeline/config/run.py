@@ -13,17 +13,17 @@ from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any
 
+import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.evaluation.description import RunName
 from pipeline.config.analysis import LeakageOptions
-from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
+from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
 from pipeline.config.export import NAMESPACE, ExportOptions
 from pipeline.config.gone import instead
@@ -36,6 +36,9 @@ from pipeline.config.training import (
     check_policy,
     check_training,
 )
+
+VERSION_BASE = {"version_base": "1.3"} if hydra.__version__.startswith("1.3.") else {}
+"""The argument by which Hydra 1.3 behaves like 1.4, which warns of it."""
 
 STAGES = {
     "build": "pipeline.generation.build",
@@ -222,16 +225,6 @@ def register() -> None:
     store.store(group="hydra/help", name="options", node={"template": help_text})
 
 
-def with_brackets(argument: str) -> str:
-    """Return an argument of a command line, one stage as a list: `stages=report` has brackets.
-
-    So it is with one shift, and with all.
-    """
-    name, _, value = argument.partition("=")
-    alone = {"stages": tuple(STAGES), "shifts": (ALL_SHIFTS, *SHIFTS)}.get(name, ())
-    return f"{name}=[{value}]" if value in alone else argument
-
-
 def refusal(error: Exception) -> str:
     """Return what is wrong with a command line that Hydra refused, in one line."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
@@ -243,8 +236,10 @@ def refusal(error: Exception) -> str:
         return line
     if unknown:
         group, _, _ = unknown[1].rpartition(".")
-        parent = getattr(error.__cause__, "parent_node", None) if group else None
-        known = list(OPTIONS) if parent is None else [f"{group}.{name}" for name in parent]
+        parent = getattr(error.__cause__, "parent_node", None)
+        known = list(OPTIONS)
+        if group and parent is not None and parent._get_full_key(None) == group:
+            known = [f"{group}.{name}" for name in parent]
         close = difflib.get_close_matches(unknown[1], known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"
@@ -267,6 +262,8 @@ def refusal(error: Exception) -> str:
         )
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())
+    if "is not a ListConfig" in message:  # In a file: on a command line a bare value is a list.
+        message = "give a list, such as [name]"
     return f"{field_name[1]}: {message}" if field_name else message
 
 

@@ -9,7 +9,7 @@ from hydra import compose, initialize_config_dir
 
 from pipeline.config.errors import ConfigError
 from pipeline.config.gone import GONE
-from pipeline.config.run import options_of, refusal, register, resolve
+from pipeline.config.run import VERSION_BASE, options_of, refusal, register, resolve
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -18,7 +18,7 @@ def refused(*arguments: str) -> str:
     """Return the line that a command line ends in."""
     register()
     try:
-        with initialize_config_dir(str(CONF), version_base="1.3"):
+        with initialize_config_dir(str(CONF), **VERSION_BASE):
             resolve(options_of(compose("config", list(arguments))))
     except ConfigError as error:
         return str(error)
