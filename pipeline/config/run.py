@@ -9,6 +9,7 @@ import difflib
 import re
 import shlex
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any
@@ -207,6 +208,7 @@ Options, each as name=value:
 """
 
 
+@cache
 def register() -> None:
     """Tell Hydra the schema and the text of `--help`."""
     store = ConfigStore.instance()
