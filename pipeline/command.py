@@ -93,8 +93,6 @@ def run_command() -> int:
         _explain(refusal(error))
         return 1
     except (ValueError, TypeError) as error:
-        if HydraConfig.initialized():  # The work has begun.
-            raise
         _explain(f"options that cannot be read: {one_line(error)}")  # Such as task=null.
         return 1
     return 0
@@ -102,7 +100,7 @@ def run_command() -> int:
 
 @hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
 def perform(config: DictConfig) -> None:
-    """Perform the stages of one run.
+    """Perform the stages of one run; print any error, so that Hydra raises only its own.
 
     Raises:
         RunError: The run is one of a sweep, which goes on with the others after an exception.
@@ -111,16 +109,22 @@ def perform(config: DictConfig) -> None:
     reason = _error_of(config)
     if reason is None:
         return
-    _explain(reason)
+    print(printable(reason), file=sys.stderr)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         raise RunError(reason)
     raise SystemExit(1)  # Of an exception, Hydra would print a line of its own.
 
 
 def _error_of(config: DictConfig) -> str | None:
-    """Perform the stages of one run, and return the error that ends it, None if it succeeds."""
+    """Perform the stages of one run, and return what to print of its error, None if it succeeds."""
     try:
-        run = resolve(options_of(config))
+        options = options_of(config)
+    except OmegaConfBaseException as error:
+        return f"error: {refusal(error)}"
+    except ConfigError as error:
+        return f"error: {error}"
+    try:
+        run = resolve(options)
         options = run.options
         stages = [import_module(STAGES[stage]) for stage in options.stages]
         answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
@@ -130,23 +134,26 @@ def _error_of(config: DictConfig) -> str | None:
                 stage.run(run)
         for line in hints(run, HydraConfig.get().overrides.task):
             say(line)
-    except PolicyError as error:
-        return f"{error}{_below(error)}"
     except Exception as error:
         _end_without_memory(error)
-        if isinstance(error, OmegaConfBaseException):
-            return refusal(error)
-        if isinstance(error, ConfigError | DatasetError):
-            return str(error)
-        if not isinstance(error, OSError):
-            raise
-        if error.filename is None:
-            try:
-                print(flush=True)
-            except OSError as lost:
-                end_without_output(lost)
-        return f"{error.filename or config.data_dir}: {error.strerror or error}"
+        return _explained(error)
     return None
+
+
+def _explained(error: Exception) -> str:
+    """Return the line that explains an error to its user, or the traceback of a bug."""
+    if isinstance(error, PolicyError):
+        return f"error: {error}{_below(error)}"
+    if isinstance(error, ConfigError | DatasetError):
+        return f"error: {error}"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"error: {error.filename}: {error.strerror or error}"
+    if isinstance(error, OSError):
+        try:
+            print(flush=True)
+        except OSError as lost:
+            end_without_output(lost)
+    return "".join(traceback.format_exception(error)).rstrip()
 
 
 def _below(error: PolicyError) -> str:

@@ -175,6 +175,17 @@ def _sealed(name: str, suffix: str) -> str:
 
 
 @contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name a path in errors of the block that name none: that of a full disk comes without."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Lend the name of a new file, which then takes the place of a local one.
 
@@ -185,7 +196,8 @@ def replacing(path: Path) -> Iterator[Path]:
     # Another process that makes the same file uses another name.
     temporary = temporary_beside(target)
     try:
-        yield temporary
+        with naming(path):
+            yield temporary
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
@@ -262,7 +274,8 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
     place = scratch.absolute() if isinstance(scratch, Path) else None
     with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:
         local = Path(folder) / path.name
-        yield local
+        with naming(target if isinstance(target, Path) else local):
+            yield local
         if isinstance(target, Path):
             local.replace(target)
         else:

@@ -11,9 +11,9 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from commands import RUN, error_of, run, spaced
 from quick_python import python
 from tampering import content_of, identities
 
@@ -31,38 +31,9 @@ from pipeline.machinery.hints import hints
 resource = pytest.importorskip("resource")  # Not on Windows.
 pytestmark = pytest.mark.slow
 
-RUN = Path(__file__).parents[2] / "run.py"
 STAGES = "stages=[build,validate]"
 
 Build = Callable[..., Run]
-
-
-def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    """Run the command in a folder; `data` in it is the `data_dir` that the tests use."""
-    program = sys.executable if "preexec_fn" in options else python()
-    return subprocess.run(
-        [program, "-W", "error", str(RUN), *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=False,
-        timeout=120,
-        **options,
-    )
-
-
-def error_of(result: subprocess.CompletedProcess[str]) -> str:
-    """Return the one line that a mistake is answered with."""
-    assert result.returncode == 1
-    lines = result.stderr.splitlines()
-    assert len(lines) == 1, result.stderr
-    assert lines[0].startswith("error: ")
-    return lines[0]
-
-
-def spaced(text: str) -> str:
-    return " ".join(text.split())
 
 
 # Mistakes.
@@ -272,30 +243,6 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     assert (second.returncode, second.stderr) == (0, "")
     assert "data/3x3 is complete already." in spaced(second.stdout)
     assert content_of(tmp_path) == content
-
-
-def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
-    options = ["size=3,2x4", "task=navigation,partial_observability"]
-    arguments = [*options, "labyrinths=1", "random_steps=5", "data_dir=data", STAGES]
-    result = run(tmp_path, "-m", *arguments)
-    assert (result.returncode, result.stderr) == (0, "")
-    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
-    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
-    for name in names:
-        manifest = Manifest.read(tmp_path / "data" / name)
-        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
-        assert f"data/{name} is valid" in spaced(result.stdout)
-
-
-def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_path: Path) -> None:
-    options = ["size=2,3", "task=icy_floor,navigation", "labyrinths=1", "random_steps=5"]
-    result = run(tmp_path, "-m", *options, "data_dir=data", "stages=[build]")
-    assert result.returncode == 1
-    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
-    assert len(errors) == 1
-    assert "size=2x2" in errors[0]
-    assert "Traceback" not in result.stderr
-    assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
 def test_validation_that_fails_names_the_file_and_makes_the_command_fail(
