@@ -242,10 +242,16 @@ def _results(
                 yield from parallel(delayed(function)(item) for item in part)
         return
     own = {}
-    if backend == "local":
-        own = {"initializer": begin_worker, "initargs": (os.getpid(), shared_count())}
-    parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
-    with ctrl_c_held_back():  # It starts the processes.
-        results = parallel(delayed(function)(item) for item in feed)
+    try:
+        if backend == "local":
+            own = {"initializer": begin_worker, "initargs": (os.getpid(), shared_count())}
+        parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
+        with ctrl_c_held_back():  # It starts the processes.
+            results = parallel(delayed(function)(item) for item in feed)
+    except OSError as error:
+        raise ConfigError(
+            f"workers={workers}: processes cannot be started ({one_line(error):.200}): they need "
+            "shared memory, /dev/shm on Linux, and a folder for temporary files"
+        ) from error
     with closing(results):
         yield from results

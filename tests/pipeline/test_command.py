@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,19 +16,19 @@ from labyrinth_core.data.manifest import Manifest
 
 pytestmark = pytest.mark.slow
 
-FAULTY = """
+PROGRAM = """
 import sys
 from omegaconf.errors import OmegaConfBaseException
 from pipeline import __main__
 from pipeline.generation import build
 
 def run(run):
-    raise {error}('my own')
+    {stage}
 
 build.run = run
 sys.exit(__main__.main())
 """
-"""The program with a stage that fails."""
+"""The program with another stage."""
 
 
 @pytest.mark.parametrize("sweep", [[], ["-m", "seed=1,2"]], ids=["run", "sweep"])
@@ -38,7 +40,7 @@ def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
     tmp_path: Path, error: str, sweep: list[str]
 ) -> None:
     done = subprocess.run(
-        [python(), "-c", FAULTY.format(error=error), *sweep, "stages=build"],
+        [python(), "-c", PROGRAM.format(stage=f"raise {error}('my own')"), *sweep, "stages=build"],
         env={"PYTHONPATH": str(RUN.parent), "TMPDIR": str(tmp_path)},
         cwd=tmp_path,
         capture_output=True,
@@ -50,6 +52,30 @@ def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
     runs = 2 if sweep else 1
     assert done.stderr.count("Traceback (most recent call last):") == runs
     assert len(re.findall(r"^[\w.]+: '?my own'?$", done.stderr, re.MULTILINE)) == runs
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str) -> None:
+    stage = r"from pipeline.machinery.console import say; say('50 \u00b1 1 \u2026 \u0416')"
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(stage=stage), "-m", "seed=1", 'data_dir="\u0416"'],
+        env={"PYTHONPATH": str(RUN.parent), "PYTHONIOENCODING": encoding, "PYTHONUTF8": "1"},
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    expected = "50 \u00b1 1 \u2026 \u0416".encode(encoding, "backslashreplace")
+    assert expected in done.stdout
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) -> None:
+    options = ["size=2x3", "labyrinths=2", "workers=2", "stages=[build,validate]"]
+    command = shlex.join([sys.executable, str(RUN), *options])
+    done = subprocess.run(f"{command} {closed}", shell=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "data/labyrinth/2x3/manifest.json").is_file()
 
 
 def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:

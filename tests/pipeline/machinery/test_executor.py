@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import socket
@@ -27,6 +28,7 @@ from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
+from pipeline.machinery import executor
 from pipeline.machinery.executor import cluster, ordered_map
 from pipeline.machinery.worker import count_done, counted
 
@@ -242,6 +244,7 @@ def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
 OWN_RAY = """
 import sys
 import ray
+from pipeline.machinery import executor
 from pipeline.machinery.executor import cluster, ordered_map
 
 with cluster("ray", 500):
@@ -329,3 +332,15 @@ def test_an_executor_that_is_not_installed_is_answered_with_one_line(
         pass
     install = f"pip install 'labyrinth-datasets[{executor}]'"
     assert str(caught.value) == f"executor={executor} is not installed: {install}"
+
+
+def test_processes_that_cannot_be_started_are_answered_with_what_they_need(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(executor, "shared_count", fail)
+    expected = r"^workers=2: processes cannot be started \(.*Read-only.*/dev/shm"
+    with pytest.raises(ConfigError, match=expected):
+        list(ordered_map(abs, [1, 2], 2))
