@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import threading
 import traceback
 from importlib import import_module
-from tempfile import TemporaryDirectory
+from pathlib import Path
+from tempfile import gettempdir
 from typing import Any
+from uuid import uuid4
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -16,6 +19,7 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
@@ -77,17 +81,15 @@ def run_command() -> int:
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
     sys.argv[1:] = map(with_brackets, sys.argv[1:])
-    register()
+    scratch = _scratch()
+    register(scratch)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
-        if {"-m", "--multirun"} & {*sys.argv}:
-            # Hydra writes the options of a sweep to a folder, which nobody needs.
-            with TemporaryDirectory(prefix="labyrinth-sweep-") as folder:
-                sys.argv.append(f"hydra.sweep.dir='{folder}'")
-                perform()
-        else:
-            perform()
+        perform()
     except RunError:
+        return 1
+    except YAMLError as error:
+        _explain(one_line(error))
         return 1
     except (HydraException, OmegaConfBaseException) as error:
         _explain(refusal(error))
@@ -95,7 +97,18 @@ def run_command() -> int:
     except (ValueError, TypeError) as error:
         _explain(f"options that cannot be read: {one_line(error)}")  # Such as task=null.
         return 1
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
     return 0
+
+
+def _scratch() -> Path:
+    """Return a new name in the folder for temporary files, for what Hydra writes of a sweep."""
+    try:
+        folder = gettempdir()
+    except FileNotFoundError:  # Only a sweep needs one.
+        folder = "."
+    return Path(folder) / f"labyrinth-sweep-{uuid4().hex}"
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
@@ -132,12 +145,24 @@ def _error_of(config: DictConfig) -> str | None:
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in stages:
                 stage.run(run)
-        for line in hints(run, HydraConfig.get().overrides.task):
+        for line in hints(run, HydraConfig.get().overrides.task, _flags()):
             say(line)
     except Exception as error:
         _end_without_memory(error)
         return _explained(error)
     return None
+
+
+def _flags() -> list[str]:
+    """Return the flags of the command line that say which configuration is used."""
+    used = HydraConfig.get()
+    flags = {"--config-name": used.job.config_name} if used.job.config_name != "config" else {}
+    for source in used.runtime.config_sources:
+        if source.provider == "command-line":
+            flags["--config-dir"] = source.path
+        elif source.provider == "main" and Path(source.path) != CONF:
+            flags["--config-path"] = source.path
+    return [f"{flag}={value}" for flag, value in flags.items()]
 
 
 def _explained(error: Exception) -> str:

@@ -75,7 +75,7 @@ def run(
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
-    say(_loading_line(run))
+    say(f"To load it: {_loading_line(run)}")
 
 
 def build(

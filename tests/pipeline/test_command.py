@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import subprocess
@@ -9,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, run, spaced
+from commands import RUN, error_of, run, spaced
 from quick_python import python
 
 from labyrinth_core.data.manifest import Manifest
@@ -113,3 +114,53 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
     assert "size=2x2" in errors[0]
     assert "Traceback" not in result.stderr
     assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
+
+
+@pytest.mark.parametrize("flag", ["-m", "--multi", "--multirun", "hydra.mode=MULTIRUN"])
+def test_a_sweep_leaves_nothing_of_its_own_wherever_temporary_files_are(
+    tmp_path: Path, flag: str
+) -> None:
+    temporary = tmp_path / 'it\'s "here" ${now}'
+    temporary.mkdir()
+    env = os.environ | {"TMPDIR": str(temporary)}
+    options = ["size=2x3,3x2", "labyrinths=1", "data_dir=data", "stages=build"]
+    result = run(tmp_path, flag, *options, env=env)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "data").iterdir()} == {"2x3", "3x2", "README.md"}
+    assert {path.name for path in tmp_path.iterdir()} == {"data", temporary.name}
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    mine = "defaults: [config, _self_]\nsize: 2x3\nlabyrinths: 1\nhydra: {sweep: {dir: of_file}}"
+    (own / "mine.yaml").write_text(mine)
+    flags = ["--config-dir", "own", "--config-name", "mine", "-m", "stages=build"]
+    for given, used in ([], "of_file"), (["hydra.sweep.dir=typed"], "typed"):
+        result = run(tmp_path, *flags, *given)
+        assert (result.returncode, result.stderr) == (0, "")
+        assert (tmp_path / used / "multirun.yaml").is_file()
+
+
+@pytest.mark.parametrize("text", ["size: [5", 'size: "\x01"', "size: 5\nsize: 4", "size: 'a"])
+def test_a_broken_file_of_options_is_answered_with_its_name_in_one_line(
+    tmp_path: Path, text: str
+) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    error = error_of(run(tmp_path, "--config-dir", ".", "--config-name", "mine"))
+    assert re.search(r'in ".*/mine.yaml", (line|position) \d', error)
+
+
+def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
+    *lines, last = run(tmp_path, "size=3", "workers=2").stdout.splitlines()
+    assert len(lines) < 24
+    assert all(len(line) <= 80 for line in lines)
+    assert lines[-5:] == [
+        "To load it: load_dataset('data/labyrinth', '3x3')",
+        "data/labyrinth/3x3 is valid: 4,052 rows replayed.",
+        "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
+        "data/labyrinth/3x3/analysis.json has near-twins and tests of shift.",
+        "data/labyrinth/README.md describes 3x3.",
+    ]
+    assert last.startswith("Next, to look at it in a browser: python ")

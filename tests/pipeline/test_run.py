@@ -20,13 +20,8 @@ from tampering import content_of, identities
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
-from pipeline.config.analysis import LeakageOptions
-from pipeline.config.export import ExportOptions
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import OPTIONS, Run, RunConfig, resolve
+from pipeline.config.run import OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
-from pipeline.config.season import SeasonOptions
-from pipeline.machinery.hints import hints
 
 resource = pytest.importorskip("resource")  # Not on Windows.
 pytestmark = pytest.mark.slow
@@ -186,43 +181,6 @@ def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
     assert {name for name, _ in given} <= set(OPTIONS)
     named = [stage for name, value in given if name == "stages" for stage in value.split(",")]
     assert {stage.strip("[]'") for stage in named} <= set(KNOWN_STAGES)
-
-
-def test_one_stage_needs_no_brackets_and_ends_with_commands_that_work_next(
-    small_dataset: Run, tmp_path: Path
-) -> None:
-    shutil.copytree(small_dataset.data_dir, tmp_path / "my data's")
-    options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}"]
-    printed = run(tmp_path, "stages=validate", *options, """data_dir="my data's\"""").stdout
-    hint = printed.splitlines()[-1]
-    assert hint.startswith(f"  python {RUN} size=3 ")
-    for shell in ("bash", "zsh"):
-        if shutil.which(shell):
-            path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
-            env = os.environ | {"PATH": path}
-            pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
-            assert pasted.returncode == 0
-    assert (tmp_path / "my data's" / "README.md").is_file()
-
-
-@pytest.mark.parametrize("stage", KNOWN_STAGES)
-def test_hints_name_stages_that_there_are_and_not_options_of_the_last_stage(stage: str) -> None:
-    publish = PublishOptions(repo_id="a/b", version="1.0.0")
-    export = ExportOptions(format="minari")
-    season = SeasonOptions(name="a", date="2026-11-30", submission="user/model")
-    options = RunConfig(stages=(stage,), size="3", publish=publish, export=export, season=season)
-    given = ["size=3", "stages=[x]", "overwrite=true", "publish.repo_id=a/b", "seed=1"]
-    for line in hints(resolve(options), given):
-        if line.startswith("  "):
-            _, *words = shlex.split(line)
-            assert words[:2] == ["size=3", "seed=1"]
-            assert "overwrite=true" not in words
-            (named,) = (word for word in words if word.startswith("stages="))
-            assert {*named.partition("=")[2].strip("[]").split(",")} <= {*KNOWN_STAGES}
-        else:
-            assert line.startswith("Next")
-    elsewhere = RunConfig(stages=("analyse",), leakage=LeakageOptions(source="x"))
-    assert hints(resolve(elsewhere), []) == []
 
 
 def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(

@@ -14,7 +14,7 @@ from pipeline.machinery.worker import count_done
 
 def test_a_bar_moves_before_the_first_item_is_finished(monkeypatch: pytest.MonkeyPatch) -> None:
     bars = Progress(disable=True)
-    monkeypatch.setattr(console, "progress", lambda: bars)
+    monkeypatch.setattr(console, "progress", lambda **_: bars)
     shown = []
 
     def items() -> Iterator[tuple[int, str]]:
