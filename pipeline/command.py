@@ -36,6 +36,7 @@ from pipeline.config.run import (
 )
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
+from pipeline.machinery.dataset import check_there
 from pipeline.machinery.ending import (
     GOES_ON,
     answer_signals,
@@ -138,14 +139,15 @@ def _error_of(config: DictConfig) -> str | None:
         return f"error: {error}"
     try:
         run = resolve(options)
-        options = run.options
+        options, given = run.options, HydraConfig.get().overrides.task
+        check_there(run, given)
         stages = [import_module(STAGES[stage]) for stage in options.stages]
         answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
         show_start(started=True)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in stages:
                 stage.run(run)
-        for line in hints(run, HydraConfig.get().overrides.task, _flags()):
+        for line in hints(run, given, _flags()):
             say(line)
     except Exception as error:
         _end_without_memory(error)

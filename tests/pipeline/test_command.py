@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from commands import RUN, error_of, run, spaced
 from quick_python import python
 
 from labyrinth_core.data.manifest import Manifest
+from pipeline.config.run import Run
 
 pytestmark = pytest.mark.slow
 
@@ -164,3 +166,19 @@ def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
         "data/labyrinth/README.md describes 3x3.",
     ]
     assert last.startswith("Next, to look at it in a browser: python ")
+
+
+@pytest.mark.parametrize("stage", ["card", "report", "publish", "analyse", "validate", "export"])
+def test_a_stage_that_is_asked_about_a_dataset_that_is_not_there_says_so(
+    tmp_path: Path, small_dataset: Run, stage: str
+) -> None:
+    options = [f"stages={stage}", "publish.repo_id=a/b", "publish.version=1.0.0"]
+    options += ["export.format=minari", f"data_dir={small_dataset.data_dir}"]
+    for named in (["size=4"], ["size=3", "task=icy_floor"]):
+        assert "holds no" in error_of(run(tmp_path, *named, *options))
+
+
+def test_a_stage_of_all_datasets_needs_no_size(tmp_path: Path, small_dataset: Run) -> None:
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
+    for named in ([], ["size=3"]):
+        assert run(tmp_path, "data_dir=data", "stages=report", *named).returncode == 0
