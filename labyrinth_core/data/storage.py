@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 from uuid import uuid4
@@ -107,9 +108,23 @@ class RemotePath:
         return bool(self._ask(lambda store, path: store.isfile(path)))
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        base = self._ask(lambda _, path: path)
-        for each in sorted(self._ask(lambda store, path: store.glob(f"{path}/{pattern}"))):
-            yield self / each[len(base) + 1 :]
+        """Yield what matches a pattern; names of folders that look like patterns are none."""
+        first, _, rest = pattern.partition("/")
+        for name, is_dir in self._listed():
+            if fnmatchcase(name, first) and not rest:
+                yield self / name
+            elif fnmatchcase(name, first) and is_dir:
+                yield from (self / name).glob(rest)
+
+    def _listed(self) -> list[tuple[str, bool]]:
+        """Return the names in a folder, sorted, each with whether it is a folder."""
+        try:
+            base, found = self._ask(lambda store, path: (path, store.ls(path, detail=True)))
+        except FileNotFoundError:
+            return []
+        paths = {each["name"].rstrip("/"): each["type"] == "directory" for each in found}
+        paths.pop(base.rstrip("/"), None)  # The folder itself, or a file.
+        return sorted((path.rpartition("/")[2], is_dir) for path, is_dir in paths.items())
 
     def iterdir(self) -> Iterator[RemotePath]:
         return self.glob("*")

@@ -91,9 +91,12 @@ def content_of(folder: Path | RemotePath) -> dict[str, bytes]:
 
 @pytest.fixture(params=["local", "memory", "s3"])
 def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path | RemotePath:
+    """A place whose name looks like a pattern."""
+    name = "run [5x5]*"
     if request.param == "local":
-        return tmp_path
-    return folder_at(request.getfixturevalue({"memory": "memory", "s3": "bucket"}[request.param]))
+        return tmp_path / name
+    place = {"memory": "memory", "s3": "bucket"}[request.param]
+    return folder_at(request.getfixturevalue(place)) / name
 
 
 def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_path: Path) -> None:
