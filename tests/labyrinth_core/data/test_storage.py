@@ -51,9 +51,9 @@ TRAIN = "train-00000-of-00001.parquet"
 
 @pytest.fixture
 def memory() -> Iterator[str]:
-    """The URL of a folder in memory."""
+    """The URL of a folder in memory, whose name looks like a pattern."""
     name = uuid4().hex
-    yield f"memory://{name}/labyrinth"
+    yield f"memory://{name}/run [5x5]*"
     filesystem = fsspec.filesystem("memory")
     if filesystem.exists(f"/{name}"):
         filesystem.rm(f"/{name}", recursive=True)
@@ -71,11 +71,11 @@ def server() -> Iterator[S3Server]:
 
 @pytest.fixture
 def bucket(server: S3Server) -> Iterator[str]:
-    """The URL of a folder in a new bucket."""
+    """The URL of a folder in a new bucket, whose name looks like a pattern."""
     name = uuid4().hex
     fsspec.filesystem("s3", use_listings_cache=False).mkdir(name)
     server.requests.clear()
-    yield f"s3://{name}/data"
+    yield f"s3://{name}/run [5x5]*"
     server.fault = lambda _method, _path: False
 
 
@@ -91,12 +91,9 @@ def content_of(folder: Path | RemotePath) -> dict[str, bytes]:
 
 @pytest.fixture(params=["local", "memory", "s3"])
 def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path | RemotePath:
-    """A place whose name looks like a pattern."""
-    name = "run [5x5]*"
     if request.param == "local":
-        return tmp_path / name
-    place = {"memory": "memory", "s3": "bucket"}[request.param]
-    return folder_at(request.getfixturevalue(place)) / name
+        return tmp_path
+    return folder_at(request.getfixturevalue({"memory": "memory", "s3": "bucket"}[request.param]))
 
 
 def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_path: Path) -> None:
