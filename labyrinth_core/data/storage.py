@@ -29,13 +29,16 @@ def folder_at(place: str | Path) -> AnyPath:
 
     Raises:
         ValueError: The URL names nothing, or fsspec knows no such URL, or needs a library for it
-            that is not installed.
+            that is not installed; or the path begins with a home folder that is unknown.
     """
     text = str(place)
     if text.startswith("file://"):
         return Path(text.removeprefix("file://"))
     if "://" not in text:
-        return Path(place).expanduser()
+        try:
+            return Path(place).expanduser()
+        except RuntimeError as error:
+            raise ValueError(f"{text}: the home folder of the user is unknown") from error
     protocol, _, name = text.partition("://")
     if not name.strip("/"):
         raise ValueError(f"{text} names no bucket or folder: give one, such as {protocol}://name")
