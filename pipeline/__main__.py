@@ -24,12 +24,14 @@ def main() -> int:
     """Run what the command line asks for, and return the exit status: 1 for an error."""
     answer_signals(end_interrupted)  # Importing takes seconds, and swallows exceptions.
     try:
+        from labyrinth_core.language.source_text import escape_output
+
+        escape_output()
         show_start()
         from pipeline.command import run_command
 
         status = run_command()
-        if sys.stdout is not None:  # It is None if the shell has closed it by >&-.
-            sys.stdout.flush()
+        sys.stdout.flush()
     except KeyboardInterrupt as interruption:
         end_interrupted(*interruption.args)
     except OSError as error:

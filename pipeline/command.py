@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import traceback
 from importlib import import_module
-from tempfile import TemporaryDirectory
+from pathlib import Path
+from tempfile import gettempdir
 from typing import Any
+from uuid import uuid4
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -15,6 +18,7 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
@@ -33,6 +37,7 @@ from pipeline.config.run import (
 )
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
+from pipeline.machinery.dataset import check_there
 from pipeline.machinery.ending import (
     answer_signals,
     end_interrupted,
@@ -78,32 +83,39 @@ def run_command() -> int:
     except ConfigError as error:
         _explain(str(error))
         return 1
-    register()
+    scratch = _scratch()
+    register(scratch)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
-        if {"-m", "--multirun"} & {*sys.argv}:
-            # Hydra writes the options of a sweep to a folder, which nobody needs.
-            with TemporaryDirectory(prefix="labyrinth-sweep-") as folder:
-                sys.argv.append(f"hydra.sweep.dir='{folder}'")
-                perform()
-        else:
-            perform()
+        perform()
     except RunError:
+        return 1
+    except YAMLError as error:
+        _explain(one_line(error))
         return 1
     except (HydraException, OmegaConfBaseException) as error:
         _explain(refusal(error))
         return 1
     except (ValueError, TypeError) as error:
-        if HydraConfig.initialized():  # The work has begun.
-            raise
         _explain(f"options that cannot be read: {one_line(error)}")  # Such as task=null.
         return 1
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
     return 0
+
+
+def _scratch() -> Path:
+    """Return a new name in the folder for temporary files, for what Hydra writes of a sweep."""
+    try:
+        folder = gettempdir()
+    except FileNotFoundError:  # Only a sweep needs one.
+        folder = "."
+    return Path(folder) / f"labyrinth-sweep-{uuid4().hex}"
 
 
 @hydra.main(**VERSION_BASE, config_path=str(CONF.absolute()), config_name="config")
 def perform(config: DictConfig) -> None:
-    """Perform the stages of one run.
+    """Perform the stages of one run; print any error, so that Hydra raises only its own.
 
     Raises:
         RunError: The run is one of a sweep, which goes on with the others after an exception.
@@ -112,41 +124,63 @@ def perform(config: DictConfig) -> None:
     reason = _error_of(config)
     if reason is None:
         return
-    _explain(reason)
+    print(printable(reason), file=sys.stderr)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         raise RunError(reason)
     raise SystemExit(1)  # Of an exception, Hydra would print a line of its own.
 
 
 def _error_of(config: DictConfig) -> str | None:
-    """Perform the stages of one run, and return the error that ends it, None if it succeeds."""
+    """Perform the stages of one run, and return what to print of its error, None if it succeeds."""
     try:
-        run = resolve(options_of(config))
-        options = run.options
+        options = options_of(config)
+    except OmegaConfBaseException as error:
+        return f"error: {refusal(error)}"
+    except ConfigError as error:
+        return f"error: {error}"
+    try:
+        run = resolve(options)
+        options, given = run.options, HydraConfig.get().overrides.task
+        check_there(run, given)
         stages = [import_module(STAGES[stage]) for stage in options.stages]
         answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
         show_start(started=True)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in stages:
                 stage.run(run)
-        for line in hints(run, HydraConfig.get().overrides.task):
+        for line in hints(run, given, _flags()):
             say(line)
-    except PolicyError as error:
-        return f"{error}{_below(error)}"
     except Exception as error:
-        if isinstance(error, OmegaConfBaseException):
-            return refusal(error)
-        if isinstance(error, ConfigError | DatasetError):
-            return str(error)
-        if not isinstance(error, OSError):
-            raise
-        if error.filename is None:
-            try:
-                print(flush=True)
-            except OSError as lost:
-                end_without_output(lost)
-        return f"{error.filename or config.data_dir}: {error.strerror or error}"
+        return _explained(error)
     return None
+
+
+def _flags() -> list[str]:
+    """Return the flags of the command line that say which configuration is used."""
+    used = HydraConfig.get()
+    flags = {"--config-name": used.job.config_name} if used.job.config_name != "config" else {}
+    for source in used.runtime.config_sources:
+        if source.provider == "command-line":
+            flags["--config-dir"] = source.path
+        elif source.provider == "main" and Path(source.path) != CONF:
+            flags["--config-path"] = source.path
+    return [f"{flag}={value}" for flag, value in flags.items()]
+
+
+def _explained(error: Exception) -> str:
+    """Return the line that explains an error to its user, or the traceback of a bug."""
+    if isinstance(error, PolicyError):
+        return f"error: {error}{_below(error)}"
+    if isinstance(error, ConfigError | DatasetError):
+        return f"error: {error}"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"error: {error.filename}: {error.strerror or error}"
+    if isinstance(error, OSError):
+        try:
+            print(flush=True)
+        except OSError as lost:
+            end_without_output(lost)
+    return "".join(traceback.format_exception(error)).rstrip()
 
 
 def _below(error: PolicyError) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 from collections.abc import Sequence
@@ -23,17 +22,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     # Imported here: the user may press Ctrl-C at once.
     from labyrinth_core.command.arguments import ERRORS, explain, parser
+    from labyrinth_core.language.source_text import escape_output
 
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # A file's name may be any bytes.
-            stream.reconfigure(errors="backslashreplace")
+    escape_output()
     try:
         options = parser().parse_args(arguments)
         from labyrinth_core.command.commands import COMMANDS  # Not for --help: it needs numpy.
 
         status = COMMANDS[options.command](options)
-        if sys.stdout is not None:  # It is None if the shell has closed it by >&-.
-            sys.stdout.flush()
+        sys.stdout.flush()
     except SystemExit as stop:  # From argparse, which has printed the reason.
         return int(stop.code or 0)
     except BrokenPipeError:

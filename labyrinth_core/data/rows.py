@@ -216,7 +216,9 @@ def readable(place: object) -> Iterator[None]:
 
     try:
         yield
-    except MemoryError:  # Arrow's, too; nothing is wrong with the files.
+    except (MemoryError, GeneratorExit):
+        # Nothing is wrong with the files. Arrow's own MemoryError is one, too; and where Python
+        # itself ends, it closes a stream that was left early when Arrow's names are gone.
         raise
     except (OSError, ValueError, LookupError, pa.ArrowException) as error:
         raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error

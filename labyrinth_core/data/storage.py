@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 from uuid import uuid4
@@ -28,13 +29,16 @@ def folder_at(place: str | Path) -> AnyPath:
 
     Raises:
         ValueError: The URL names nothing, or fsspec knows no such URL, or needs a library for it
-            that is not installed.
+            that is not installed; or the path begins with a home folder that is unknown.
     """
     text = str(place)
     if text.startswith("file://"):
         return Path(text.removeprefix("file://"))
     if "://" not in text:
-        return Path(place).expanduser()
+        try:
+            return Path(place).expanduser()
+        except RuntimeError as error:
+            raise ValueError(f"{text}: the home folder of the user is unknown") from error
     protocol, _, name = text.partition("://")
     if not name.strip("/"):
         raise ValueError(f"{text} names no bucket or folder: give one, such as {protocol}://name")
@@ -107,9 +111,23 @@ class RemotePath:
         return bool(self._ask(lambda store, path: store.isfile(path)))
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        base = self._ask(lambda _, path: path)
-        for each in sorted(self._ask(lambda store, path: store.glob(f"{path}/{pattern}"))):
-            yield self / each[len(base) + 1 :]
+        """Yield what matches a pattern; names of folders that look like patterns are none."""
+        first, _, rest = pattern.partition("/")
+        for name, is_dir in self._listed():
+            if fnmatchcase(name, first) and not rest:
+                yield self / name
+            elif fnmatchcase(name, first) and is_dir:
+                yield from (self / name).glob(rest)
+
+    def _listed(self) -> list[tuple[str, bool]]:
+        """Return the names in a folder, sorted, each with whether it is a folder."""
+        try:
+            base, found = self._ask(lambda store, path: (path, store.ls(path, detail=True)))
+        except FileNotFoundError:
+            return []
+        paths = {each["name"].rstrip("/"): each["type"] == "directory" for each in found}
+        paths.pop(base.rstrip("/"), None)  # The folder itself, or a file.
+        return sorted((path.rpartition("/")[2], is_dir) for path, is_dir in paths.items())
 
     def iterdir(self) -> Iterator[RemotePath]:
         return self.glob("*")
@@ -175,6 +193,17 @@ def _sealed(name: str, suffix: str) -> str:
 
 
 @contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name a path in errors of the block that name none: that of a full disk comes without."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Lend the name of a new file, which then takes the place of a local one.
 
@@ -185,7 +214,8 @@ def replacing(path: Path) -> Iterator[Path]:
     # Another process that makes the same file uses another name.
     temporary = temporary_beside(target)
     try:
-        yield temporary
+        with naming(path):
+            yield temporary
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
@@ -262,7 +292,8 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
     place = scratch.absolute() if isinstance(scratch, Path) else None
     with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:
         local = Path(folder) / path.name
-        yield local
+        with naming(target if isinstance(target, Path) else local):
+            yield local
         if isinstance(target, Path):
             local.replace(target)
         else:

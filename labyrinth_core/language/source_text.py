@@ -5,6 +5,9 @@ The language and the lists of edges share this module.
 
 from __future__ import annotations
 
+import io
+import os
+import sys
 from bisect import bisect_right
 from dataclasses import dataclass
 from operator import itemgetter
@@ -168,6 +171,21 @@ def printable(text: str) -> str:
     return "".join(
         char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
     )
+
+
+def escape_output() -> None:
+    """Let standard output and error escape what they cannot encode, so that no message fails.
+
+    One that the shell has closed, by `>&-`, discards what it is given, also in other processes.
+    """
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, "w"))
+        stream = getattr(sys, name)
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def quoted(text: str) -> str:

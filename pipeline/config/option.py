@@ -10,9 +10,10 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from math import inf
+from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from pipeline.config.errors import check, listed
+from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.gone import instead
 
 Options = TypeVar("Options")
@@ -72,6 +73,7 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
         allowed = f"{group}{name} is no option: choose from {listed(kinds)}"
         check(name in kinds, instead(group + name) or allowed)
         _check_kind(group + name, value, kinds[name])
+        _check_home(group + name, value)
         made[name] = tuple(value) if isinstance(value, list) else value
         if is_dataclass(kinds[name]):
             made[name] = frozen(kinds[name], value, f"{group}{name}.")
@@ -88,6 +90,15 @@ def _check_kind(name: str, value: Any, kind: Any) -> None:
     else:
         fits, allowed = not isinstance(value, list | tuple | dict), "a single value"
     check(fits, f"{name}={value}: give {allowed}")
+
+
+def _check_home(name: str, value: Any) -> None:
+    """Raise a ConfigError if a text is a path from a home folder that is unknown."""
+    try:
+        Path(value if isinstance(value, str) else "").expanduser()
+    except RuntimeError as error:  # Without HOME, or of a user who does not exist.
+        message = f"{name}={value}: the home folder of the user is unknown: give the whole path"
+        raise ConfigError(message) from error
 
 
 def as_declared(argument: str, cls: type) -> str:

@@ -209,9 +209,15 @@ Options, each as name=value:
 
 
 @cache
-def register() -> None:
-    """Tell Hydra the schema and the text of `--help`."""
+def register(scratch: Path = Path()) -> None:
+    """Tell Hydra the schema, the text of `--help`, and where it may leave the options of a sweep.
+
+    Args:
+        scratch: The folder for a sweep, where a user gives no other as `hydra.sweep.dir`.
+    """
     store = ConfigStore.instance()
+    place = str(scratch).replace("${", "\\${")  # No interpolation.
+    store.store(name="scratch", package="hydra.sweep", node={"dir": place})
     schema = OmegaConf.structured(RunConfig)
     for node in (schema, *schema.values()):
         if isinstance(node, DictConfig):  # Frozen like its class, but Hydra has to merge into it.

@@ -75,7 +75,7 @@ def run(
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
-    say(_loading_line(run))
+    say(f"To load it: {_loading_line(run)}")
 
 
 def build(
@@ -273,8 +273,9 @@ def _tabulate(
 def _loading_line(run: Run) -> str:
     """Return the line of Python that loads the dataset of a run."""
     place = str(run.data_dir)
+    whole = str(run.data_dir.absolute()) if isinstance(run.data_dir, Path) else place
     # `datasets` takes these for patterns, variables and chains of URLs, and finds no file.
-    is_strange = re.search(r"[*?$]|\[.*\]|::", place) is not None
+    is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
     load = "load_transitions" if is_strange or "://" in place else "load_dataset"
     return f"{load}({place!r}, {run.dataset.name!r})"
 

@@ -59,9 +59,6 @@ def run(run: Run) -> None:
     if (questions := questions_of(run.data_dir, manifest)) is not None:
         asked = sum(shard.rows for shard in questions.shards)
         say(f"{run.data_dir / questions_config(run.dataset.name)} is valid: {asked:,} questions.")
-    for shift in manifest.config.shifts:
-        held = sum(shard.labyrinths for shard in manifest.of(shift))
-        say(f"  {shift}, {held:,} labyrinths: {SPLITS[shift].meaning}")
 
 
 def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import groupby
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -19,13 +18,13 @@ from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.inspection.counts import Content
 from pipeline.inspection.elsewhere import read_elsewhere
 from pipeline.inspection.leakage import NEAR, Leakage, find_leakage
-from pipeline.inspection.measures import MeasuredShift, compare
+from pipeline.inspection.measures import compare
 from pipeline.inspection.shift import PERMUTATIONS
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
 from pipeline.machinery.console import console, say
@@ -37,7 +36,6 @@ FOLDER = "analysis"
 """The folder, in `data_dir`, of what was found out about datasets from elsewhere."""
 LEAKS_SHOWN = 10
 """The largest number of labyrinths with the same fault that are named in the terminal."""
-SIGNIFICANT = 0.05
 
 
 def run(run: Run) -> None:
@@ -75,9 +73,7 @@ def _analyse(run: Run) -> Iterator[str]:
     }
     statistics.leave(folder, _as_text(content))
     yield from _leaks(leakage, {})
-    yield from _near(leakage)
-    yield from _shifted(shifts)
-    yield f"{folder / ANALYSIS} has all of it; stages=report shows it as tables."
+    yield f"{folder / ANALYSIS} has near-twins and tests of shift."
 
 
 def read_contents(
@@ -198,24 +194,3 @@ def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterato
                 yield (f"{named(pair.second, number)} has {relation} of {named(pair.first, other)}")
             if len(found) > LEAKS_SHOWN:
                 yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
-
-
-def _near(leakage: Leakage) -> Iterator[str]:
-    """Yield a line for each pair of splits that says how near they are."""
-    least, most = NEAR[0], NEAR[-1]
-    for each in leakage.pairs:
-        first, second = each.pair.first, each.pair.second
-        if first == "train" or second not in SHIFTS:
-            yield (
-                f"  {first}, {second}: {each.within(least):,} of "
-                f"{leakage.certificate.labyrinths[second]:,} within {least} wall, "
-                f"{each.within(most):,} within {most}, {len(each.same_route):,} share a best route"
-            )
-
-
-def _shifted(shifts: Sequence[MeasuredShift]) -> Iterator[str]:
-    """Yield a line for each pair of splits with the measures that differ by more than chance."""
-    yield f"Shift that is not chance, by Holm's p of {SIGNIFICANT} or less:"
-    for splits, of_pair in groupby(shifts, lambda shift: (shift.first, shift.second)):
-        measures = [shift.measure for shift in of_pair if shift.corrected <= SIGNIFICANT]
-        yield f"  {', '.join(splits)}: {', '.join(measures) or 'none'}"

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import Any, TypeVar
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -46,8 +47,12 @@ def say_once(text: str) -> None:
     say(text)
 
 
-def progress() -> Progress:
-    """Return a context manager that shows the progress bars of a stage."""
+def progress(*, vanishes: bool = False) -> Progress:
+    """Return a context manager that shows the progress bars of a stage.
+
+    Args:
+        vanishes: Whether they are shown in a terminal alone, and vanish at the end.
+    """
     return Progress(
         TextColumn("{task.description:>9}"),
         BarColumn(),
@@ -55,12 +60,14 @@ def progress() -> Progress:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=console,
+        transient=vanishes,
+        disable=vanishes and not console.is_terminal,
     )
 
 
 def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
     """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
-    with progress() as bars:
+    with progress(vanishes=True) as bars:
         bar = bars.add_task(description, total=total)
         for amount, item in items:
             yield item
@@ -69,7 +76,8 @@ def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> 
 
 def summary(manifest: Manifest) -> Table:
     """Return the table of a dataset, with a row of figures for each split."""
-    table = Table(title=f"{manifest.config.name}, seed {manifest.config.seed}")
+    title = f"{manifest.config.name}, seed {manifest.config.seed}"
+    table = Table(title=title, box=SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
     table.add_column("split")
     for heading in ("labyrinths", "episodes", "rows", "mean moves", "longest", "MB"):
         table.add_column(heading, justify="right")

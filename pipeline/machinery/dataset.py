@@ -2,11 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
 from pipeline.config.errors import ConfigError, as_typed, check
 from pipeline.config.run import Run
+
+WHOLE_FOLDER = ("card", "report", "publish")
+"""The stages that work on all datasets of a folder, whichever `size` and `task` name."""
+
+
+def check_there(run: Run, given: Iterable[str]) -> None:
+    """Check that the dataset is there that a command names for a stage of the whole folder.
+
+    Args:
+        run: The run.
+        given: The options of the command line, each as `name=value`.
+
+    Raises:
+        DatasetError: The dataset is not there.
+    """
+    stages = {*run.options.stages}
+    if not run.options.publish.repo_id:  # Such as a policy, which is on a dataset of the Hub.
+        stages.discard("publish")
+    named = {"size", "task"} & {each.partition("=")[0] for each in given}
+    if named and stages & {*WHOLE_FOLDER} and "build" not in stages:
+        _check_there(run)
+
+
+def _check_there(run: Run) -> None:
+    if not (run.folder / MANIFEST).is_file():
+        size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
+        command = f"labyrinth-datasets {size} {as_typed('data_dir', str(run.data_dir))}"
+        raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
 
 
 def manifest_of(run: Run) -> Manifest:
@@ -17,10 +47,8 @@ def manifest_of(run: Run) -> Manifest:
         DatasetError: There is no dataset.
     """
     options = run.options
-    if run.source == str(run.data_dir) and not (run.folder / MANIFEST).is_file():
-        size = f"size={run.dataset.height}x{run.dataset.width} task={run.dataset.task}"
-        command = f"labyrinth-datasets {size} {as_typed('data_dir', str(run.data_dir))}"
-        raise DatasetError(f"{run.folder} holds no dataset: {command} makes it")
+    if run.source == str(run.data_dir):
+        _check_there(run)
     try:
         folder = locate(run.source, run.dataset.name, [], options.revision)
     except ValueError as error:

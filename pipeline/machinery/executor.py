@@ -155,10 +155,16 @@ def ordered_map(
 
     # Workers of this machine do not see that their parent was killed.
     own = {} if there else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
-    parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
     try:
+        parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
         with ctrl_c_held_back():  # It starts the processes.
             results = parallel(feed())
+    except OSError as error:
+        raise ConfigError(
+            f"workers={workers}: processes cannot be started ({one_line(error):.200}): they need "
+            "shared memory, /dev/shm on Linux, and a folder for temporary files"
+        ) from error
+    try:
         with closing(results):
             yield from results
     except _losses(there) as error:

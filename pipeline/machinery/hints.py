@@ -10,39 +10,23 @@ from pathlib import Path
 from labyrinth_core.data.storage import RemotePath
 from pipeline.config.run import Run
 
-LEARN = "stages=[train,evaluate] method=bc"
-NEXT = {
-    "build": {"stages=[validate,analyse,card]": "replay every row, and describe the dataset"},
-    "questions": {"stages=[validate,card]": "replay every row, and describe the dataset"},
-    "validate": {"stages=[analyse,card]": "compare the splits, and describe them"},
-    "analyse": {"stages=card": "describe the dataset", "stages=report": "look at it in a browser"},
-    "card": {
-        "stages=report": "look at it in a browser",
-        LEARN: "learn from it (at 5x5 some minutes)",
-    },
-    "report": {
-        LEARN: "learn from a dataset (at 5x5 some minutes)",
-        "stages=publish publish.repo_id=you/labyrinth publish.version=1.0.0": "share them",
-    },
-    "train": {"stages=evaluate": "judge the policy on every split"},
-    "evaluate": {
-        "stages=results": "compare it with others",
-        "stages=report": "see where it fails",
-    },
-    "results": {"stages=report": "see in which labyrinths each method fails"},
-}
-"""Stage -> the options of what can be done after it, and what that is for."""
+DESCRIBE = "stages=[validate,analyse,card]", "replay every row and describe it"
+LOOK = "stages=report", "look at it in a browser"
+LEARN = "stages=[train,evaluate] method=bc", "learn from it"
+COMPARE = "stages=results", "compare it with others"
+"""The options of what can be done next, and what that is for."""
 
 _OF_ONE_RUN = ("stages", "overwrite", "part", "policy", "leakage", "publish", "export")
 """Options, and groups of options, that are not repeated for what comes next."""
 
 
-def hints(run: Run, given: Iterable[str]) -> list[str]:
-    """Return the lines that say what can be done after a run.
+def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str]:
+    """Return the lines that say what can be done after a build, an evaluation or a publication.
 
     Args:
         run: The run.
         given: The options of its command line, each as `name=value`.
+        flags: The flags of its command line that say which configuration is used.
     """
     options, last = run.options, run.options.stages[-1]
     if last == "publish" and not options.publish.dry_run:
@@ -51,21 +35,20 @@ def hints(run: Run, given: Iterable[str]) -> list[str]:
             "load_policy takes the id of the policy": options.publish.model,
         }
         return [f"Next: {line}, from any machine." for line, id_ in takes.items() if id_]
-    if last == "export":
-        return ["Next: docs/clients.md has the lines that load it with each library."]
-    if options.leakage.source is not None or run.part is not None:
+    if last == "evaluate":
+        added, purpose = COMPARE
+    elif last == "build" and run.part is None:
+        added, purpose = DESCRIBE
+    elif last == "card" and "build" in options.stages:
+        added, purpose = LEARN if isinstance(run.data_dir, RemotePath) else LOOK
+    else:
         return []
-    kept = [each for each in given if each.partition("=")[0].split(".")[0] not in _OF_ONE_RUN]
+    more = added.split()
+    left_out = {*_OF_ONE_RUN, *(each.partition("=")[0] for each in more)}
+    names = {each: each.lstrip("+~").partition("=")[0].split(".")[0] for each in given}
+    kept = [each for each, name in names.items() if name not in left_out]
     if not any(each.startswith("size=") for each in kept):
         kept = [f"size={options.size}", *kept]
     script = Path(sys.argv[0]).name == "run.py"
     program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
-    lines = []
-    for added, purpose in NEXT.get(last, {}).items():
-        more = added.split()
-        if "stages=report" in more and (options.policy or isinstance(run.data_dir, RemotePath)):
-            continue
-        names = {each.partition("=")[0] for each in more}
-        same = [each for each in kept if each.partition("=")[0] not in names]
-        lines += [f"Next, to {purpose}:", f"  {program} {shlex.join([*same, *more])}"]
-    return lines
+    return [f"Next, to {purpose}: {program} {shlex.join([*flags, *kept, *more])}"]

@@ -21,7 +21,7 @@ from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
-from pipeline.machinery.own_files import HASHES, OwnFiles
+from pipeline.machinery.own_files import OwnFiles
 from pipeline.release import readme
 from pipeline.release.changes import CHANGES, Changes
 from pipeline.release.croissant import croissant
@@ -75,12 +75,7 @@ def run(run: Run) -> None:
         OSError: The folder cannot be written.
     """
     datasets = write_card(run.data_dir, workers=run.options.workers)
-    rows = sum(dataset.rows for dataset in datasets)
-    names = ", ".join(dataset.name for dataset in datasets)
-    say(
-        f"{run.data_dir / README} describes {names}: {rows:,} rows, no structure in two "
-        f"splits; with croissant.json, {HASHES} and {readme.PICTURES}."
-    )
+    say(f"{run.data_dir / README} describes {', '.join(dataset.name for dataset in datasets)}.")
 
 
 def write_card(

@@ -11,58 +11,24 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from commands import RUN, error_of, run, spaced
 from quick_python import python
 from tampering import content_of, identities
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
-from pipeline.config.analysis import LeakageOptions
-from pipeline.config.export import ExportOptions
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import OPTIONS, Run, RunConfig, resolve
+from pipeline.config.run import OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
-from pipeline.config.season import SeasonOptions
-from pipeline.machinery.hints import hints
 
 resource = pytest.importorskip("resource")  # Not on Windows.
 pytestmark = pytest.mark.slow
 
-RUN = Path(__file__).parents[2] / "run.py"
 STAGES = "stages=[build,validate]"
 
 Build = Callable[..., Run]
-
-
-def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    """Run the command in a folder; `data` in it is the `data_dir` that the tests use."""
-    program = sys.executable if "preexec_fn" in options else python()
-    return subprocess.run(
-        [program, "-W", "error", str(RUN), *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=False,
-        timeout=120,
-        **options,
-    )
-
-
-def error_of(result: subprocess.CompletedProcess[str]) -> str:
-    """Return the one line that a mistake is answered with."""
-    assert result.returncode == 1
-    lines = result.stderr.splitlines()
-    assert len(lines) == 1, result.stderr
-    assert lines[0].startswith("error: ")
-    return lines[0]
-
-
-def spaced(text: str) -> str:
-    return " ".join(text.split())
 
 
 # Mistakes.
@@ -87,6 +53,9 @@ def spaced(text: str) -> str:
         (["stages=[1,{a:2}]"], ["stages=", "a list of texts"]),
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
         (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
+        (["data_dir='~nosuchuser/x'"], ["data_dir=~nosuchuser/x", "home folder"]),
+        (["run_dir='~nosuchuser/x'"], ["run_dir=~nosuchuser/x", "home folder"]),
+        (["leakage.source='~nosuchuser/x'"], ["leakage.source=~nosuchuser/x", "home folder"]),
         (["method=[1]"], ["options that cannot be read"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],
@@ -216,43 +185,6 @@ def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
     assert {stage.strip("[]'") for stage in named} <= set(KNOWN_STAGES)
 
 
-def test_one_stage_needs_no_brackets_and_ends_with_commands_that_work_next(
-    small_dataset: Run, tmp_path: Path
-) -> None:
-    shutil.copytree(small_dataset.data_dir, tmp_path / "my data's")
-    options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}"]
-    printed = run(tmp_path, "stages=validate", *options, """data_dir="my data's\"""").stdout
-    hint = printed.splitlines()[-1]
-    assert hint.startswith(f"  python {RUN} size=3 ")
-    for shell in ("bash", "zsh"):
-        if shutil.which(shell):
-            path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
-            env = os.environ | {"PATH": path}
-            pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
-            assert pasted.returncode == 0
-    assert (tmp_path / "my data's" / "README.md").is_file()
-
-
-@pytest.mark.parametrize("stage", KNOWN_STAGES)
-def test_hints_name_stages_that_there_are_and_not_options_of_the_last_stage(stage: str) -> None:
-    publish = PublishOptions(repo_id="a/b", version="1.0.0")
-    export = ExportOptions(format="minari")
-    season = SeasonOptions(name="a", date="2026-11-30", submission="user/model")
-    options = RunConfig(stages=(stage,), size="3", publish=publish, export=export, season=season)
-    given = ["size=3", "stages=[x]", "overwrite=true", "publish.repo_id=a/b", "seed=1"]
-    for line in hints(resolve(options), given):
-        if line.startswith("  "):
-            _, *words = shlex.split(line)
-            assert words[:2] == ["size=3", "seed=1"]
-            assert "overwrite=true" not in words
-            (named,) = (word for word in words if word.startswith("stages="))
-            assert {*named.partition("=")[2].strip("[]").split(",")} <= {*KNOWN_STAGES}
-        else:
-            assert line.startswith("Next")
-    elsewhere = RunConfig(stages=("analyse",), leakage=LeakageOptions(source="x"))
-    assert hints(resolve(elsewhere), []) == []
-
-
 def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -271,30 +203,6 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     assert (second.returncode, second.stderr) == (0, "")
     assert "data/3x3 is complete already." in spaced(second.stdout)
     assert content_of(tmp_path) == content
-
-
-def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
-    options = ["size=3,2x4", "task=navigation,partial_observability"]
-    arguments = [*options, "labyrinths=1", "random_steps=5", "data_dir=data", STAGES]
-    result = run(tmp_path, "-m", *arguments)
-    assert (result.returncode, result.stderr) == (0, "")
-    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
-    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
-    for name in names:
-        manifest = Manifest.read(tmp_path / "data" / name)
-        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
-        assert f"data/{name} is valid" in spaced(result.stdout)
-
-
-def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_path: Path) -> None:
-    options = ["size=2,3", "task=icy_floor,navigation", "labyrinths=1", "random_steps=5"]
-    result = run(tmp_path, "-m", *options, "data_dir=data", "stages=[build]")
-    assert result.returncode == 1
-    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
-    assert len(errors) == 1
-    assert "size=2x2" in errors[0]
-    assert "Traceback" not in result.stderr
-    assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
 def test_validation_that_fails_names_the_file_and_makes_the_command_fail(

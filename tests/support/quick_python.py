@@ -132,6 +132,10 @@ def begin(connection: socket.socket) -> None:
     for number, file in enumerate(files):
         os.dup2(file, number)
         os.close(file)
+    for number, name in ((1, "stdout"), (2, "stderr")):  # The old ones may remember a file.
+        stream = os.fdopen(number, "w", encoding="utf-8", closefd=False)
+        stream.reconfigure(line_buffering=number == 2 or stream.isatty())
+        setattr(sys, name, stream)
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)

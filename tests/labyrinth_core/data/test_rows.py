@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from labyrinth_core.data.columns import arrow_schema
-from labyrinth_core.data.rows import open_shard, read_schema
+from labyrinth_core.data.rows import open_shard, read_schema, readable
 from pipeline.config.run import Run
 
 
@@ -33,3 +35,16 @@ def test_a_closed_shard_is_out_of_memory_at_once(small_dataset: Run) -> None:
 def _metadata_in_memory() -> int:
     # Not by isinstance, which some libraries' objects answer with a warning.
     return sum(type(each) is pq.FileMetaData for each in gc.get_objects())
+
+
+def test_a_reader_that_is_closed_where_python_ends_says_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def reading() -> Iterator[int]:
+        with readable("shard"):
+            yield 1
+
+    rows = reading()
+    next(rows)
+    monkeypatch.setattr(pa, "ArrowException", None)  # As Python leaves it then.
+    rows.close()

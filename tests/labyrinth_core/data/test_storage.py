@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import socket
@@ -50,9 +51,9 @@ TRAIN = "train-00000-of-00001.parquet"
 
 @pytest.fixture
 def memory() -> Iterator[str]:
-    """The URL of a folder in memory."""
+    """The URL of a folder in memory, whose name looks like a pattern."""
     name = uuid4().hex
-    yield f"memory://{name}/labyrinth"
+    yield f"memory://{name}/run [5x5]*"
     filesystem = fsspec.filesystem("memory")
     if filesystem.exists(f"/{name}"):
         filesystem.rm(f"/{name}", recursive=True)
@@ -70,11 +71,11 @@ def server() -> Iterator[S3Server]:
 
 @pytest.fixture
 def bucket(server: S3Server) -> Iterator[str]:
-    """The URL of a folder in a new bucket."""
+    """The URL of a folder in a new bucket, whose name looks like a pattern."""
     name = uuid4().hex
     fsspec.filesystem("s3", use_listings_cache=False).mkdir(name)
     server.requests.clear()
-    yield f"s3://{name}/data"
+    yield f"s3://{name}/run [5x5]*"
     server.fault = lambda _method, _path: False
 
 
@@ -171,6 +172,14 @@ def test_a_link_stays_and_what_is_not_a_regular_file_is_never_replaced(
                 before.st_mtime_ns,
             )
     assert len(list(tmp_path.iterdir())) == 8
+
+
+def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    for writing in (replacing(path), new_file(path, tmp_path)):
+        with pytest.raises(OSError, match=r"No space left on device: '.*a\.parquet'"), writing:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_only_names_with_their_own_hash_are_those_of_temporary_files(tmp_path: Path) -> None:

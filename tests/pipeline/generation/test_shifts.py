@@ -23,7 +23,6 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.generation import validate as validation
 from pipeline.generation.shifts import stretched
 from pipeline.generation.variants import toggled, walls
 from pipeline.inspection.statistics import count_dataset
@@ -93,19 +92,6 @@ def test_the_splits_of_every_dataset_stay_as_they_are(
 @pytest.mark.slow
 def test_what_was_built_is_valid(shifted: Run) -> None:
     assert problems(shifted.folder) == []
-
-
-@pytest.mark.slow
-def test_the_stage_that_validates_has_a_line_for_each_shift(
-    plain: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
-    validation.run(plain)
-    lines = capsys.readouterr().out.splitlines()
-    manifest = Manifest.read(plain.folder)
-    assert manifest.config.shifts
-    for shift in manifest.config.shifts:
-        held = sum(shard.labyrinths for shard in manifest.of(shift))
-        assert f"  {shift}, {held} labyrinths: {SPLITS[shift].meaning}" in lines
 
 
 @pytest.mark.parametrize("split", [s for s in SPLITS if SPLITS[s].new_start or SPLITS[s].new_goal])

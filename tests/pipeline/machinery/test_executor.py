@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -26,6 +27,7 @@ from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.validate import validate
+from pipeline.machinery import executor
 from pipeline.machinery.executor import cluster, ordered_map
 
 pytestmark = pytest.mark.slow
@@ -239,3 +241,15 @@ def test_dask_that_is_not_installed_is_answered_with_one_line(
         pass
     install = "pip install 'labyrinth-datasets[dask]'"
     assert str(caught.value) == f"executor=dask is not installed: {install}"
+
+
+def test_processes_that_cannot_be_started_are_answered_with_what_they_need(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(executor, "ctrl_c_held_back", fail)
+    expected = r"^workers=2: processes cannot be started \(.*Read-only.*/dev/shm"
+    with pytest.raises(ConfigError, match=expected):
+        list(ordered_map(abs, [1, 2], 2))

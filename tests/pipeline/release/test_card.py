@@ -474,8 +474,7 @@ def test_the_stage_says_in_one_line_what_was_written(folder, capsys):
     run = resolve(RunConfig(stages=["card"], size="3", data_dir=str(folder)))
     card.run(run)
     last = capsys.readouterr().out.splitlines()[-1]
-    rows = sum(s.rows for n in (DEFAULT, OTHER) for s in Manifest.read(folder / n).shards)
-    assert last.startswith(f"{folder / 'README.md'} describes 3x3, 3x4-key_and_door: {rows:,} rows")
+    assert last == f"{folder / 'README.md'} describes 3x3, 3x4-key_and_door."
 
 
 def test_the_stage_is_performed_unless_told_otherwise():

@@ -1,0 +1,79 @@
+"""The command lines that a command suggests to do next."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from commands import RUN, run
+from quick_python import python
+
+from pipeline.config.publish import PublishOptions
+from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.machinery.hints import hints
+
+
+@pytest.mark.slow
+def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
+    small_dataset: Run, tmp_path: Path
+) -> None:
+    shutil.copytree(small_dataset.data_dir, tmp_path / "my data's")
+    (tmp_path / "my own").mkdir()
+    (tmp_path / "my own/small.yaml").write_text(
+        "defaults: [config, _self_]\nsize: 3\nlabyrinths: 8"
+    )
+    flags = ["--config-name=small", "--config-dir", "my own"]
+    printed = run(tmp_path, *flags, "stages=build", """data_dir="my data's\"""").stdout
+    purpose, _, hint = printed.splitlines()[-1].partition(": ")
+    assert purpose == "Next, to replay every row and describe it"
+    assert hint.startswith(
+        f"python {RUN} --config-name=small '--config-dir={tmp_path}/my own' size=3"
+    )
+    for shell in ("bash", "zsh"):
+        if shutil.which(shell):
+            path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
+            env = os.environ | {"PATH": path}
+            pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
+            assert pasted.returncode == 0
+    assert (tmp_path / "my data's" / "README.md").is_file()
+
+
+@pytest.mark.parametrize(
+    ("stages", "expected"),
+    [
+        (["build"], "Next, to replay every row and describe it: "),
+        (["build", "validate", "analyse", "card"], "Next, to look at it in a browser: "),
+        (["train", "evaluate"], "Next, to compare it with others: "),
+        (["validate"], None),
+        (["card"], None),
+        (["report"], None),
+        (["results"], None),
+    ],
+)
+def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(
+    stages: list[str], expected: str | None
+) -> None:
+    given = ["size=3", "stages=[x]", "+overwrite=true", "publish.repo_id=a/b", "seed=1"]
+    lines = hints(resolve(RunConfig(stages=tuple(stages), size="3")), given)
+    assert len(lines) == (expected is not None)
+    for line in lines:
+        assert line.startswith(str(expected))
+        words = shlex.split(line.partition(": ")[2])
+        *_, size, seed, named = words
+        assert (size, seed) == ("size=3", "seed=1")
+        stages = named.partition("=")[2].strip("[]").split(",")
+        resolve(RunConfig(stages=tuple(stages), size="3"))
+
+
+def test_a_publication_says_what_loads_it_and_a_rehearsal_nothing() -> None:
+    publish = PublishOptions(repo_id="a/b", version="1.0.0")
+    options = RunConfig(stages=("publish",), publish=publish)
+    (line,) = hints(resolve(options), [])
+    assert line == "Next: load_transitions takes the id of the dataset, from any machine."
+    rehearsed = replace(options, publish=replace(publish, dry_run=True))
+    assert hints(resolve(rehearsed), []) == []

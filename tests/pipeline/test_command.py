@@ -1,0 +1,198 @@
+"""What a command does with errors of all kinds, and with a sweep of several runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import RUN, error_of, run, spaced
+from quick_python import python
+
+from labyrinth_core.data.manifest import Manifest
+from pipeline.config.run import Run
+
+pytestmark = pytest.mark.slow
+
+PROGRAM = """
+import sys
+from omegaconf.errors import OmegaConfBaseException
+from pipeline import __main__
+from pipeline.generation import build
+
+def run(run):
+    {stage}
+
+build.run = run
+sys.exit(__main__.main())
+"""
+"""The program with another stage."""
+
+
+@pytest.mark.parametrize("sweep", [[], ["-m", "seed=1,2"]], ids=["run", "sweep"])
+@pytest.mark.parametrize(
+    "error",
+    ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseException"],
+)
+def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
+    tmp_path: Path, error: str, sweep: list[str]
+) -> None:
+    done = subprocess.run(
+        [python(), "-c", PROGRAM.format(stage=f"raise {error}('my own')"), *sweep, "stages=build"],
+        env={"PYTHONPATH": str(RUN.parent), "TMPDIR": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "error:" not in done.stderr
+    runs = 2 if sweep else 1
+    assert done.stderr.count("Traceback (most recent call last):") == runs
+    assert len(re.findall(r"^[\w.]+: '?my own'?$", done.stderr, re.MULTILINE)) == runs
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str) -> None:
+    stage = r"from pipeline.machinery.console import say; say('50 \u00b1 1 \u2026 \u0416')"
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            PROGRAM.format(stage=stage),
+            "-m",
+            "stages=build",
+            'data_dir="\u0416"',
+        ],
+        env={"PYTHONPATH": str(RUN.parent), "PYTHONIOENCODING": encoding, "PYTHONUTF8": "1"},
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    expected = "50 \u00b1 1 \u2026 \u0416".encode(encoding, "backslashreplace")
+    assert expected in done.stdout
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) -> None:
+    options = ["size=2x3", "labyrinths=2", "workers=2", "stages=[build,validate]"]
+    command = shlex.join([sys.executable, str(RUN), *options])
+    done = subprocess.run(f"{command} {closed}", shell=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "data/labyrinth/2x3/manifest.json").is_file()
+
+
+def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
+    options = ["size=3,2x4", "task=navigation,partial_observability"]
+    arguments = [
+        *options,
+        "labyrinths=1",
+        "random_steps=5",
+        "data_dir=data",
+        "stages=[build,validate]",
+    ]
+    result = run(tmp_path, "-m", *arguments)
+    assert (result.returncode, result.stderr) == (0, "")
+    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
+    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
+    for name in names:
+        manifest = Manifest.read(tmp_path / "data" / name)
+        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
+        assert f"data/{name} is valid" in spaced(result.stdout)
+
+
+def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_path: Path) -> None:
+    options = ["size=2,3", "task=icy_floor,navigation", "labyrinths=1", "random_steps=5"]
+    result = run(tmp_path, "-m", *options, "data_dir=data", "stages=[build]")
+    assert result.returncode == 1
+    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert "size=2x2" in errors[0]
+    assert "Traceback" not in result.stderr
+    assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
+
+
+@pytest.mark.parametrize("flag", ["-m", "--multi", "--multirun", "hydra.mode=MULTIRUN"])
+def test_a_sweep_leaves_nothing_of_its_own_wherever_temporary_files_are(
+    tmp_path: Path, flag: str
+) -> None:
+    temporary = tmp_path / 'it\'s "here" ${now}'
+    temporary.mkdir()
+    env = os.environ | {"TMPDIR": str(temporary)}
+    options = ["size=2x3,3x2", "labyrinths=1", "data_dir=data", "stages=build"]
+    result = run(tmp_path, flag, *options, env=env)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "data").iterdir()} == {"2x3", "3x2", "README.md"}
+    assert {path.name for path in tmp_path.iterdir()} == {"data", temporary.name}
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    mine = "defaults: [config, _self_]\nsize: 2x3\nlabyrinths: 1\nhydra: {sweep: {dir: of_file}}"
+    (own / "mine.yaml").write_text(mine)
+    flags = ["--config-dir", "own", "--config-name", "mine", "-m", "stages=build"]
+    for given, used in ([], "of_file"), (["hydra.sweep.dir=typed"], "typed"):
+        result = run(tmp_path, *flags, *given)
+        assert (result.returncode, result.stderr) == (0, "")
+        assert (tmp_path / used / "multirun.yaml").is_file()
+
+
+@pytest.mark.parametrize("text", ["size: [5", 'size: "\x01"', "size: 5\nsize: 4", "size: 'a"])
+def test_a_broken_file_of_options_is_answered_with_its_name_in_one_line(
+    tmp_path: Path, text: str
+) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    error = error_of(run(tmp_path, "--config-dir", ".", "--config-name", "mine"))
+    assert re.search(r'in ".*/mine.yaml", (line|position) \d', error)
+
+
+def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
+    *lines, last = run(tmp_path, "size=3", "workers=2").stdout.splitlines()
+    assert len(lines) < 24
+    assert all(len(line) <= 80 for line in lines)
+    assert lines[-5:] == [
+        "To load it: load_dataset('data/labyrinth', '3x3')",
+        "data/labyrinth/3x3 is valid: 4,052 rows replayed.",
+        "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
+        "data/labyrinth/3x3/analysis.json has near-twins and tests of shift.",
+        "data/labyrinth/README.md describes 3x3.",
+    ]
+    assert last.startswith("Next, to look at it in a browser: python ")
+
+
+@pytest.mark.parametrize("stage", ["card", "report", "publish", "analyse", "validate", "export"])
+def test_a_stage_that_is_asked_about_a_dataset_that_is_not_there_says_so(
+    tmp_path: Path, small_dataset: Run, stage: str
+) -> None:
+    options = [f"stages={stage}", "publish.repo_id=a/b", "publish.version=1.0.0"]
+    options += ["export.format=minari", f"data_dir={small_dataset.data_dir}"]
+    for named in (["size=4"], ["size=3", "task=icy_floor"]):
+        assert "holds no" in error_of(run(tmp_path, *named, *options))
+
+
+def test_a_stage_of_all_datasets_needs_no_size(tmp_path: Path, small_dataset: Run) -> None:
+    shutil.copytree(small_dataset.data_dir, tmp_path / "data")
+    for named in ([], ["size=3"]):
+        assert run(tmp_path, "data_dir=data", "stages=report", *named).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["a [5x5]", "a::b", "a b"])
+def test_the_line_that_loads_a_dataset_works_wherever_it_was_made(
+    tmp_path: Path, name: str
+) -> None:
+    folder = tmp_path / name
+    folder.mkdir()
+    made = run(folder, "size=2x3", "labyrinths=1", "stages=build")
+    (line,) = re.findall(r"^To load it: (.*)$", made.stdout, re.MULTILINE)
+    program = f"from datasets import *; from labyrinth_core import *; assert len({line})"
+    environment = os.environ | {"HF_HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    loaded = subprocess.run([python(), "-c", program], cwd=folder, env=environment, check=False)
+    assert loaded.returncode == 0
