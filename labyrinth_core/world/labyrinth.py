@@ -64,9 +64,9 @@ class State(NamedTuple):
     door_open: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Structure:
-    """The open passages between neighbouring cells of a grid."""
+    """The open passages between neighbouring cells of a grid; ordered as its fields are."""
 
     height: int
     width: int
@@ -214,14 +214,11 @@ class Structure:
         return images[:8]
 
     def canonical(self) -> Structure:
-        """Return the smaller of the structure and its transpose, if that has the same shape.
+        """Return the smaller of the structure and its transpose, by height, width and passages.
 
         The transpose is the reflection that keeps the default start and goal in place.
         """
-        if self.height != self.width:
-            return self
-        image = self.transposed()
-        return image if (image.up, image.right) < (self.up, self.right) else self
+        return min(self, self.transposed())
 
 
 def breadth_first(
