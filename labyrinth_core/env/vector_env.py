@@ -174,8 +174,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             values |= {"labyrinth": None, "labyrinths": kept}
         self._spec = write_plainly(spec, values, self._limit)
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+    @property  # Read alone, as Gymnasium's own vectors have it.
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[misc, override]
         """The generator of each sub-environment."""
         generators = tuple(map(self._generator, range(self.num_envs)))
         if self._next is not None:  # Nothing is drawn ahead of a caller's own draws.
@@ -353,7 +353,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             infos[name] = values if mask is None else _only(values, mask)
         return infos
 
-    def render(self) -> tuple[Frame | list[Frame], ...] | None:
+    def render(self) -> tuple[Any, ...] | None:
         """Return the picture, 600 x 600 x 3, or the drawing of each sub-environment.
 
         If the mode is one of lists, return all of the episode since the last call, in a list each.

@@ -7,10 +7,11 @@ set over cells is an integer whose bit `c`, counted from the lowest, stands for 
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from enum import IntEnum
 from math import inf
-
-import numpy as np
+from numbers import Integral
+from operator import index
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
@@ -83,10 +84,11 @@ def whole(
     Raises:
         ValueError: The value is of another type, such as `bool`, or out of bounds.
     """
-    counts = type(value) is int or (  # The usual case, without a look at the others.
-        isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64))
-    )
-    if counts and least <= (number := int(value)) <= most:
+    number = value if type(value) is int else None
+    if number is None and isinstance(value, Integral) and not isinstance(value, bool):
+        with suppress(TypeError):  # NumPy has lengths of time as whole numbers, too.
+            number = index(value)
+    if number is not None and least <= number <= most:
         return number
     bounds = f" from {least} on" if most == inf else f" from {least} to {most}"
     allowed = allowed or f"a whole number{'' if least == -inf else bounds}"
