@@ -174,8 +174,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             values |= {"labyrinth": None, "labyrinths": kept}
         self._spec = write_plainly(spec, values, self._limit)
 
-    @property  # Read alone, as Gymnasium's own vectors have it.
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[misc, override]
+    @property  # type: ignore[misc]  # Read alone, as Gymnasium's own vectors have it.
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each sub-environment."""
         generators = tuple(map(self._generator, range(self.num_envs)))
         if self._next is not None:  # Nothing is drawn ahead of a caller's own draws.

@@ -294,11 +294,14 @@ def grid_of(height: int, width: int, wall_pixels: int | None = None) -> Grid:
     """Return where the walls are in labyrinths of a size; see `Style` for their thickness.
 
     Raises:
-        ValueError: The labyrinth is too large for every wall to have a pixel.
+        ValueError: The labyrinth is too large for every wall to have a pixel, or `wall_pixels` is
+            not a whole number from 1 on.
     """
     most, usual = max(height, width), usual_wall_pixels(height, width)
     thickest = max(usual, PICTURE_SIZE // (4 * most))
-    thickness = usual if wall_pixels is None else min(wall_pixels, thickest)
+    thickness = usual
+    if wall_pixels is not None:
+        thickness = min(whole("wall_pixels", wall_pixels, 1), thickest)
     span = PICTURE_SIZE - thickness
 
     def lines(count: int) -> tuple[int, ...]:

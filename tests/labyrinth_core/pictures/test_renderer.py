@@ -419,3 +419,5 @@ def test_a_size_of_numpys_draws_the_same_and_what_is_no_size_is_refused():
             render(labyrinth, state, size)
         with pytest.raises(ValueError, match=refused):
             draw(views, size)
+    with pytest.raises(ValueError, match=r"^wall_pixels=0: give a whole number from 1 on$"):
+        render(labyrinth, state, style=Style(wall_pixels=0))
