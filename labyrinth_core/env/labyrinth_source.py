@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -225,11 +226,13 @@ def write_plainly(spec: EnvSpec | None, values: Mapping[str, Any], limit: int) -
     """Return the specification of an environment in plain values, so that it has a JSON form.
 
     Args:
-        spec: What Gymnasium made of the arguments, which is changed.
+        spec: What Gymnasium made of the arguments.
         values: The values of arguments by name, as texts and numbers of Python's.
         limit: The number of steps after which an episode is truncated.
     """
-    if spec is not None:
-        spec.kwargs |= {name: value for name, value in values.items() if name in spec.kwargs}
-        spec.max_episode_steps = limit
-    return spec
+    if spec is None:
+        return None
+    plain = copy(spec)
+    given = {name: value for name, value in values.items() if name in spec.kwargs}
+    plain.kwargs, plain.max_episode_steps = spec.kwargs | given, limit
+    return plain
