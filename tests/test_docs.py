@@ -96,6 +96,11 @@ def test_the_example_of_the_language_is_canonical():
     assert dump(parse(example)) == example
 
 
+@pytest.mark.parametrize("document", CURRENT, ids=lambda path: path.name)
+def test_no_code_escapes_a_bar_which_the_site_would_show_with_its_backslash(document):
+    assert not re.findall(r"`[^`\n]*\\\|[^`\n]*`", document.read_text(encoding="utf-8"))
+
+
 def test_the_check_runs_the_test_command_of_the_readme():
     command = re.search(r"^pip install -c .*$", README, re.MULTILINE)
     assert command is not None

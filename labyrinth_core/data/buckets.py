@@ -1,8 +1,8 @@
 """The part of all structures that may be in train, in validation and in test, in every dataset.
 
 A hash of the structure decides, so that what a policy may have learnt from and what it is judged on
-never coincide: within a dataset, across datasets of other seeds or lengths (with the same
-`buckets`), and in labyrinths that are drawn without a dataset.
+never coincide: within a dataset, across datasets of other seeds or lengths, or of rows and columns
+exchanged (with the same `buckets`), and in labyrinths that are drawn without a dataset.
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ def bucket_of(config: DatasetConfig, structure: Structure) -> str | None:
     split = split_of(structure, config.buckets)
     if config.goals == "fixed":
         return split
-    images = [each for each in structure.symmetries() if each.height == structure.height]
-    least = min(images, key=lambda image: (image.up, image.right))
+    least = min(structure.symmetries())
     return split if split_of(least, config.buckets) == split else None
 
 

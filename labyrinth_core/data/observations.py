@@ -19,6 +19,7 @@ from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, draw, draw_many
 from labyrinth_core.pictures.vector import vector_observation, vector_observations
 from labyrinth_core.world.dynamics import State, state_at
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth
 
 OBSERVATIONS = ("image", "vector", "text")
@@ -64,11 +65,8 @@ class ObservationSpec:
         if self.observation not in OBSERVATIONS:
             allowed = ", ".join(OBSERVATIONS)
             raise ValueError(f"observation={self.observation}: choose one of {allowed}")
-        size = self.image_size
-        if not isinstance(size, int | np.integer) or size not in range(1, PICTURE_SIZE + 1):
-            raise ValueError(
-                f"image_size={size!r}: give a whole number of pixels from 1 to {PICTURE_SIZE}"
-            )
+        size = whole("image_size", self.image_size, 1, PICTURE_SIZE)
+        object.__setattr__(self, "image_size", size)
         if self.resize not in RESIZES:
             raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
 

@@ -25,6 +25,7 @@ from labyrinth_core.data.rows import (
 )
 from labyrinth_core.data.source import local_folder, locate
 from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.world.grid import whole
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
@@ -222,14 +223,9 @@ def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] |
         ranges = _row_ranges(wanted, manifest)
         left = len(ranges)
     if labyrinths is not None:
-        whole = isinstance(labyrinths, int | np.integer) and not isinstance(labyrinths, bool)
-        if not whole or not 1 <= labyrinths <= left:
-            filtered = "" if where is None else f" where {where}"
-            raise ValueError(
-                f"labyrinths={labyrinths!r:.99}: give a whole number from 1 to {left}, as "
-                f"many as split={split} has{filtered}"
-            )
-        left = labyrinths
+        filtered = "" if where is None else f" where {where}"
+        held = f"a whole number from 1 to {left}, as many as split={split} has{filtered}"
+        left = whole("labyrinths", labyrinths, 1, left, allowed=held)
     if left == count:
         return None
     if manifest.labyrinths is None:

@@ -27,6 +27,7 @@ from labyrinth_core.data.part import Filter, Wanted, find_part
 from labyrinth_core.data.rows import TOGETHER, Rows, joined
 from labyrinth_core.data.transitions import LoadedEpisode, Transition
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.world.grid import whole
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -40,19 +41,11 @@ TOGETHER_BYTES = 8 << 20
 Item = TypeVar("Item", covariant=True)
 
 
-def _whole(value: Any, name: str, least: int, allowed: str, end: float = np.inf) -> int:
-    """Return a whole number; raise ValueError for any other value."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not least <= value < end:
-        raise ValueError(f"{name}={value!r:.99}: give {allowed}")
-    return int(value)
-
-
 def _rows_shuffled(shuffle: bool | int) -> int:
     """Return how many rows are shuffled together, 0 for none."""
     if isinstance(shuffle, bool):
         return BUFFER * shuffle
-    return _whole(shuffle, "shuffle", 1, "True, False or a number of rows from 1 on")
+    return whole("shuffle", shuffle, 1, allowed="True, False or a number of rows from 1 on")
 
 
 def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
@@ -60,8 +53,8 @@ def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
     if rank is None and ranks is None:
         given = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
         rank, ranks = (int(text) if text.isdecimal() else text for text in given)
-    ranks = _whole(ranks, "world_size", 1, "a whole number from 1 on")
-    return _whole(rank, "rank", 0, f"a whole number from 0 to {ranks - 1}", ranks), ranks
+    ranks = whole("world_size", ranks, 1)
+    return whole("rank", rank, 0, ranks - 1), ranks
 
 
 class Stream(Generic[Item]):
@@ -82,7 +75,7 @@ class Stream(Generic[Item]):
     ) -> None:
         self._spec, self._items_of = spec, items_of
         self._buffer = _rows_shuffled(shuffle)
-        self._seed = _whole(seed, "seed", 0, "a whole number from 0 on")
+        self._seed = whole("seed", seed, 0)
         self._rank, self._ranks = _share_of_ranks(rank, world_size)
         self._found = find_part(wanted, in_place=True)
         self._epoch: Any = np.zeros((), np.int64)
@@ -122,7 +115,7 @@ class Stream(Generic[Item]):
         Raises:
             ValueError: The epoch is not a whole number from 0 on.
         """
-        epoch = _whole(epoch, "epoch", 0, "a whole number from 0 on")
+        epoch = whole("epoch", epoch, 0)
         if epoch != int(self._epoch):
             self._at, self._loaded = None, False
         self._epoch[...] = epoch

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from labyrinth_core.env.labyrinth_source import (
     Size,
     chosen,
     step_limit,
+    write_plainly,
 )
 from labyrinth_core.env.observation import Kind, Observation, Observer
 from labyrinth_core.language.drawing import draw_text
@@ -31,6 +33,7 @@ from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, state_at
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.state_tables import tabulate
 
@@ -60,9 +63,12 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
       at the goal, on ice, or where no route leads to the goal.
     - `distance`: the least number of moves to the goal, -1 where no route leads there.
     - `is_success`: whether the agent is on the goal, bool.
+
+    A copy of an environment in the middle of an episode goes on from there, and shows no window.
     """
 
     metadata: dict[str, Any] = {"render_modes": SHOWN_HERE, "render_fps": 10}  # noqa: RUF012
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -113,6 +119,21 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         self._window: Window | None = None
         self._over = True
 
+    def __getstate__(self) -> dict[str, Any]:
+        # A window cannot be copied, and one that a copy draws in or closes would be this one's.
+        shown = self.render_mode == "human"
+        return vars(self) | {"_window": None, "render_mode": None if shown else self.render_mode}
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` makes this environment again from; None without `make`."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        values = self.source.plainly() | {"image_size": self._observer.image_size}
+        self._spec = write_plainly(spec, values, self._limit)
+
     def _set_shape(self, shape: Shape) -> None:
         """Adapt the observation space to the shape of a labyrinth."""
         self._shape = shape
@@ -144,9 +165,10 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
                 `max_episode_steps`, a limit for this episode instead of the constructor's.
 
         Raises:
-            ValueError: An option has no such name, or a value that is impossible.
+            ValueError: The seed or an option has a value that is impossible, or there is no such
+                option.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else whole("seed", seed, 0))
         options = dict(options or {})
         most = options.pop("max_episode_steps", None)
         labyrinth = self.source.draw(self.np_random, options)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from operator import index
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
 
-from labyrinth_core.language.text import load, parse
+from labyrinth_core.language.text import dump, load, parse
 from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.grid import parse_size
+from labyrinth_core.world.grid import parse_size, whole
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import check_apart, sample_labyrinth, wish_text
 from labyrinth_core.world.tasks import place
@@ -43,6 +45,12 @@ class LabyrinthSource(NamedTuple):
     shape: Shape
     kept: Labyrinth | None = None
     """The labyrinth of every episode; None to sample one for each."""
+
+    def plainly(self) -> dict[str, Any]:
+        """Return the arguments that give this source again, as texts."""
+        height, width, task = self.shape
+        labyrinth = None if self.kept is None else dump(self.kept)
+        return {"size": f"{height}x{width}", "task": str(task), "labyrinth": labyrinth}
 
     @classmethod
     def of(cls, size: Size, task: Task | str, kept: LabyrinthLike | None) -> LabyrinthSource:
@@ -89,18 +97,51 @@ class LabyrinthSource(NamedTuple):
             raise ValueError(f"{wish}: this labyrinth cannot hold it; {error}") from error
 
 
+def sources_of(
+    num_envs: int,
+    size: Size,
+    task: Task | str,
+    labyrinth: LabyrinthLike | None,
+    labyrinths: Sequence[LabyrinthLike] | None,
+) -> list[LabyrinthSource]:
+    """Return the source of each sub-environment's labyrinths, or those of more labyrinths.
+
+    Raises:
+        ValueError: An argument has a value that is impossible.
+    """
+    if labyrinths is None:
+        return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
+    if labyrinth is not None:
+        raise ValueError("give labyrinth or labyrinths, not both")
+    if not labyrinths:
+        raise ValueError("labyrinths: give at least one")
+    sources = [LabyrinthSource.of(size, task, kept) for kept in labyrinths]
+    for source in sources:
+        assert source.kept is not None
+        check_shape(source.kept, sources[0].shape)
+    return [sources[place % len(sources)] for place in range(max(num_envs, len(sources)))]
+
+
+def check_shape(labyrinth: Labyrinth, shape: Shape) -> None:
+    """Raise ValueError if a labyrinth is not of the size and task of a vector environment."""
+    if Shape.of(labyrinth) != shape:
+        raise ValueError(
+            f"all labyrinths of a vector environment have one size and task: here "
+            f"{shape.height}x{shape.width} and {shape.task}, "
+            f"not {labyrinth.size_name} and {labyrinth.task}"
+        )
+
+
 def _as_cell(name: str, value: Any, height: int, width: int) -> int:
     """Return the cell at a `(row, column)`."""
     try:
-        row, column = map(index, value)
-        if 0 <= row < height and 0 <= column < width:
-            return row * width + column
-    except (TypeError, ValueError):
-        pass
-    raise ValueError(
-        f"{name}={value!r}: give (row, column), rows from 0 (bottom) to {height - 1}, "
-        f"columns from 0 (left) to {width - 1}"
-    )
+        row, column = value
+        return whole("row", row, 0, height - 1) * width + whole("column", column, 0, width - 1)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{name}={value!r}: give (row, column), rows from 0 (bottom) to {height - 1}, "
+            f"columns from 0 (left) to {width - 1}"
+        ) from error
 
 
 def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
@@ -137,6 +178,38 @@ def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
     raise ValueError(f"labyrinth={labyrinth!r}: give a Labyrinth, its text, or the path of a file")
 
 
+def checked_seeds(seed: object, num_envs: int) -> list[int | None]:
+    """Return the seed of each sub-environment, given one for each or the first; None for none.
+
+    Raises:
+        ValueError: A seed is not a whole number from 0 on, or there are too few or too many.
+    """
+    if seed is None:
+        return [None] * num_envs
+    if not isinstance(seed, (Sequence, np.ndarray)):
+        first = whole("seed", seed, 0)
+        return [*range(first, first + num_envs)]
+    if len(seed) != num_envs:
+        raise ValueError(f"seed: give one, or {num_envs} of them, not {len(seed)}")
+    return [None if each is None else whole("seed", each, 0) for each in seed]
+
+
+def checked_mask(mask: object, num_envs: int) -> NDArray[np.bool_]:
+    """Return the mask of the sub-environments that begin an episode: all if it is None.
+
+    Raises:
+        ValueError: The mask is not an array of booleans for them, or selects none.
+    """
+    shape = (num_envs,)
+    if mask is None:
+        return np.ones(shape, np.bool_)
+    if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == shape):
+        raise ValueError(f"option 'reset_mask': give a bool array of shape {shape}, not {mask!r}")
+    if not mask.any():
+        raise ValueError("option 'reset_mask': at least one entry must be True")
+    return np.array(mask)
+
+
 def step_limit(cells: int, max_episode_steps: int | None) -> int:
     """Return the number of steps after which an episode in a labyrinth is truncated.
 
@@ -145,6 +218,20 @@ def step_limit(cells: int, max_episode_steps: int | None) -> int:
     """
     if max_episode_steps is None:
         return STEP_LIMIT * cells
-    if not isinstance(max_episode_steps, int | np.integer) or max_episode_steps < 1:
-        raise ValueError(f"max_episode_steps={max_episode_steps}: give a whole number from 1 on")
-    return min(STEP_LIMIT * cells, int(max_episode_steps))
+    return min(STEP_LIMIT * cells, whole("max_episode_steps", max_episode_steps, 1))
+
+
+def write_plainly(spec: EnvSpec | None, values: Mapping[str, Any], limit: int) -> EnvSpec | None:
+    """Return the specification of an environment in plain values, so that it has a JSON form.
+
+    Args:
+        spec: What Gymnasium made of the arguments.
+        values: The values of arguments by name, as texts and numbers of Python's.
+        limit: The number of steps after which an episode is truncated.
+    """
+    if spec is None:
+        return None
+    plain = copy(spec)
+    given = {name: value for name, value in values.items() if name in spec.kwargs}
+    plain.kwargs, plain.max_episode_steps = spec.kwargs | given, limit
+    return plain

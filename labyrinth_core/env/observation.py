@@ -15,6 +15,7 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.pictures.vector import GONE, ICE, WALL, tile_count, vector_observation
 from labyrinth_core.world.dynamics import state_at, state_count
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 
 Kind = Literal["image", "vector", "state"]
@@ -35,15 +36,11 @@ class Observer:
 
     def __init__(self, kind: Kind, image_size: int) -> None:
         chosen("observation", kind, get_args(Kind))
-        if image_size not in range(1, PICTURE_SIZE + 1):
-            raise ValueError(
-                f"image_size={image_size}: give a whole number of pixels from 1 to {PICTURE_SIZE}"
-            )
         self.kind = kind
-        self._image_size = int(image_size)
+        self.image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
         self._together = 1
         if kind == "image":
-            self._together = max(1, min(TOGETHER, TOGETHER_BYTES // (3 * self._image_size**2)))
+            self._together = max(1, min(TOGETHER, TOGETHER_BYTES // (3 * self.image_size**2)))
         self._cached: Callable[[Labyrinth, int], Array] | None = None
         self._latest: tuple[Labyrinth | None, int, Any] = None, 0, None
         """A labyrinth, the number of a block of its states, and their observations."""
@@ -60,7 +57,7 @@ class Observer:
         - `state`: `Discrete(states)`, the number that `dynamics.state_index` gives a state.
         """
         if self.kind == "image":
-            return Box(0, 255, (self._image_size, self._image_size, 3), np.uint8)
+            return Box(0, 255, (self.image_size, self.image_size, 3), np.uint8)
         if self.kind == "state":
             return Discrete(height * width * (3 if task is Task.KEY_AND_DOOR else 1))
         entries, tiles = (2 * height - 1) * (2 * width - 1), tile_count(task)
@@ -96,5 +93,5 @@ class Observer:
             return np.array([number for _, number in shown])
         views = [(labyrinth, state_at(labyrinth, number)) for labyrinth, number in shown]
         if self.kind == "image":
-            return draw(views, self._image_size)
+            return draw(views, self.image_size)
         return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Discrete
 from gymnasium.utils import seeding
@@ -22,11 +23,14 @@ from labyrinth_core.env.environment import REWARDS
 from labyrinth_core.env.gallery import Gallery
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
-    LabyrinthSource,
-    Shape,
     Size,
+    check_shape,
+    checked_mask,
+    checked_seeds,
     chosen,
+    sources_of,
     step_limit,
+    write_plainly,
 )
 from labyrinth_core.env.next_labyrinths import NextLabyrinths
 from labyrinth_core.env.observation import Kind, Observer
@@ -35,6 +39,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import state_at
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.state_tables import Tables, tabulate
 
@@ -42,7 +47,9 @@ Mask = NDArray[np.bool_]
 Batch = NDArray[Any]
 Infos = dict[str, Any]
 
-RENDER_MODES = ("rgb_array", "ansi")
+Frame = NDArray[np.uint8] | str
+
+RENDER_MODES = ("rgb_array", "ansi", "rgb_array_list", "ansi_list")
 PICTURE_MEMORY = 2**30
 """The bytes for pictures that are kept by default; it holds 50,000 labyrinths of 5x5 at 64 x 64."""
 
@@ -56,6 +63,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
     `copy=False`, and except that those of strings in the infos are read-only, and the same ones
     until a labyrinth changes.
     """
+
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -91,7 +100,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             max_episode_steps: A limit below `40 * width * height` steps.
             autoreset_mode: When a sub-environment begins its next episode: at the step after the
                 last of an episode, in that same step, or never by itself.
-            render_mode: What `render` returns for each: `rgb_array` or `ansi`.
+            render_mode: What `render` returns for each: `rgb_array` or `ansi`, or `rgb_array_list`
+                or `ansi_list` for all of the episode since the last call.
             copy: Whether each step returns pictures in an array of its own. Otherwise it is always
                 the same, read-only array, which the next step changes.
             picture_memory: The most bytes for pictures that are kept to be changed, some 20 KB
@@ -101,11 +111,14 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         Raises:
             ValueError: An argument has a value that is impossible.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs={num_envs}: give a whole number from 1 on")
+        num_envs = whole("num_envs", num_envs, 1)
         if render_mode is not None:
             chosen("render_mode", render_mode, RENDER_MODES)
         self.num_envs = num_envs
+        self._frames: list[list[Frame]] | None = None
+        """The frames of each that are not rendered yet, if the mode is one of lists."""
+        if render_mode is not None and render_mode.endswith("_list"):
+            self._frames = [[] for _ in range(num_envs)]
         self.render_mode = render_mode
         self.autoreset_mode = chosen("autoreset_mode", autoreset_mode, AutoresetMode)
         self.metadata = {
@@ -113,18 +126,19 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             "render_fps": 10,
             "autoreset_mode": self.autoreset_mode,
         }
-        self._sources = _sources(num_envs, size, task, labyrinth, labyrinths)
+        self._sources = sources_of(num_envs, size, task, labyrinth, labyrinths)
+        self._given = None if labyrinths is None else len(labyrinths)
         self._turns: NDArray[np.int64] | None = None
         """The number of the labyrinth in which each begins its next episode, of more than those."""
         if len(self._sources) > num_envs:
             self._turns = np.arange(num_envs)
         self._shape = self._sources[0].shape
         self._observer = Observer(observation, image_size)
-        if picture_memory < 0:
-            raise ValueError(f"picture_memory={picture_memory}: give a number of bytes, 0 or more")
+        image_size = self._observer.image_size
+        memory = whole("picture_memory", picture_memory, 0)
         self._gallery: Gallery | None = None
         if observation == "image":
-            self._gallery = Gallery(num_envs, self._shape, image_size, picture_memory, copy=copy)
+            self._gallery = Gallery(num_envs, self._shape, image_size, memory, copy=copy)
         self._normalised = chosen("reward", reward, REWARDS) == "normalised"
         self._limit = step_limit(self._shape.height * self._shape.width, max_episode_steps)
         self.single_action_space = Discrete(4)
@@ -132,6 +146,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self.single_observation_space = self._observer.space(*self._shape)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._seeds: list[int | None] = [None] * num_envs
         self._stack = Stack(num_envs, *self._shape)
         self._next: NextLabyrinths | None = None
         if self._sources[0].kept is None and NextLabyrinths.pay(num_envs, self._shape):
@@ -139,6 +154,39 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self._begun = np.zeros(num_envs, np.bool_)
         self._over = np.zeros(num_envs, np.bool_)
         self._steps = np.zeros(num_envs, np.int64)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make_vec` makes these environments again from; None without it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        values = self._sources[0].plainly() | {
+            "num_envs": self.num_envs,
+            "image_size": self._observer.image_size,
+            "autoreset_mode": self.autoreset_mode.value,
+        }
+        if spec is not None and spec.kwargs.get("max_episode_steps") is not None:
+            values["max_episode_steps"] = self._limit
+        if self._given is not None:
+            kept = [source.plainly()["labyrinth"] for source in self._sources[: self._given]]
+            values |= {"labyrinth": None, "labyrinths": kept}
+        self._spec = write_plainly(spec, values, self._limit)
+
+    @property  # type: ignore[misc]  # Read alone, as Gymnasium's own vectors have it.
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each sub-environment."""
+        generators = tuple(map(self._generator, range(self.num_envs)))
+        if self._next is not None:  # Nothing is drawn ahead of a caller's own draws.
+            for place, generator in enumerate(generators):
+                self._next.forget(place, generator)
+        return generators
+
+    @property
+    def np_random_seed(self) -> tuple[int | None, ...]:  # type: ignore[override]
+        """The seed of each sub-environment."""
+        return tuple(self._seeds[place] for place, _ in enumerate(self.np_random))
 
     def reset(
         self,
@@ -158,35 +206,19 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             ValueError: A seed, an option or the mask has a value that is impossible.
         """
         options = dict(options or {})
-        mask = self._checked_mask(options.pop("reset_mask", None))
+        mask = checked_mask(options.pop("reset_mask", None), self.num_envs)
         if not (self._begun | mask).all():
             raise ResetNeeded("no episode is under way in some: call reset() without reset_mask")
-        if isinstance(seed, (int, np.integer)):
-            seed = range(int(seed), int(seed) + self.num_envs)
-        seeds = [None] * self.num_envs if seed is None else seed
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed: give one, or {self.num_envs} of them, not {len(seeds)}")
-        for place, number in enumerate(seeds):
+        for place, number in enumerate(checked_seeds(seed, self.num_envs)):
             if mask[place] and number is not None:
                 if self._next is not None:
                     self._next.forget(place, None)
-                self._generators[place], _ = seeding.np_random(number)
+                self._generators[place], self._seeds[place] = seeding.np_random(number)
                 if self._turns is not None:
-                    self._turns[place] = int(number) % len(self._sources)
+                    self._turns[place] = number % len(self._sources)
         self._restart(mask, options)
+        self._collect(mask)
         return self._observe(), self._infos(mask)
-
-    def _checked_mask(self, mask: object) -> Mask:
-        shape = (self.num_envs,)
-        if mask is None:
-            return np.ones(shape, np.bool_)
-        if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == shape):
-            raise ValueError(
-                f"option 'reset_mask': give a bool array of shape {shape}, not {mask!r}"
-            )
-        if not mask.any():
-            raise ValueError("option 'reset_mask': at least one entry must be True")
-        return np.array(mask)
 
     def _restart(self, mask: Mask, options: dict[str, Any] | None = None) -> None:
         """Begin an episode in the sub-environments of a mask."""
@@ -212,6 +244,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self._steps[mask] = 0
         self._over[mask] = False
         self._begun |= mask
+        if self._frames is not None:
+            for place in np.flatnonzero(mask).tolist():
+                self._frames[place] = []
 
     def _draw(self, place: int, options: dict[str, Any] | None) -> Labyrinth:
         number = place if self._turns is None else self._turns[place] % len(self._sources)
@@ -222,13 +257,13 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         if self._next is not None:
             self._next.forget(place, generator)
         labyrinth = source.draw(generator, options)
-        _check_shape(labyrinth, self._shape)
+        check_shape(labyrinth, self._shape)
         return labyrinth
 
     def _generator(self, place: int) -> np.random.Generator:
         generator = self._generators[place]
         if generator is None:
-            generator, _ = seeding.np_random()
+            generator, self._seeds[place] = seeding.np_random()
             self._generators[place] = generator
         return generator
 
@@ -268,6 +303,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         final: Infos = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = self._finish(self._over.copy())
+        self._collect()
         return self._observe(), rewards, terminated, truncated, final | self._infos()
 
     def _checked_actions(self, actions: Batch) -> NDArray[np.int64]:
@@ -317,8 +353,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             infos[name] = values if mask is None else _only(values, mask)
         return infos
 
-    def render(self) -> tuple[NDArray[np.uint8] | str, ...] | None:
+    def render(self) -> tuple[Any, ...] | None:
         """Return the picture, 600 x 600 x 3, or the drawing of each sub-environment.
+
+        If the mode is one of lists, return all of the episode since the last call, in a list each.
 
         Raises:
             ResetNeeded: An episode has not begun.
@@ -327,9 +365,23 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             return None
         if not self._begun.all():
             raise ResetNeeded("there is no labyrinth yet: call reset() first")
-        draw = draw_text if self.render_mode == "ansi" else render
-        shown = [self._stack.at(place) for place in range(self.num_envs)]
-        return tuple(draw(labyrinth, state_at(labyrinth, state)) for labyrinth, state in shown)
+        if self._frames is None:
+            return tuple(map(self._frame, range(self.num_envs)))
+        frames, self._frames = self._frames, [[] for _ in range(self.num_envs)]
+        return tuple(frames)
+
+    def _collect(self, mask: Mask | None = None) -> None:
+        """Keep the frames of the sub-environments of a mask, if the mode is one of lists."""
+        if self._frames is not None:
+            for place, frames in enumerate(self._frames):
+                if mask is None or mask[place]:
+                    frames.append(self._frame(place))
+
+    def _frame(self, place: int) -> Frame:
+        assert self.render_mode is not None
+        draw = draw_text if self.render_mode.startswith("ansi") else render
+        labyrinth, state = self._stack.at(place)
+        return draw(labyrinth, state_at(labyrinth, state))
 
 
 def _only(values: Batch, mask: Mask) -> Batch:
@@ -337,33 +389,3 @@ def _only(values: Batch, mask: Mask) -> Batch:
     only = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
     only[mask] = values[mask]
     return only
-
-
-def _sources(
-    num_envs: int,
-    size: Size,
-    task: Task | str,
-    labyrinth: LabyrinthLike | None,
-    labyrinths: Sequence[LabyrinthLike] | None,
-) -> list[LabyrinthSource]:
-    """Return the source of each sub-environment's labyrinths, or those of more labyrinths."""
-    if labyrinths is None:
-        return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
-    if labyrinth is not None:
-        raise ValueError("give labyrinth or labyrinths, not both")
-    if not labyrinths:
-        raise ValueError("labyrinths: give at least one")
-    sources = [LabyrinthSource.of(size, task, kept) for kept in labyrinths]
-    for source in sources:
-        assert source.kept is not None
-        _check_shape(source.kept, sources[0].shape)
-    return [sources[place % len(sources)] for place in range(max(num_envs, len(sources)))]
-
-
-def _check_shape(labyrinth: Labyrinth, shape: Shape) -> None:
-    if Shape.of(labyrinth) != shape:
-        raise ValueError(
-            f"all labyrinths of a vector environment have one size and task: here "
-            f"{shape.height}x{shape.width} and {shape.task}, "
-            f"not {labyrinth.size_name} and {labyrinth.task}"
-        )

@@ -31,11 +31,11 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.source import locate
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
-from labyrinth_core.evaluation.evaluate import whole
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once
 from labyrinth_core.evaluation.results import COLUMNS
 from labyrinth_core.world.dynamics import STEP_LIMIT
+from labyrinth_core.world.grid import whole
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""

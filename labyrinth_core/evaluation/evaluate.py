@@ -27,6 +27,7 @@ from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Task
 
 NOT_EVALUATED = ("random",)
@@ -131,14 +132,6 @@ def evaluate(
         splits=scores,
         baselines=baselines,
     )
-
-
-def whole(name: str, value: Any, least: int, most: int) -> int:
-    """Return a whole number of Python's or of numpy's as one of Python's."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not least <= value <= most:
-        raise ValueError(f"{name}={value!r:.60}: give a whole number from {least} to {most}")
-    return int(value)
 
 
 def way_of(player: Player, episodes: int | None = None) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
 from tokenize import TokenError
@@ -55,29 +55,49 @@ def is_collection(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in KINDS
 
 
+def files_in(folder: Path) -> list[Path]:
+    """Return the files in a folder and in its sub-folders, in order; none if it does not exist.
+
+    A name that begins with a dot hides a file, and a folder with all that is in it, such as `.git`
+    or the copies in `.ipynb_checkpoints`. Links are followed.
+
+    Raises:
+        OSError: A folder cannot be read.
+    """
+    files = []
+    folders = [(folder, frozenset({folder.resolve()}))] if folder.is_dir() else []
+    for each, above in folders:  # The list grows during the loop.
+        for path in each.iterdir():
+            if not _is_hidden(path.name) and path.is_file():
+                files.append(path)
+            elif not _is_hidden(path.name) and path.is_dir():
+                real = path.resolve()
+                if real not in above:  # Or a link would lead round for ever.
+                    folders.append((path, above | {real}))
+    return sorted(files)
+
+
 def read_collection(path: Path, *, max_bytes: int = MAX_BYTES) -> Iterator[Entry]:
     """Yield the labyrinths of a file, or of all files in a folder and its sub-folders, in order.
 
     A zip archive is read like a folder, and an .npz file like a folder of .npy files. The split is
-    the name of the sub-folder that a file lies in; without one it is the name of the file, or of
-    the folder if the file is a text.
+    the name of the first sub-folder on the way to a file; without one it is the name of the file,
+    or of the folder if the file is a text. Hidden files and folders are left out.
 
     Args:
         path: The file or folder.
         max_bytes: The size from which on a file is refused, also a file in an archive.
 
     Raises:
-        OSError: A file cannot be read.
+        OSError: A file or a folder cannot be read.
     """
     folder = path if path.is_dir() else path.parent
-    files = sorted([*path.glob("*"), *path.glob("*/*")]) if path.is_dir() else [path]
     name = path.resolve().name if path.is_dir() else path.stem
-    for file in files:
-        if file == path or file.is_file():
-            inner = PurePosixPath(file.relative_to(folder).as_posix())
-            opened = partial(regular_file(file).open, "rb")
-            read = partial(read_at_most, opened, max_bytes)
-            yield from _entries(_File(str(file), None, name, inner, read), KINDS, max_bytes)
+    for file in files_in(path) if path.is_dir() else [path]:
+        inner = PurePosixPath(file.relative_to(folder).as_posix())
+        opened = partial(regular_file(file).open, "rb")
+        read = partial(read_at_most, opened, max_bytes)
+        yield from _entries(_File(str(file), None, name, inner, read), KINDS, max_bytes)
 
 
 class _File(NamedTuple):
@@ -98,10 +118,10 @@ class _File(NamedTuple):
 def _entries(file: _File, kinds: Collection[str], max_bytes: int) -> Iterator[Entry]:
     """Yield the labyrinths of a file, nothing if it has none of the given endings."""
     kind = file.path.suffix.lower()
-    if kind not in kinds or file.path.name.startswith("."):
+    if kind not in kinds:
         return
     place = printable(file.place).replace("\n", "\\n")  # A name may be any text.
-    split = file.split or file.path.parent.name or None
+    split = file.split or next(iter(file.path.parts[:-1]), None)
     named = _safe(split or (file.folder if kind == ".labyrinth" else file.path.stem))
     try:
         data = file.read()
@@ -112,12 +132,30 @@ def _entries(file: _File, kinds: Collection[str], max_bytes: int) -> Iterator[En
                 yield _entry(named, place + index, read)
         else:
             archive = open_archive(io.BytesIO(data))
-            for name in sorted(archive.namelist()):
+            for name, path in _members(archive.namelist(), file.path.stem):
                 member = partial(unpack, archive, name, max_bytes)
-                inner = _File(f"{place}: {name}", split, named, PurePosixPath(name), member)
+                inner = _File(f"{place}: {name}", split, named, path, member)
                 yield from _entries(inner, ARCHIVES[kind], max_bytes)
     except ValueError as error:
         yield Entry(named, place, None, f"{place}: {_line(error)}")
+
+
+def _members(names: Iterable[str], packed: str) -> Iterator[tuple[str, PurePosixPath]]:
+    """Yield the name of each file in an archive that is not hidden, and its path.
+
+    If all of them are in a folder of the archive's own name, that folder was packed, and the paths
+    to its sub-folders begin in it.
+    """
+    paths = {name: PurePosixPath(name.lstrip("/")) for name in names if not name.endswith("/")}
+    shown = {name: path for name, path in paths.items() if not any(map(_is_hidden, path.parts))}
+    within = all(path.is_relative_to(packed) for path in shown.values())
+    for name, path in sorted(shown.items()):
+        yield name, path.relative_to(packed) if within and len(path.parts) > 2 else path
+
+
+def _is_hidden(name: str) -> bool:
+    """Return whether a name hides a file or a folder."""
+    return name.startswith(".") and name != ".."
 
 
 def _entry(split: str, place: str, read: Callable[[], Labyrinth | Structure]) -> Entry:

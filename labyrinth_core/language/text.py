@@ -21,7 +21,7 @@ from labyrinth_core.language.settings import (
     parse_settings,
 )
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits
+from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits, whole
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
@@ -206,7 +206,7 @@ def _build(source: Source, drawing: _Drawing, settings: Settings, seed: int) -> 
         complete = bool(ice)
     if complete:
         return Labyrinth(structure, start, goal, task, key, door, ice, look)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole("seed", seed, 0))
     return replace(place(structure, start, goal, task, rng, key=key, door=door), look=look)
 
 

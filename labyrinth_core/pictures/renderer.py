@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.visibility import visible_from
 
@@ -108,7 +109,8 @@ def render(
     the labyrinth's look asks for.
 
     Raises:
-        ValueError: The labyrinth is too large for every wall to have a pixel.
+        ValueError: The labyrinth is too large for every wall to have a pixel, or `image_size` is
+            not a whole number from 1 to `PICTURE_SIZE`.
     """
     return Painter(labyrinth, style).array(state, image_size)
 
@@ -141,8 +143,12 @@ class Painter:
         return encode(self.strips(state), PICTURE_SIZE)
 
     def array(self, state: State, image_size: int = PICTURE_SIZE) -> NDArray[np.uint8]:
-        """Return the picture of a state, shape (image_size, image_size, 3)."""
-        return shrink(self.strips(state), image_size)
+        """Return the picture of a state, shape (image_size, image_size, 3).
+
+        Raises:
+            ValueError: `image_size` is not a whole number from 1 to `PICTURE_SIZE`.
+        """
+        return shrink(self.strips(state), whole("image_size", image_size, 1, PICTURE_SIZE))
 
     def strips(self, state: State | None = None) -> list[Strip]:
         """Return the picture as strips, from top to bottom, for `png.encode`.
@@ -288,11 +294,14 @@ def grid_of(height: int, width: int, wall_pixels: int | None = None) -> Grid:
     """Return where the walls are in labyrinths of a size; see `Style` for their thickness.
 
     Raises:
-        ValueError: The labyrinth is too large for every wall to have a pixel.
+        ValueError: The labyrinth is too large for every wall to have a pixel, or `wall_pixels` is
+            not a whole number from 1 on.
     """
     most, usual = max(height, width), usual_wall_pixels(height, width)
     thickest = max(usual, PICTURE_SIZE // (4 * most))
-    thickness = usual if wall_pixels is None else min(wall_pixels, thickest)
+    thickness = usual
+    if wall_pixels is not None:
+        thickness = min(whole("wall_pixels", wall_pixels, 1), thickest)
     span = PICTURE_SIZE - thickness
 
     def lines(count: int) -> tuple[int, ...]:

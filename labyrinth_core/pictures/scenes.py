@@ -31,6 +31,7 @@ from labyrinth_core.pictures.vector import (
 )
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.dynamics import State, state_index
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.visibility import visible_from
 
@@ -57,8 +58,10 @@ def draw(
             None for the agent's own.
 
     Raises:
-        ValueError: A labyrinth is too large for every wall to have a pixel.
+        ValueError: A labyrinth is too large for every wall to have a pixel, or `image_size` is not
+            a whole number from 1 to `PICTURE_SIZE`.
     """
+    image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
     # Labyrinths are compared by identity: by value it takes as long as to draw one twice.
     kinds: dict[int, tuple[Any, ...]] = {}
     groups: dict[tuple[Any, ...], list[int]] = {}
@@ -146,9 +149,11 @@ def draw_many(
         out: Where the pictures go, shape (N, image_size, image_size, 3); None for a new array.
 
     Raises:
-        ValueError: The labyrinths are too large for every wall to have a pixel.
+        ValueError: The labyrinths are too large for every wall to have a pixel, or `image_size` is
+            not a whole number from 1 to `PICTURE_SIZE`.
     """
     height, width = labyrinths.structures.height, labyrinths.structures.width
+    image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
 
     def visible(which: Numbers, agents: Numbers) -> Mask:
         return seen_by(labyrinths.take(which), agents)

@@ -7,7 +7,11 @@ set over cells is an integer whose bit `c`, counted from the lowest, stands for 
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from enum import IntEnum
+from math import inf
+from numbers import Integral
+from operator import index
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
@@ -63,6 +67,41 @@ def horizontal_edges(height: int, width: int) -> int:
     """Return the bit set of the cells with a neighbour at the right: all but the last column."""
     row = (1 << width - 1) - 1
     return row * (((1 << height * width) - 1) // ((1 << width) - 1))
+
+
+def whole(
+    name: str, value: object, least: float = -inf, most: float = inf, *, allowed: str = ""
+) -> int:
+    """Return a whole number of Python's or NumPy's as one of Python's, which cannot overflow.
+
+    Args:
+        name: The name of the argument, for the message.
+        value: Its value.
+        least: The smallest number that is allowed.
+        most: The largest.
+        allowed: What is allowed, in words, if that is more than the numbers between these.
+
+    Raises:
+        ValueError: The value is of another type, such as `bool`, or out of bounds.
+    """
+    number = value if type(value) is int else None
+    if number is None and isinstance(value, Integral) and not isinstance(value, bool):
+        with suppress(TypeError):  # NumPy has lengths of time as whole numbers, too.
+            number = index(value)
+    if number is not None and least <= number <= most:
+        return number
+    bounds = f" from {least} on" if most == inf else f" from {least} to {most}"
+    allowed = allowed or f"a whole number{'' if least == -inf else bounds}"
+    raise ValueError(f"{name}={value!r:.60}: give {allowed}")
+
+
+def checked_sides(height: object, width: object) -> tuple[int, int]:
+    """Return the rows and the columns of a labyrinth as numbers of Python's.
+
+    Raises:
+        ValueError: One of them is not a whole number from 2 to 1,000.
+    """
+    return whole("height", height, MIN_SIDE, MAX_SIDE), whole("width", width, MIN_SIDE, MAX_SIDE)
 
 
 def parse_size(text: str) -> tuple[int, int]:

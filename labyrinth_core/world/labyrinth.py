@@ -10,13 +10,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 from labyrinth_core.world.grid import (
-    MAX_SIDE,
-    MIN_SIDE,
     bit_set,
+    checked_sides,
     digits,
     horizontal_edges,
     neighbours,
     vertical_edges,
+    whole,
 )
 
 UNREACHABLE = -1
@@ -60,9 +60,9 @@ class State(NamedTuple):
     door_open: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Structure:
-    """The open passages between neighbouring cells of a grid."""
+    """The open passages between neighbouring cells of a grid; ordered as its fields are."""
 
     height: int
     width: int
@@ -72,11 +72,9 @@ class Structure:
     """The bit set of the cells with a passage to the cell at the right."""
 
     def __post_init__(self) -> None:
-        if not (MIN_SIDE <= self.height <= MAX_SIDE and MIN_SIDE <= self.width <= MAX_SIDE):
-            raise ValueError(
-                f"a structure has {MIN_SIDE} to {MAX_SIDE:,} rows and columns, "
-                f"not {self.height}x{self.width}"
-            )
+        height, width = checked_sides(self.height, self.width)
+        object.__setattr__(self, "height", height)
+        object.__setattr__(self, "width", width)
         if self.up & ~vertical_edges(self.height, self.width):
             raise ValueError("up: a passage leads out of the grid")
         if self.right & ~horizontal_edges(self.height, self.width):
@@ -85,7 +83,8 @@ class Structure:
     @classmethod
     def without_walls(cls, height: int, width: int) -> Structure:
         """Return the structure that has all passages of a grid."""
-        return cls(height, width, vertical_edges(height, width), horizontal_edges(height, width))
+        sides = checked_sides(height, width)
+        return cls(*sides, vertical_edges(*sides), horizontal_edges(*sides))
 
     @classmethod
     def from_passages(
@@ -94,8 +93,9 @@ class Structure:
         """Return the structure whose passages join the given pairs of neighbouring cells.
 
         Raises:
-            ValueError: A pair is not one of neighbours.
+            ValueError: A pair is not one of neighbours, or there are too many rows or columns.
         """
+        height, width = checked_sides(height, width)
         up, right = ["0"] * (height * width), ["0"] * (height * width)
         for pair in passages:
             low, high = sorted(pair)
@@ -210,14 +210,11 @@ class Structure:
         return images[:8]
 
     def canonical(self) -> Structure:
-        """Return the smaller of the structure and its transpose, if that has the same shape.
+        """Return the smaller of the structure and its transpose, by height, width and passages.
 
         The transpose is the reflection that keeps the default start and goal in place.
         """
-        if self.height != self.width:
-            return self
-        image = self.transposed()
-        return image if (image.up, image.right) < (self.up, self.right) else self
+        return min(self, self.transposed())
 
 
 def breadth_first(
@@ -275,6 +272,7 @@ class Labyrinth:
     look: Look = Look.PLAIN
 
     def __post_init__(self) -> None:
+        self._make_whole()
         tiles = [("start", self.start), ("goal", self.goal)]
         locked = self.task is Task.KEY_AND_DOOR
         if (self.key is None) == locked or (self.door is None) == locked:
@@ -296,6 +294,15 @@ class Labyrinth:
 
     def __reduce__(self) -> tuple[object, ...]:
         return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
+
+    def _make_whole(self) -> None:
+        """Turn cells that are numbers of NumPy's into Python's, and refuse what is no number."""
+        for name in ("start", "goal", "key", "door"):
+            cell = getattr(self, name)
+            if type(cell) is not int and cell is not None:
+                object.__setattr__(self, name, whole(name, cell))
+        if any(type(cell) is not int for cell in self.ice):
+            object.__setattr__(self, "ice", frozenset(whole("ice", cell) for cell in self.ice))
 
     @cached_property
     def cell_distances(self) -> Sequence[int]:

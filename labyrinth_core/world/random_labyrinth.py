@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from labyrinth_core.world.grid import manhattan
+from labyrinth_core.world.grid import checked_sides, manhattan, whole
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import check_open_walls, default_start_and_goal, place
@@ -41,11 +41,14 @@ def sample_labyrinth(
 
     Raises:
         LabyrinthError: No structure that was drawn can hold the task, or none can.
-        ValueError: Start and goal are the same cell, or the algorithm is unknown.
+        ValueError: A number is not whole or out of bounds, start and goal are the same cell, or the
+            algorithm is unknown.
     """
+    height, width = checked_sides(height, width)
     default_start, default_goal = default_start_and_goal(height, width)
-    start = default_start if start is None else start
-    goal = default_goal if goal is None else goal
+    last = height * width - 1
+    start = default_start if start is None else whole("start", start, 0, last)
+    goal = default_goal if goal is None else whole("goal", goal, 0, last)
     wish = f"size={height}x{width}, {wish_text(task, start, goal, width)}"
     check_apart(start, goal, wish)
     if open_walls is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import Labyrinth
 
 
@@ -63,8 +64,12 @@ def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
 
 
 def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: int) -> Episode:
-    """Return an episode of uniformly random actions, cut after `max_steps`."""
-    actions = rng.integers(4, size=max_steps).tolist()
+    """Return an episode of uniformly random actions, cut after `max_steps`.
+
+    Raises:
+        ValueError: `max_steps` is not a whole number from 0 on.
+    """
+    actions = rng.integers(4, size=whole("max_steps", max_steps, 0)).tolist()
     states = [initial(labyrinth)]
     for action in actions:
         states.append(transition(labyrinth, states[-1], action))

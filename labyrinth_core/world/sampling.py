@@ -12,7 +12,13 @@ from itertools import chain
 
 import numpy as np
 
-from labyrinth_core.world.grid import bit_set, horizontal_edges, neighbours, vertical_edges
+from labyrinth_core.world.grid import (
+    bit_set,
+    checked_sides,
+    horizontal_edges,
+    neighbours,
+    vertical_edges,
+)
 from labyrinth_core.world.labyrinth import Structure
 
 Edge = tuple[int, int]
@@ -65,8 +71,10 @@ def sample_structures(
             None for `default_open_walls`.
 
     Raises:
-        ValueError: The algorithm is unknown, or `open_walls` is not a probability.
+        ValueError: The algorithm is unknown, `open_walls` is not a probability, or there are too
+            many rows or columns.
     """
+    height, width = checked_sides(height, width)
     if algorithm not in ALGORITHMS:
         raise ValueError(f"sampler={algorithm}: choose one of {', '.join(ALGORITHMS)}")
     if open_walls is None:

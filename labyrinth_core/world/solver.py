@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.dynamics import initial, state_index, step_limit, transition_table
+from labyrinth_core.world.grid import whole
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_first
 
 Table = Sequence[Moves]
@@ -171,7 +172,11 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
     Args:
         labyrinth: The labyrinth to solve.
         limit: The number of routes to stop at.
+
+    Raises:
+        ValueError: The limit is not a whole number from 0 on.
     """
+    limit = None if limit is None else whole("limit", limit, 0)
     table, distance = table_and_distances(labyrinth)
 
     def onward(state: int) -> Iterator[tuple[int, int]]:
@@ -188,7 +193,11 @@ def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[i
     Args:
         labyrinth: The labyrinth to solve.
         limit: The number of routes to stop at; those found first are not always the shortest.
+
+    Raises:
+        ValueError: The limit is not a whole number from 0 on.
     """
+    limit = None if limit is None else whole("limit", limit, 0)
     table = transition_table(labyrinth)
     found = islice(_routes(labyrinth, len(table), lambda state: enumerate(table[state])), limit)
     return sorted(found, key=lambda actions: (len(actions), actions))

@@ -11,7 +11,7 @@ from typing import Any
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import readable
 from labyrinth_core.data.source import why_unavailable
-from labyrinth_core.language.collection import KINDS, is_collection, read_collection
+from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.inspection.certificate import Held, digits, ids_of, structure_of
@@ -55,7 +55,8 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     path = Path(source).expanduser()
     if path.is_file() and not is_collection(path):
         raise DatasetError(f"{source}: labyrinths are in files that end in {', '.join(KINDS)}")
-    if path.is_file() or (path.is_dir() and next(path.rglob("*.parquet"), None) is None):
+    rows = path.is_dir() and any(file.suffix == ".parquet" for file in files_in(path))
+    if path.is_file() or (path.is_dir() and not rows):
         found = _in_files(path)
         if found.splits:
             return found

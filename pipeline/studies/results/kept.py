@@ -11,6 +11,7 @@ from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.evaluation.description import as_compared
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
+from labyrinth_core.language.collection import files_in
 from pipeline.config.run import Run
 from pipeline.config.training import check_run
 from pipeline.machinery.own_files import OwnFiles, leave
@@ -137,8 +138,9 @@ def read_all(
     submissions: list[Results] = []
     named: dict[tuple[str, str, str], str] = {}
     refused = []
-    of_runs = sorted((results_dir / RUNS).glob("*/*.json"))
-    for path in [*of_runs, *sorted((results_dir / SUBMISSIONS).rglob("*.json"))]:
+    of_runs = sorted((results_dir / RUNS).glob("[!.]*/[!.]*.json"))
+    submitted = files_in(results_dir / SUBMISSIONS)
+    for path in [*of_runs, *(path for path in submitted if path.suffix == ".json")]:
         try:
             if path.is_relative_to(results_dir / RUNS):
                 each = read(path, available, (path.parent.name, path.stem))

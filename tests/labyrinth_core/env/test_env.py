@@ -3,14 +3,16 @@
 import pickle
 import sys
 import warnings
+from copy import deepcopy
 from importlib.util import find_spec, module_from_spec
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import PassiveEnvChecker, TimeLimit
+from gymnasium.wrappers import PassiveEnvChecker, TimeAwareObservation, TimeLimit
 from hypothesis import given, settings
 from known_labyrinths import OPEN
 from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
@@ -225,10 +227,11 @@ IMPOSSIBLE = [
     ({"start": (9, 0)}, r"start=\(9, 0\): give \(row, column\), rows from 0 \(bottom\) to 4"),
     ({"goal": 7}, r"goal=7: give \(row, column\)"),
     ({"goal": (1.5, 0)}, r"goal=\(1.5, 0\): give \(row, column\)"),
+    ({"goal": (True, 0)}, r"goal=\(True, 0\): give \(row, column\)"),
     ({"goal": (1, 2, 3)}, r"goal=\(1, 2, 3\): give \(row, column\)"),
     ({"goal": (0, 0)}, r"goal=\(0, 0\): start and goal must be two different cells"),
     ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
-    ({"max_episode_steps": "5"}, "max_episode_steps=5: give a whole number from 1 on"),
+    ({"max_episode_steps": "5"}, "max_episode_steps='5': give a whole number from 1 on"),
     ({"labyrinth": OPEN, "goal": (0, 0)}, "start and goal must be two different cells"),
     ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; ice would not matter"),
     ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the path of a file"),
@@ -251,7 +254,10 @@ def test_an_impossible_option_is_refused_with_what_is_allowed(options, message):
         ({"size": 2.5}, "size=2.5: give"),
         ({"task": "sand"}, "task=sand: choose one of navigation"),
         ({"observation": "sound"}, "observation=sound: choose one of image, vector, state"),
-        ({"image_size": 0}, "image_size=0: give a whole number of pixels from 1 to 600"),
+        ({"image_size": 0}, "image_size=0: give a whole number from 1 to 600"),
+        ({"image_size": True}, "image_size=True: give a whole number from 1 to 600"),
+        ({"image_size": 64.0}, "image_size=64.0: give a whole number from 1 to 600"),
+        ({"size": True}, "size=True: give"),
         ({"reward": "much"}, "reward=much: choose one of default, normalised"),
         ({"render_mode": "smell"}, "render_mode=smell: choose one of rgb_array, human, ansi"),
         ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
@@ -412,3 +418,93 @@ def test_an_environment_can_be_pickled_in_the_middle_of_an_episode(kind):
         (observation, *others, info), (seen, *same, told) = env.step(action), again.step(action)
         assert np.array_equal(observation, seen)
         assert (others, info["distance"]) == (same, told["distance"])
+
+
+def test_numbers_of_numpys_are_as_good_as_pythons():
+    number = np.int64
+    numpys = LabyrinthEnv(
+        (number(3), number(4)), image_size=number(32), max_episode_steps=number(7)
+    )
+    plain = LabyrinthEnv("3x4", image_size=32, max_episode_steps=7)
+    options = {"start": (1, 0), "goal": (2, 3), "max_episode_steps": 2}
+    given = {"start": np.array([1, 0]), "goal": (number(2), 3), "max_episode_steps": number(2)}
+    ours, theirs = plain.reset(seed=5, options=options), numpys.reset(seed=number(5), options=given)
+    assert (ours[0] == theirs[0]).all()
+    assert ours[1]["labyrinth"] == theirs[1]["labyrinth"]
+    assert [numpys.step(LEFT)[3] for _ in range(2)] == [False, True]
+
+
+@pytest.mark.parametrize("seed", [True, 1.0, -1, "1"])
+def test_a_seed_that_is_no_whole_number_is_refused(seed):
+    with pytest.raises(ValueError, match=f"^seed={seed!r}: give a whole number from 0 on$"):
+        LabyrinthEnv().reset(seed=seed)
+
+
+def test_an_environment_is_made_again_from_the_json_of_its_specification(tmp_path):
+    path = tmp_path / "open.labyrinth"
+    path.write_text(OPEN)
+    for arguments in (
+        {"labyrinth": parse(OPEN)},
+        {"labyrinth": path},
+        {"labyrinth": str(path), "task": Task.NAVIGATION},
+        {"size": np.int64(3), "image_size": np.int32(16), "task": Task.KEY_AND_DOOR},
+        {"size": (np.int64(3), 4), "observation": "vector", "reward": "normalised"},
+    ):
+        env = gymnasium.make(NAME, **arguments)
+        again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+        path.rename(tmp_path / "gone")
+        ours, theirs = env.reset(seed=4), again.reset(seed=4)
+        (tmp_path / "gone").rename(path)
+        assert (ours[0] == theirs[0]).all()
+        assert ours[1]["labyrinth"] == theirs[1]["labyrinth"]
+        assert env.spec.max_episode_steps == again.spec.max_episode_steps
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::UserWarning:minari")  # That it is not told who made the data.
+def test_minari_recovers_an_environment_with_a_labyrinth_of_its_own(tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = gymnasium.make(NAME, labyrinth=parse(OPEN), observation="vector")
+    observation, told = env.reset()
+    after, reward, *_ = env.step(UP)
+    episode = minari.data_collector.EpisodeBuffer(
+        observations=[observation, after],
+        actions=[UP],
+        rewards=[reward],
+        terminations=[False],
+        truncations=[True],
+        infos={},
+    )
+    made = minari.create_dataset_from_buffers("open/test-v0", [episode], env=env)
+    recovered = minari.load_dataset("open/test-v0").recover_environment()
+    assert made.env_spec == env.spec
+    assert recovered.reset()[1]["labyrinth"] == told["labyrinth"]
+
+
+def test_the_specification_says_when_an_episode_is_cut_so_that_time_can_be_observed():
+    env = gymnasium.make(NAME, size="3x4", observation="vector")
+    assert env.spec.max_episode_steps == 480
+    timed = TimeAwareObservation(env, flatten=False)
+    assert timed.observation_space["time"].high == 480
+    timed.reset(seed=0)
+    assert timed.step(DOWN)[0]["time"] == 1
+    assert gymnasium.make(NAME, max_episode_steps=9).spec.max_episode_steps == 9
+
+
+def test_a_copy_goes_on_from_the_same_state_and_shows_no_window():
+    pygame = pytest.importorskip("pygame")
+    env = gymnasium.make(NAME, labyrinth=OPEN, render_mode="human")
+    env.unwrapped.metadata = {**env.metadata, "render_fps": 1_000}
+    env.reset()
+    env.step(UP)
+    twin = deepcopy(env)
+    twin.step(DOWN)
+    assert twin.render() is None
+    assert (env.unwrapped.state, twin.unwrapped.state) == (State(2), State(0))
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+    assert (shown == render(parse(OPEN), State(2))).all()
+    twin.close()
+    env.step(DOWN)
+    assert pygame.display.get_init()
+    env.close()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from known_labyrinths import OPEN
@@ -327,6 +328,8 @@ def test_only_the_four_actions_are_actions(actions, message):
     ("arguments", "message"),
     [
         ({"num_envs": 0}, "num_envs=0: give a whole number from 1 on"),
+        ({"num_envs": True}, "num_envs=True: give a whole number from 1 on"),
+        ({"num_envs": 2.0}, "num_envs=2.0: give a whole number from 1 on"),
         ({"render_mode": "human"}, "render_mode=human: choose one of rgb_array, ansi"),
         ({"autoreset_mode": "never"}, "autoreset_mode=never: choose one of NextStep, SameStep"),
         ({"labyrinths": []}, "labyrinths: give at least one"),
@@ -337,7 +340,7 @@ def test_only_the_four_actions_are_actions(actions, message):
         ({"size": 1}, "size=1"),
         ({"task": "sand"}, "task=sand"),
         ({"observation": "sound"}, "observation=sound"),
-        ({"picture_memory": -1}, "picture_memory=-1: give a number of bytes, 0 or more"),
+        ({"picture_memory": -1}, "picture_memory=-1: give a whole number from 0 on"),
     ],
 )
 def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):
@@ -355,6 +358,9 @@ def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, messa
         ({"options": {"task": "icy_floor"}}, "5x5 and navigation, not 5x5 and icy_floor"),
         ({"options": {"colour": 1}}, "option 'colour': choose among"),
         ({"seed": [1, 2, 3]}, "seed: give one, or 2 of them, not 3"),
+        ({"seed": True}, "seed=True: give a whole number from 0 on"),
+        ({"seed": [1, -2]}, "seed=-2: give a whole number from 0 on"),
+        ({"seed": "ab"}, "seed='a': give a whole number from 0 on"),
     ],
 )
 def test_an_impossible_reset_is_refused_with_what_is_allowed(arguments, message):
@@ -370,3 +376,59 @@ def test_an_option_that_one_labyrinth_cannot_hold_changes_none_of_them():
         env.reset(options={"start": (0, 1)})
     after, *_ = env.step(np.array([2, 2]))  # Into the outer wall.
     assert (after == before).all()
+
+
+@pytest.mark.parametrize("count", [2, 128])
+def test_seeds_and_generators_are_those_of_single_environments(count):
+    arguments = {"size": 3, "observation": "state", "max_episode_steps": 2}
+    envs = [
+        gymnasium.make_vec(NAME, count, vectorization_mode=mode, vector_kwargs=same, **arguments)
+        for mode, same in (("vector_entry_point", {}), ("sync", {}))
+    ]
+    both(envs, lambda env: env.reset(seed=42))
+    assert both(envs, lambda env: env.np_random_seed) == tuple(range(42, 42 + count))
+    both(envs, lambda env: [each.random() for each in env.np_random])
+    for _ in range(4):
+        both(envs, lambda env: env.step(np.zeros(count, int))[0])
+    both(envs, lambda env: [each.random() for each in env.np_random])
+    both(envs, lambda env: env.reset(seed=[None] * (count - 1) + [7])[0])
+    assert both(envs, lambda env: env.np_random_seed)[-2:] == (40 + count, 7)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("kind", ["rgb_array_list", "ansi_list"])
+def test_lists_of_frames_are_those_of_single_environments(mode, kind):
+    arguments = {"labyrinth": OPEN, "observation": "state", "render_mode": kind}
+    ours = gymnasium.make_vec(NAME, 2, autoreset_mode=mode, **arguments)
+    single = [lambda: gymnasium.make(NAME, **arguments)] * 2
+    envs = ours, SyncVectorEnv(single, autoreset_mode=mode)
+    both(envs, lambda env: env.reset(seed=0))
+    assert ours.render_mode == kind
+    for step, action in enumerate([(0, 2), (1, 3), (0, 0), (2, 1)]):
+        over = both(envs, lambda env, action=action: env.step(np.array(action)))[2]
+        if step in (0, 2):
+            both(envs, lambda env: tuple(map(tuple, env.render())))
+        if mode is AutoresetMode.DISABLED and over.any():
+            both(envs, lambda env, over=over: env.reset(options={"reset_mask": over.copy()}))
+    assert len(both(envs, lambda env: tuple(map(tuple, env.render())))[1]) == 1
+
+
+def test_vector_environments_are_made_again_from_the_json_of_their_specification():
+    labyrinths = [parse(OPEN), CLOSER, parse(CLOSER)]
+    for arguments in (
+        {"num_envs": np.int64(2), "labyrinths": labyrinths, "max_episode_steps": np.int64(9)},
+        {"num_envs": 2, "labyrinth": parse(OPEN), "autoreset_mode": AutoresetMode.SAME_STEP},
+        {"num_envs": 3, "size": np.int64(3), "image_size": np.int64(16), "task": Task.ICY_FLOOR},
+    ):
+        env = gymnasium.make_vec(NAME, **arguments)
+        again = gymnasium.make_vec(EnvSpec.from_json(env.spec.to_json()))
+        assert_same(env.reset(seed=4), again.reset(seed=4))
+        assert env.spec.max_episode_steps == again.spec.max_episode_steps
+        assert env.autoreset_mode is again.autoreset_mode
+
+
+def test_numbers_of_numpys_are_as_good_as_pythons():
+    numpys = LabyrinthVectorEnv(np.int64(2), image_size=np.int8(16), picture_memory=np.int64(9999))
+    plain = LabyrinthVectorEnv(2, image_size=16)
+    assert_same(plain.reset(seed=3), numpys.reset(seed=np.int64(3)))
+    assert_same(plain.reset(seed=[3, 7]), numpys.reset(seed=np.array([3, 7])))

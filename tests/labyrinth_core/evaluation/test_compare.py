@@ -107,7 +107,7 @@ def test_a_policy_is_never_better_than_itself(datasets):
         ({"error": 1}, "error=1: give a probability above 0 and below 1"),
         ({"within": "9"}, "within='9': choose cells or limit"),
         ({"observation": "sound"}, "observation=sound: choose one of image, vector, text"),
-        ({"image_size": (8, 601)}, "image_size=601: give a whole number of pixels from 1 to 600"),
+        ({"image_size": (8, 601)}, "image_size=601: give a whole number from 1 to 600"),
         ({"image_size": (8, 8, 8)}, r"image_size=\(8, 8, 8\): give one value, or a pair"),
     ],
 )

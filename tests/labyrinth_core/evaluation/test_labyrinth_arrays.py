@@ -121,7 +121,7 @@ def test_demonstrations_are_counted_step_by_step(datasets, split):
     [
         ({"config": "9x9"}, "config=9x9: .* holds 3x4, "),
         ({"resize": "nearest"}, "resize=nearest: choose one of area, original"),
-        ({"image_size": 601}, "image_size=601: give a whole number of pixels from 1 to 600"),
+        ({"image_size": 601}, "image_size=601: give a whole number from 1 to 600"),
     ],
 )
 def test_what_cannot_be_loaded_is_said_in_one_line(datasets, arguments, message):

@@ -2,6 +2,7 @@
 
 import pickle
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,6 +62,48 @@ def test_an_archive_is_like_a_folder_and_names_of_arrays_are_splits(tmp_path):
         ("a-b", ": a b/x.npz: train.npy[1]", LABYRINTH),
         ("train", ": train/1.labyrinth", LABYRINTH),
     ]
+
+
+def test_any_depth_is_read_and_the_first_folder_is_the_split(tmp_path):
+    folder, elsewhere = tmp_path / "mine", tmp_path / "elsewhere" / "deep"
+    names = ["train/0", "test/hard/0", "test/hard/more/1", "test/1", ".git/2", "test/.old/3"]
+    names += [".ipynb_checkpoints/train/0-checkpoint", "train/.ipynb_checkpoints/0-checkpoint"]
+    for path in [*(folder / f"{name}.labyrinth" for name in names), elsewhere / "4.labyrinth"]:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(TEXT)
+    (folder / "linked").symlink_to(elsewhere.parent)
+    (elsewhere / "round").symlink_to(elsewhere.parent)
+    expected = [
+        ("linked", "/linked/deep/4.labyrinth", LABYRINTH),
+        ("test", "/test/1.labyrinth", LABYRINTH),
+        ("test", "/test/hard/0.labyrinth", LABYRINTH),
+        ("test", "/test/hard/more/1.labyrinth", LABYRINTH),
+        ("train", "/train/0.labyrinth", LABYRINTH),
+    ]
+    assert read(folder) == expected
+    members = {f"{name}.labyrinth": TEXT for name in [*names, "linked/deep/4"]}
+    members["__MACOSX/train/._0.labyrinth"] = TEXT
+    packed = {f"mine/{name}": data for name, data in members.items()}
+    for inside in (members, packed):
+        found = read(tmp_path / "mine.zip", zipped(inside))
+        assert [each[0] for each in found] == [each[0] for each in expected]
+    assert read(
+        tmp_path / "test.zip", zipped({"test/a.npy": npy(GRID), "train/b.npy": npy(GRID)})
+    ) == [
+        ("test", ": test/a.npy", LABYRINTH),
+        ("train", ": train/b.npy", LABYRINTH),
+    ]
+
+
+def test_a_folder_that_cannot_be_read_is_not_left_out_in_silence(tmp_path, monkeypatch):
+    def refused(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    (tmp_path / "test").mkdir()
+    whole = Path.iterdir
+    monkeypatch.setattr(Path, "iterdir", lambda p: refused(p) if p.name == "test" else whole(p))
+    with pytest.raises(PermissionError):
+        read(tmp_path)
 
 
 def test_an_array_may_hold_connections_of_maze_dataset(tmp_path):

@@ -109,7 +109,9 @@ def test_the_identity_is_that_of_the_canonical_text():
 def test_missing_tiles_follow_from_the_seed():
     text = (VALID / "missing_key_and_door_are_placed.labyrinth").read_text()
     placed = [parse(text, seed=seed) for seed in range(30)]
-    assert placed == [parse(text, seed=seed) for seed in range(30)]
+    assert placed == [parse(text, seed=seed) for seed in np.arange(30)]
+    with pytest.raises(ValueError, match=r"^seed=True: give a whole number from 0 on$"):
+        parse(text, seed=True)
     assert len(set(placed)) > 1
 
 

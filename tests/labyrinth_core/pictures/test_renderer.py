@@ -37,6 +37,7 @@ from labyrinth_core.pictures.renderer import (
     render,
 )
 from labyrinth_core.pictures.resize import area_average, shrink
+from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
@@ -404,3 +405,19 @@ def test_the_average_rounds_halves_up():
     picture = np.zeros((2, 2, 3), np.uint8)
     picture[0, 0] = (2, 6, 1)
     assert area_average(picture, 1).tolist() == [[[1, 2, 0]]]
+
+
+def test_a_size_of_numpys_draws_the_same_and_what_is_no_size_is_refused():
+    labyrinth = parse(KEY_AND_DOOR)
+    state = State(labyrinth.start)
+    assert (render(labyrinth, state, np.int64(48)) == render(labyrinth, state, 48)).all()
+    views = [(labyrinth, state)]
+    assert (draw(views, np.uint8(48)) == draw(views, 48)).all()
+    for size in (True, 0, 601, 48.0, "48"):
+        refused = rf"^image_size={size!r}: give a whole number from 1 to 600$"
+        with pytest.raises(ValueError, match=refused):
+            render(labyrinth, state, size)
+        with pytest.raises(ValueError, match=refused):
+            draw(views, size)
+    with pytest.raises(ValueError, match=r"^wall_pixels=0: give a whole number from 1 on$"):
+        render(labyrinth, state, style=Style(wall_pixels=0))

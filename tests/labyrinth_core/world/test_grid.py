@@ -1,5 +1,8 @@
 """Cells, actions, neighbours and sizes."""
 
+import re
+
+import numpy as np
 import pytest
 from brute_force import WAYS, grid_passages
 from hypothesis import given
@@ -8,10 +11,12 @@ from hypothesis import strategies as st
 from labyrinth_core.world.grid import (
     MAX_SIDE,
     MIN_SIDE,
+    Action,
     horizontal_edges,
     neighbours,
     parse_size,
     vertical_edges,
+    whole,
 )
 
 sides = st.integers(2, 12)
@@ -63,3 +68,37 @@ def test_a_size_may_be_written_loosely(text):
 def test_a_size_that_is_none_is_refused_with_what_is_allowed(text):
     with pytest.raises(ValueError, match=r"^size=.*: give a whole number from 2 to 1,000 such as"):
         parse_size(text)
+
+
+KINDS = [int, np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_whole_number_of_any_kind_becomes_one_of_pythons(kind):
+    number = whole("size", kind(5), 5, 5)
+    assert (number, type(number)) == (5, int)
+    assert whole("seed", 2**70, 0) == 2**70
+    assert type(whole("action", Action.LEFT)) is int
+
+
+@pytest.mark.parametrize(
+    "value",
+    [True, np.True_, 5.0, np.float64(5), np.timedelta64(5), "5", b"5", None, [5], np.array([5])],
+    ids=repr,
+)
+def test_what_is_no_whole_number_is_refused_with_what_is_allowed(value):
+    with pytest.raises(ValueError, match=rf"^size={re.escape(repr(value))}: give a whole number$"):
+        whole("size", value)
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "message"),
+    [
+        (1, (2, 9), "size=1: give a whole number from 2 to 9"),
+        (np.int64(10), (2, 9), r"size=np.int64\(10\): give a whole number from 2 to 9"),
+        (-1, (0,), "size=-1: give a whole number from 0 on"),
+    ],
+)
+def test_a_number_out_of_bounds_is_refused_with_the_bounds(value, bounds, message):
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        whole("size", value, *bounds)

@@ -4,6 +4,7 @@ import pickle
 from collections import Counter
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from brute_force import (
     WAYS,
@@ -73,10 +74,39 @@ def test_a_passage_out_of_the_grid_is_refused(up, right, field):
         Structure(2, 3, up, right)
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 3), (3, 1), (0, 0), (1001, 3), (3, 1001)])
-def test_a_structure_of_a_wrong_size_is_refused(height, width):
-    with pytest.raises(ValueError, match=f"2 to 1,000 rows and columns, not {height}x{width}"):
-        Structure(height, width, 0, 0)
+@pytest.mark.parametrize("make", [Structure, Structure.without_walls, Structure.from_passages])
+@pytest.mark.parametrize(
+    ("height", "width", "message"),
+    [
+        (1, 3, "height=1"),
+        (3, 1, "width=1"),
+        (10**6, 5, "height=1000000"),
+        (3, 1001, "width=1001"),
+        (True, 3, "height=True"),
+        (3, 3.0, "width=3.0"),
+    ],
+)
+def test_a_structure_of_a_wrong_size_is_refused(make, height, width, message):
+    others = {Structure: (0, 0), Structure.from_passages: ([],)}.get(make, ())
+    with pytest.raises(ValueError, match=f"^{message}: give a whole number from 2 to 1000$"):
+        make(height, width, *others)
+
+
+def test_numbers_of_numpys_are_as_good_as_pythons():
+    """A cell above 62 of NumPy's would not fit into a set of bits."""
+    rows = np.int8(10)
+    structure = Structure.without_walls(rows, np.int64(10))
+    plain = Structure.without_walls(10, 10)
+    assert structure == Structure(rows, rows, plain.up, plain.right) == plain
+    assert structure == Structure.from_passages(rows, rows, plain.passages())
+    cells = np.arange(100)
+    ours = Labyrinth(structure, 0, 99, Task.ICY_FLOOR, ice=frozenset({70}))
+    theirs = Labyrinth(structure, cells[0], cells[99], Task.ICY_FLOOR, ice=frozenset({cells[70]}))
+    assert theirs == ours
+    assert {type(cell) for cell in (theirs.start, theirs.goal, *theirs.ice)} == {int}
+    assert structure.least_moves(theirs.start, theirs.goal) == 18
+    with pytest.raises(ValueError, match=r"^goal=True: give a whole number$"):
+        Labyrinth(structure, 0, True)
 
 
 # Distances.
@@ -162,13 +192,12 @@ def test_the_symmetries_are_the_four_turns_and_their_mirror_images(structure):
 @given(structures())
 def test_a_structure_and_its_mirror_image_on_the_diagonal_have_one_canonical_form(structure):
     canonical = structure.canonical()
-    assert canonical.canonical() == canonical
+    assert canonical in (structure, structure.transposed())
+    assert structure.transposed().canonical() == canonical == canonical.canonical()
+    assert canonical.height <= canonical.width
     if structure.height == structure.width:
         images = (structure, structure.transposed())
         assert (canonical.up, canonical.right) == min((each.up, each.right) for each in images)
-        assert structure.transposed().canonical() == canonical
-    else:
-        assert canonical == structure
 
 
 # The rules of a labyrinth.

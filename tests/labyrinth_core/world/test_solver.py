@@ -31,7 +31,7 @@ from labyrinth_core.world.dynamics import (
 )
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Structure, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
-from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.rollout import random_episode, replay
 from labyrinth_core.world.solver import (
     distances,
     moves_and_routes,
@@ -211,3 +211,15 @@ def test_the_work_for_two_routes_is_a_few_walks_through_the_labyrinth(task):
 def test_no_more_routes_are_looked_for_than_the_limit_says(routes):
     labyrinth = without_walls(5, 5)
     assert lines_run(lambda: routes(labyrinth, 2)) < lines_run(lambda: routes(labyrinth, 40)) / 3
+
+
+def test_a_limit_of_routes_or_steps_is_a_whole_number():
+    labyrinth = Labyrinth(Structure.without_walls(2, 2), 0, 3)
+    assert shortest_routes(labyrinth, np.int64(1)) == simple_routes(labyrinth, 1)
+    for wrong in (True, 1.5, -1):
+        refused = f"{wrong!r}: give a whole number from 0 on$"
+        for routes in (shortest_routes, simple_routes):
+            with pytest.raises(ValueError, match=f"^limit={refused}"):
+                routes(labyrinth, wrong)
+        with pytest.raises(ValueError, match=f"^max_steps={refused}"):
+            random_episode(labyrinth, np.random.default_rng(0), wrong)

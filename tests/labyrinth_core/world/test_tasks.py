@@ -29,6 +29,7 @@ from labyrinth_core.world.random_labyrinth import (
     change_start,
     change_start_and_goal,
     draw_start_and_goal,
+    sample_labyrinth,
 )
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import place, tiles_matter
@@ -274,3 +275,19 @@ def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough()
     counts = Counter((each.start, each.goal) for each in found)
     assert set(counts) == set(expected)
     assert chi_square([counts[pair] for pair in expected], expected.values()) < 5
+
+
+def test_the_numbers_of_a_random_labyrinth_may_be_numpys_and_are_looked_at_first():
+    def sample(height, width, **ends):
+        return sample_labyrinth(height, width, Task.NAVIGATION, np.random.default_rng(0), **ends)
+
+    sides = np.uint8(20), np.int64(20)
+    assert sample(*sides, start=np.int64(70), goal=np.int16(399)) == sample(20, 20, start=70)
+    for arguments, message in [
+        ({"height": 10**6, "width": 5}, "height=1000000: give a whole number from 2 to 1000"),
+        ({"height": 5, "width": 5.0}, "width=5.0: give a whole number from 2 to 1000"),
+        ({"height": 5, "width": 5, "start": 25}, "start=25: give a whole number from 0 to 24"),
+        ({"height": 5, "width": 5, "goal": True}, "goal=True: give a whole number from 0 to 24"),
+    ]:
+        with pytest.raises(ValueError, match=f"^{message}$"):
+            sample(**arguments)

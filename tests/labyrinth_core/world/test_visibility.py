@@ -5,6 +5,7 @@ from brute_force import passages_of, sees
 from hypothesis import given
 from strategies import structures
 
+from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.visibility import seen_together, visible_from
 
 
@@ -18,6 +19,13 @@ def test_exactly_the_places_on_unbroken_lines_of_sight_are_seen(structure):
             if sees(passages, divmod(cell, width), divmod(target, width))
         }
         assert visible_from(structure, cell) == expected
+
+
+def test_a_cell_can_see_another_that_does_not_see_it():
+    """A diagonal goes to the side first, as docs/make.md says; here that way has no wall."""
+    structure = Structure.from_passages(2, 2, [(0, 1), (1, 3)])
+    assert 3 in visible_from(structure, 0)
+    assert 0 not in visible_from(structure, 3)
 
 
 @given(structures())

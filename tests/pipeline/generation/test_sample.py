@@ -18,7 +18,7 @@ from brute_force import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.data.buckets import split_of
+from labyrinth_core.data.buckets import bucket_of, split_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
@@ -78,14 +78,36 @@ def test_structures_are_unique_and_connected_and_where_their_hash_says(
         assert {split_of(structure, config.buckets) for structure in structures} == {split}
 
 
-@given(st.integers(0, 2**64 - 1), st.integers(2, 7), st.sampled_from(sorted(ALGORITHMS)))
+SIDES = st.integers(2, 7)
+
+
+@given(st.integers(0, 2**64 - 1), SIDES, SIDES, st.sampled_from(sorted(ALGORITHMS)))
 def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
-    seed: int, side: int, algorithm: str
+    seed: int, height: int, width: int, algorithm: str
 ) -> None:
     rng = np.random.default_rng(seed)
-    structure = next(sample_structures(side, side, rng, algorithm=algorithm))
+    structure = next(sample_structures(height, width, rng, algorithm=algorithm))
     for buckets in (DEFAULT_BUCKETS, (80, 10, 10), (1, 1, 98)):
         assert split_of(structure.transposed(), buckets) == split_of(structure, buckets)
+
+
+def test_no_structure_of_2x3_is_in_another_split_than_one_of_3x2_that_is_its_mirror_image() -> None:
+    wide, high = (
+        [each for each in all_structures(*sides) if each.is_connected] for sides in ((2, 3), (3, 2))
+    )
+    splits = {each.transposed(): split_of(each, DEFAULT_BUCKETS) for each in wide}
+    assert splits == {each: split_of(each, DEFAULT_BUCKETS) for each in high}
+    assert set(splits.values()) == set(SAMPLED_SPLITS)
+
+
+def test_with_varied_goals_all_images_of_a_structure_of_any_shape_share_one_split(
+    config_of: Callable[..., DatasetConfig],
+) -> None:
+    config = config_of(size="2x3", goals="varied", labyrinths=1)
+    connected = [each for each in all_structures(2, 3) if each.is_connected]
+    for structure in connected:
+        found = {bucket_of(config, image) for image in structure.symmetries()}
+        assert len(found - {None}) == 1
 
 
 @pytest.mark.slow

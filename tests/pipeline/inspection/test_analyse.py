@@ -129,6 +129,20 @@ def test_files_by_split_are_certified_and_those_that_leak_are_named(
     assert named[0].startswith(str(test / "09.labyrinth"))
 
 
+def test_hidden_copies_are_no_data_and_deep_files_are(files, make_run, tmp_path):
+    _, expected = certified(make_run, files, tmp_path / "before")
+    for hidden in (files / ".ipynb_checkpoints", files / "test" / ".ipynb_checkpoints"):
+        hidden.mkdir()
+        shutil.copy(files / "train" / "00.labyrinth", hidden / "00-checkpoint.labyrinth")
+        (hidden / "rows.parquet").touch()
+    _, pairs = certified(make_run, files, tmp_path / "hidden")
+    assert pairs == expected
+    (files / "test" / "hard").mkdir()
+    shutil.move(files / "test" / "08.labyrinth", files / "test" / "hard")
+    _, pairs = certified(make_run, files, tmp_path / "deep")
+    assert pairs == expected
+
+
 def test_the_configs_of_a_source_are_certified_side_by_side(files, make_run, tmp_path):
     data_dir = tmp_path / "data"
     for config in (None, "3x3", "..", "4x4"):

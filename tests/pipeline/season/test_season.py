@@ -151,7 +151,8 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
     shutil.copyfile(public / "results" / "1.json", reported / "a.json")
     told = json.loads((reported / "a.json").read_text(encoding="utf-8"))
     told["dataset"]["fingerprint"] = "0" * 64
-    (reported / "b.json").write_text(json.dumps(told), encoding="utf-8")
+    for name in ("b.json", ".b.json"):  # A hidden file is nobody's report.
+        (reported / name).write_text(json.dumps(told), encoding="utf-8")
     rows = public / "judged.json"
     listed = json.loads(rows.read_text(encoding="utf-8"))
     listed["judged"][0]["figures"]["test"]["sr"] = 0.5

@@ -179,6 +179,19 @@ def test_results_of_policies_that_the_program_evaluated_are_kept(results, run_of
     assert text(tmp_path / "results") == before
 
 
+def test_a_hidden_copy_of_results_is_not_ranked_in_place_of_the_file(
+    results, run_of, submit, tmp_path
+):
+    submit(content_of(results["rounds"], "mine"), ".ipynb_checkpoints/mine-checkpoint.json")
+    submit(content_of(results["planner"], "mine"), "mine.json")
+    stage.run(run_of())
+    assert "\n| 1 | mine |" in text(tmp_path / "results")
+    alone = rows(tmp_path / "results")
+    shutil.rmtree(tmp_path / "results" / "submissions" / ".ipynb_checkpoints")
+    stage.run(run_of())
+    assert rows(tmp_path / "results") == alone
+
+
 @pytest.mark.slow
 def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_others(
     results, small_dataset, submit, tmp_path
