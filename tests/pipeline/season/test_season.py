@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -70,6 +71,18 @@ def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, 
     perform = Performer(tmp_path, make_run)
     with pytest.raises(ConfigError, match=message):
         perform(stage, **options)
+    assert not perform.place.secret.exists()
+
+
+def test_a_full_disk_leaves_no_secret_without_its_season(tmp_path, make_run, monkeypatch):
+    perform = Performer(tmp_path, make_run)
+
+    def fail(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(OSError, match=r"No space left on device: '.*\.secret'"):
+        perform("season")
     assert not perform.place.secret.exists()
 
 
