@@ -175,6 +175,8 @@ def _explained(error: Exception) -> str:
         return f"error: {error}"
     if isinstance(error, OSError) and error.filename is not None:
         return f"error: {error.filename}: {error.strerror or error}"
+    if isinstance(error, FileNotFoundError):  # Of tempfile, whose message names the folders.
+        return f"error: {error.strerror or error}"
     if isinstance(error, OSError):
         try:
             print(flush=True)

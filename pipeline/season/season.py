@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import naming
 from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.machinery.console import say
@@ -60,7 +61,11 @@ def _keep(path: Path, secret: bytes) -> None:
         raise DatasetError(
             f"{path} exists, without its season: move it away, or choose another season.name"
         ) from error
-    with os.fdopen(descriptor, "w", encoding="ascii") as file:
-        file.write(secret.hex() + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with naming(path), os.fdopen(descriptor, "w", encoding="ascii") as file:
+            file.write(secret.hex() + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except BaseException:
+        path.unlink()
+        raise

@@ -57,6 +57,22 @@ def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
     assert len(re.findall(r"^[\w.]+: '?my own'?$", done.stderr, re.MULTILINE)) == runs
 
 
+def test_a_folder_for_temporary_files_that_is_missing_is_told_in_one_line(tmp_path: Path) -> None:
+    stage = """import tempfile
+    tempfile._candidate_tempdir_list = lambda: ["/nowhere"]
+    tempfile.tempdir = None
+    tempfile.gettempdir()"""
+    done = subprocess.run(
+        [python(), "-c", PROGRAM.format(stage=stage), "stages=build"],
+        env={"PYTHONPATH": str(RUN.parent)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert error_of(done) == "error: No usable temporary directory found in ['/nowhere']"
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
 def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str) -> None:
     stage = r"from pipeline.machinery.console import say; say('50 \u00b1 1 \u2026 \u0416')"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -84,6 +85,18 @@ def test_a_run_with_memory_is_no_submission_and_one_of_a_protocol_keeps_its_pict
         fetched(folder).__enter__()
     with fetched(str(lay_out_run(tmp_path / "paper", spec, protocol="paper"))) as submission:
         assert submission.policy.resize == "original"
+
+
+def test_a_full_disk_leaves_no_secret_without_its_season(tmp_path, make_run, monkeypatch):
+    perform = Performer(tmp_path, make_run)
+
+    def fail(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(OSError, match=r"No space left on device: '.*\.secret'"):
+        perform("season")
+    assert not perform.place.secret.exists()
 
 
 @pytest.mark.slow
