@@ -25,7 +25,6 @@ from labyrinth_core.data.rows import (
 )
 from labyrinth_core.data.source import local_folder, locate
 from labyrinth_core.data.storage import AnyPath, RemotePath
-from labyrinth_core.language.text import without_agent
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
@@ -233,32 +232,12 @@ def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] |
         left = labyrinths
     if left == count:
         return None
-    if manifest.labyrinths is None:
-        return _numbers_of_rows(part, left) < left
     if where is None:
         ranges = _row_ranges(wanted, manifest)
     kept = np.zeros(part.first_rows()[-1], np.bool_)
     for first, end in ranges[:left].tolist():
         kept[first:end] = True
     return kept
-
-
-def _numbers_of_rows(part: Part, count: int) -> NDArray[np.int64]:
-    """Return the number of the labyrinth in each row, up to those of `count` labyrinths or more."""
-    numbers = [np.array([-1])]
-    last = ""
-    for rows in part.rows(pictures=False):
-        if not len(rows.info):
-            continue
-        bare = [without_agent(text) for text in rows.texts]
-        places = {text: place for place, text in enumerate(dict.fromkeys(bare))}
-        labyrinth = np.array([places[text] for text in bare])[rows.info]
-        begins = np.diff(labyrinth, prepend=places.get(last, -1)) != 0
-        numbers.append(numbers[-1][-1] + np.cumsum(begins))
-        if numbers[-1][-1] >= count:
-            break
-        last = bare[rows.info[-1]]
-    return np.concatenate(numbers[1:])
 
 
 def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:

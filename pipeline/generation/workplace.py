@@ -106,9 +106,8 @@ class Workplace:
         ]
 
     def has_table(self, manifest: Manifest) -> bool:
-        """Return whether the table of labyrinths is what it was, or the dataset never had one."""
-        table = manifest.labyrinths
-        return table is None or self._is_whole(TABLE, table.bytes, table.sha256)
+        """Return whether the table of labyrinths is what it was."""
+        return self._is_whole(TABLE, manifest.table.bytes, manifest.table.sha256)
 
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
         path, manifest = self.folder / name, self.folder / MANIFEST
