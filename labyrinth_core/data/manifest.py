@@ -30,8 +30,8 @@ ANALYSIS = "analysis.json"
 COUNTS = "counts.json"
 """The name of the file of what is counted in the rows, in the same folder."""
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
-"""The format of a manifest; 3 if the structures come from several chunks of candidates, where
-earlier versions took others."""
+"""The format of a manifest, and that of one whose structures come from several chunks of
+candidates."""
 
 
 @dataclass(frozen=True)

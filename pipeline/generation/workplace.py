@@ -15,7 +15,6 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     ANALYSIS,
     COUNTS,
-    FORMAT_OF_CHUNKS,
     MANIFEST,
     Manifest,
     Shard,
@@ -253,8 +252,6 @@ def _content(config: DatasetConfig | None) -> dict[str, Any]:
     return {
         "config": None if config is None else config.to_json(),
         "versions": current_versions(),
-        # The newest, since earlier versions took other structures for large datasets.
-        "format": FORMAT_OF_CHUNKS,
         "parts": None,
     }
 
