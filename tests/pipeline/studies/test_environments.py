@@ -116,9 +116,9 @@ def test_episodes_of_other_options_are_played_anew_and_nothing_is_removed(tmp_pa
 @pytest.mark.parametrize(
     ("name", "value"), [("__version__", "0.0.1"), ("version", lambda library: f"old {library}")]
 )
-def test_episodes_of_an_earlier_version_are_played_anew(tmp_path, played, monkeypatch, name, value):
-    with monkeypatch.context() as earlier:
-        earlier.setattr(environments, name, value)
+def test_episodes_of_another_version_are_played_anew(tmp_path, played, monkeypatch, name, value):
+    with monkeypatch.context() as other:
+        other.setattr(environments, name, value)
         compare(run_of(tmp_path, "Labyrinth"))
     played.clear()
     compare(run_of(tmp_path, "Labyrinth"))
