@@ -33,7 +33,7 @@ def _option(
         holds: Returns whether a value is allowed.
         allowed: What to give, for the message that refuses another value.
         name: The name on the command line, where that is not the field's.
-        default: What datasets of earlier versions have, which lack the option.
+        default: The value at which a manifest leaves the option out.
     """
     metadata = {"holds": holds, "allowed": allowed, "name": name}
     return field(default=default, metadata=metadata)
@@ -51,7 +51,7 @@ def _one_of(*words: str, default: Any = MISSING) -> Any:
 class DatasetConfig:
     """The options that determine the rows of a dataset, and no others.
 
-    Options with a default are newer than the first datasets, whose manifests lack them.
+    Options with a default are in a manifest only with another value.
 
     Raises:
         ValueError: A value is impossible; the message names the option, the value and what is
@@ -136,13 +136,13 @@ class DatasetConfig:
         shown = f"[{','.join(value)}]" if isinstance(value, tuple) else value
         return f"{_COMMAND_LINE[name]}={shown}"
 
-    def newer_options(self) -> dict[str, Any]:
-        """Return the options that datasets of earlier versions lack, but for those at defaults.
+    def unusual_options(self) -> dict[str, Any]:
+        """Return the options that do not have their defaults, of those that have one.
 
         Their names are those on the command line, such as `splits.min_walls`.
         """
-        values = {name: getattr(self, name) for name in _NEWER}
-        return {_COMMAND_LINE[n]: value for n, value in values.items() if value != _NEWER[n]}
+        values = {name: getattr(self, name) for name in _DEFAULTS}
+        return {_COMMAND_LINE[n]: value for n, value in values.items() if value != _DEFAULTS[n]}
 
     @property
     def wall_pixels(self) -> int:
@@ -168,13 +168,13 @@ class DatasetConfig:
     def to_json(self) -> dict[str, Any]:
         """Return the options in plain types; `from_json` is the inverse.
 
-        Newer options are left out at their defaults, as in datasets that are older than these.
+        Options are left out at their defaults.
         """
         plain = asdict(self) | {"task": str(self.task)}
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in plain.items()
-            if value != _NEWER.get(name)
+            if value != _DEFAULTS.get(name)
         }
 
     @classmethod
@@ -186,7 +186,7 @@ class DatasetConfig:
         """
         plain: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
-            for name, value in (_NEWER | dict(values)).items()
+            for name, value in (_DEFAULTS | dict(values)).items()
         }
         if {*plain} != {*_KINDS} or not all(_is_a(plain[name], _KINDS[name]) for name in plain):
             raise ValueError(f"a dataset's config has the fields {[*_KINDS]}, not {values}")
@@ -196,8 +196,8 @@ class DatasetConfig:
         return cls(**plain | {"task": Task(plain["task"])})
 
 
-_NEWER = {each.name: each.default for each in fields(DatasetConfig) if each.default is not MISSING}
-"""The options that datasets of earlier versions lack, with what they stand for there."""
+_DEFAULTS = {e.name: e.default for e in fields(DatasetConfig) if e.default is not MISSING}
+"""The options that a manifest leaves out at their defaults."""
 
 _COMMAND_LINE = {e.name: e.metadata.get("name") or e.name for e in fields(DatasetConfig)}
 """Field -> its name on the command line."""

@@ -65,13 +65,9 @@ def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[Path]:
     import pyarrow as pa
 
     path = folder / TABLE
-    if manifest.labyrinths is None:
-        raise DatasetError(
-            f"{folder} has no {TABLE}, being of an earlier version: overwrite=true builds it anew"
-        )
     try:
         with local_copy(path) as local:
-            if file_sha256(local) != manifest.labyrinths.sha256:
+            if file_sha256(local) != manifest.table.sha256:
                 raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
             yield local
     except (OSError, pa.ArrowException) as error:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.schema import COUNT, Exactly, Text, check_shape, read_json
 from labyrinth_core.data.splits import SPLITS
@@ -30,8 +30,8 @@ ANALYSIS = "analysis.json"
 COUNTS = "counts.json"
 """The name of the file of what is counted in the rows, in the same folder."""
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
-"""The format of a manifest; 3 if the structures come from several chunks of candidates, where
-earlier versions took others."""
+"""The format of a manifest, and that of one whose structures come from several chunks of
+candidates."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,17 @@ class Manifest:
     shards: tuple[Shard, ...]
     """The shards, in the order of splits and of rows."""
     labyrinths: TableFile | None = None
-    """The table of labyrinths; datasets of earlier versions have none."""
+    """The table of labyrinths; that of questions has none."""
     format: int = FORMAT
     questions: Manifest | None = None
     """That of the questions beside the dataset, which is a file of its own, if there are any. Their
     shards have the names and fingerprints of those that they were made from."""
+
+    @property
+    def table(self) -> TableFile:
+        """The table of labyrinths of a dataset that is not one of questions."""
+        assert self.labyrinths is not None
+        return self.labyrinths
 
     @property
     def fingerprint(self) -> str:
@@ -141,7 +147,7 @@ class Manifest:
         Raises:
             DatasetError: The manifest is missing or malformed.
         """
-        path = folder / MANIFEST
+        path, asks = folder / MANIFEST, folder.name.endswith(f"-{QUESTIONS}")
         try:
             content = read_json(path)
             if content["format"] not in (FORMAT, FORMAT_OF_CHUNKS):
@@ -152,9 +158,7 @@ class Manifest:
                 config=DatasetConfig.from_json(content["config"]),
                 versions={str(key): str(value) for key, value in content["versions"].items()},
                 shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
-                labyrinths=(
-                    TableFile.from_json(content["labyrinths"]) if "labyrinths" in content else None
-                ),
+                labyrinths=None if asks else TableFile.from_json(content["labyrinths"]),
                 format=content["format"],
             )
         except (FileNotFoundError, NotADirectoryError) as error:

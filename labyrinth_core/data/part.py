@@ -228,31 +228,12 @@ def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] |
         left = whole("labyrinths", labyrinths, 1, left, allowed=held)
     if left == count:
         return None
-    if manifest.labyrinths is None:
-        return _numbers_of_rows(part, left) < left
     if where is None:
         ranges = _row_ranges(wanted, manifest)
     kept = np.zeros(part.first_rows()[-1], np.bool_)
     for first, end in ranges[:left].tolist():
         kept[first:end] = True
     return kept
-
-
-def _numbers_of_rows(part: Part, count: int) -> NDArray[np.int64]:
-    """Return the number of the labyrinth in each row, up to those of `count` labyrinths or more."""
-    numbers = [np.array([-1])]
-    last = ""
-    for rows in part.rows(pictures=False):
-        if not len(rows.info):
-            continue
-        places = {text: place for place, text in enumerate(dict.fromkeys(rows.texts))}
-        labyrinth = np.array([places[text] for text in rows.texts])[rows.info]
-        begins = np.diff(labyrinth, prepend=places.get(last, -1)) != 0
-        numbers.append(numbers[-1][-1] + np.cumsum(begins))
-        if numbers[-1][-1] >= count:
-            break
-        last = rows.texts[rows.info[-1]]
-    return np.concatenate(numbers[1:])
 
 
 def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:

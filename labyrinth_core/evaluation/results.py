@@ -189,8 +189,6 @@ class Results:
 
         For `datasets` see `load`. What is cheap to check is checked first.
         """
-        if isinstance(content, dict) and {"run", "training"} <= content.keys():
-            raise ValueError("an earlier version wrote it: stages=evaluate makes it anew")
         rules = rules_of(content)
         about = content["dataset"]
         run = TrainedRun(**taken(content["run"], RUN)) if "run" in content else None
@@ -337,11 +335,5 @@ def _as_text(content: Mapping[str, Any]) -> str:
 
 
 def results_in(run_dir: Path) -> list[Path]:
-    """Return the files of results in the folders of a folder of runs, those of today's name first.
-
-    What an earlier version left of a run comes, too, if the run was not evaluated since; `load`
-    refuses it, and says what to do.
-    """
-    found = sorted(run_dir.glob(f"*/*/{RESULTS}"))
-    older = sorted(run_dir.glob("*/*/evaluation.json"))
-    return found + [path for path in older if path.with_name(RESULTS) not in found]
+    """Return the files of results in the folders of a folder of runs."""
+    return sorted(run_dir.glob(f"*/*/{RESULTS}"))

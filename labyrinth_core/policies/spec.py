@@ -30,8 +30,6 @@ GRAPH = "model.onnx"
 
 KIND = "labyrinth-policy"
 FORMAT = 1
-MAPPER_FORMAT = 2
-"""The format of a mapper; in 1, its network looked at a way as a whole, not line by line."""
 
 ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
 """Encoder -> what it looks at."""
@@ -159,12 +157,11 @@ class PolicySpec:
         resize = {} if self.resize == "area" else {"resize": self.resize}
         return {
             "kind": KIND,
-            "format": MAPPER_FORMAT if self.network.encoder == MAPPER else FORMAT,
+            "format": FORMAT,
             "observation": self.observation,
             "image_size": self.image_size,
             "network": asdict(self.network),
             "average": self.average,
-            PLANNER: None,
             **own,
             **resize,
         }

@@ -108,9 +108,8 @@ def refuse_others(path: Path, name: str | None) -> None:
         return
     try:
         content = read_json(path)
-        same = content["method"]["name"] == name and "run" not in content
-        if name is None:
-            same = "run" in content  # Also of an earlier version.
+        of_run = "run" in content
+        same = of_run if name is None else not of_run and content["method"]["name"] == name
     except (OSError, *MALFORMED):
         same = False
     if not same:

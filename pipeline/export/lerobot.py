@@ -47,8 +47,7 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     """Write a split into an empty folder.
 
     Raises:
-        DatasetError: The dataset has no table of labyrinths, being of an earlier version, or one
-            that does not fit.
+        DatasetError: The table of labyrinths does not fit the episodes.
     """
     import pandas as pd
     import pyarrow as pa

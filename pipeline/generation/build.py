@@ -156,7 +156,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
     jobs = [
         replace(job, path=workplace.folder / name, expected=expected[name])
         for job in plan.jobs
-        if (name := job.path.name) in expected and plan.format == manifest.format
+        if (name := job.path.name) in expected
     ]
     made = {shard.path for shard in _made(run, jobs)}
     if missing := [name for name in expected if name not in made]:

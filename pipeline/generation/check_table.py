@@ -25,12 +25,10 @@ def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str],
     """Return what is wrong with the file as a whole, and whether its rows can be compared."""
     import pyarrow as pa
 
-    if manifest.labyrinths is None:
-        return [], False
     path = folder / TABLE
     try:
         problems = []
-        digest, expected = file_sha256(path), manifest.labyrinths.sha256
+        digest, expected = file_sha256(path), manifest.table.sha256
         if digest != expected:
             problems.append(f"{TABLE}: sha256 {digest}, but the manifest says {expected}")
         with _open(path) as file:

@@ -76,9 +76,7 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         "validate",
         total=sum(shard.rows for shard in manifest.shards),
     )
-    listed = {shard.path for shard in manifest.shards}
-    if manifest.labyrinths is not None:
-        listed.add(TABLE)
+    listed = {TABLE, *(shard.path for shard in manifest.shards)}
     unlisted = {path.name for path in folder.glob("*.parquet")} - listed
     problems += [f"{name} is not in the manifest" for name in sorted(unlisted)]
     own: list[ShardReport] = []

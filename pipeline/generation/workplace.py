@@ -15,7 +15,6 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     ANALYSIS,
     COUNTS,
-    FORMAT_OF_CHUNKS,
     MANIFEST,
     Manifest,
     Shard,
@@ -106,9 +105,8 @@ class Workplace:
         ]
 
     def has_table(self, manifest: Manifest) -> bool:
-        """Return whether the table of labyrinths is what it was, or the dataset never had one."""
-        table = manifest.labyrinths
-        return table is None or self._is_whole(TABLE, table.bytes, table.sha256)
+        """Return whether the table of labyrinths is what it was."""
+        return self._is_whole(TABLE, manifest.table.bytes, manifest.table.sha256)
 
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
         path, manifest = self.folder / name, self.folder / MANIFEST
@@ -254,8 +252,6 @@ def _content(config: DatasetConfig | None) -> dict[str, Any]:
     return {
         "config": None if config is None else config.to_json(),
         "versions": current_versions(),
-        # The newest, since earlier versions took other structures for large datasets.
-        "format": FORMAT_OF_CHUNKS,
         "parts": None,
     }
 

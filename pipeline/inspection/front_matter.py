@@ -120,11 +120,10 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
     for manifest in manifests:
         add(manifest, manifest.config.name, COLUMNS, manifest.config.splits)
     for manifest in manifests:
-        if manifest.labyrinths is not None:
-            name = table_config(manifest.config.name)
-            configs.append(_config(name, {SPLIT: f"{manifest.config.name}/{TABLE}"}))
-            rows = sum(shard.labyrinths for shard in manifest.shards)
-            infos.append(_info(name, TABLE_COLUMNS, {SPLIT: (manifest.labyrinths.bytes, rows)}))
+        name = table_config(manifest.config.name)
+        configs.append(_config(name, {SPLIT: f"{manifest.config.name}/{TABLE}"}))
+        rows = sum(shard.labyrinths for shard in manifest.shards)
+        infos.append(_info(name, TABLE_COLUMNS, {SPLIT: (manifest.table.bytes, rows)}))
     for manifest in manifests:
         if manifest.questions is not None:
             name, splits = questions_config(manifest.config.name), question_splits(manifest.config)

@@ -149,9 +149,8 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
         if problems := "; ".join(dataset.certificate.problems()):
             reason = f"{problems}: no card for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
-        if dataset.manifest.labyrinths is not None:
-            with table_file(data_dir / dataset.name, dataset.manifest):
-                pass  # It is not damaged.
+        with table_file(data_dir / dataset.name, dataset.manifest):
+            pass  # It is not damaged.
     return datasets
 
 

@@ -69,7 +69,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
                 _split_records(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
                 for d in datasets
             ),
-            *(_table_records(d.name) for d in datasets if d.manifest.labyrinths is not None),
+            *(_table_records(d.name) for d in datasets),
             *(
                 _split_records(
                     questions_config(d.name),

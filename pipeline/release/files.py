@@ -80,8 +80,7 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
     names += [name for name in (CHANGES, CITATION, CROISSANT, EVAL) if own.has(name)]
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
-        files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards)]
-        files += [TABLE] * (manifest.labyrinths is not None)
+        files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards), TABLE]
         if read_analysis(data_dir / manifest.config.name, manifest):
             files.append(ANALYSIS)
         names += [f"{manifest.config.name}/{name}" for name in files]

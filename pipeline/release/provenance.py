@@ -59,7 +59,7 @@ def command(config: DatasetConfig) -> str:
         "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
-    for name, value in config.newer_options().items():
+    for name, value in config.unusual_options().items():
         options[name] = f"[{','.join(value)}]" if isinstance(value, tuple) else value
     given = [f"{name}={value}" for name, value in options.items()]
     return shlex.join(["labyrinth-datasets", *given])

@@ -104,18 +104,15 @@ def _rows(datasets: Sequence[DatasetStatistics], splits: Sequence[str]) -> str:
 
 
 def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
-    """Return the section on the tables of labyrinths, empty if no dataset has one."""
-    names = [d.name for d in datasets if d.manifest.labyrinths is not None]
-    if not names:
-        return ""
+    """Return the section on the tables of labyrinths."""
     section = fill(
         "labyrinth_table.md",
         table=TABLE,
-        names=", ".join(f"`{table_config(name)}`" for name in names),
+        names=", ".join(f"`{table_config(dataset.name)}`" for dataset in datasets),
         columns=_meanings(TABLE_COLUMNS),
         name=release.name,
         revision=f"@{release.version}" if release.version else "",
-        shown=default if default in names else names[0],
+        shown=default,
     )
     return f"{section}\n"
 

@@ -63,8 +63,10 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     path = folder / RECORD
     try:
         content = read_json(path)
-        if content["format"] != FORMAT or not isinstance(content["run"], dict):
+        if content["format"] != FORMAT:
             raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+        if not all(isinstance(content[name], dict) for name in ("run", "files")):
+            raise ValueError("its run or its files are not an object")
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (ValueError, LookupError, TypeError, RecursionError) as error:
@@ -87,7 +89,7 @@ def files_to_replace(folder: Path, *, overwrite: bool) -> list[Path]:
         return []
     for path in interrupted:
         load_tensors(path, "state")  # Raises if it is something else.
-    recorded = dict((read_record(folder) or {}).get("files", {}))
+    recorded = (read_record(folder) or {"files": {}})["files"]
     found = [folder / name for name in (RECORD, POLICY, CURVES) if (folder / name).exists()]
     others = [p for p in found if p.name != RECORD and file_sha256(p) != recorded.get(p.name)]
     for path in sorted(folder.glob(f"{Path(RESULTS).stem}*.json")):

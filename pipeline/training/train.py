@@ -101,19 +101,17 @@ def choose_device(options: TrainingOptions) -> torch.device:
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types."""
     options = run.options
-    # Runs that were made before these two options existed have no values of them.
-    precision = {} if options.precision == "fp32" else {"precision": options.precision}
     return {
-        **precision,
         "method": options.method_name,
         "encoder": options.network,
         "pool_stride": options.pool_stride,
         "observation": options.observation,
         "protocol": options.protocol,
+        "precision": options.precision,
+        "memory": options.memory,
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
         "settings": asdict(settings),
-        **({"memory": True} if options.memory else {}),
         "config": run.dataset.name,
         "dataset": run.source,
         "revision": options.revision,

@@ -145,6 +145,7 @@ def with_shard(content: Any, **values: Any) -> Any:
             "no split 'eval'",
         ),
         (lambda content: content | {"format": 1}, "its format is 1, not 2"),
+        (lambda content: {k: v for k, v in content.items() if k != "labyrinths"}, "labyrinths"),
         *(
             (lambda content, more=more: with_shard(content, **more), "cannot be read: .*a shard")
             for more in ({field.name: wrong} for field in fields(Shard) for wrong in WRONG)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from pathlib import Path
 
 import huggingface_hub
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from tampering import put_shards
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import frame_cache
@@ -219,25 +216,3 @@ COUNTED = "give a whole number from 1 to {left}, as many as split=train has"
 )
 def test_a_selection_that_cannot_be_is_refused(data_dir, options, message):
     assert re.match(message, refusal(data_dir, **options))
-
-
-def test_where_there_is_no_table_the_first_labyrinths_are_found_and_a_filter_is_refused(
-    data_dir, tmp_path
-):
-    copy = Path(shutil.copytree(data_dir, tmp_path / "copy"))
-    (copy / "3x4" / TABLE).unlink()
-    files = sorted((copy / "3x4").glob("train-*.parquet"))
-    train = pa.concat_tables([pq.read_table(path) for path in files])
-    cut_anywhere = [train.slice(first, 7) for first in range(0, len(train), 7)]
-    put_shards(copy / "3x4", "train", cut_anywhere)
-    path = copy / "3x4" / MANIFEST
-    content = json.loads(path.read_bytes())
-    del content["labyrinths"]
-    path.write_text(json.dumps(content))
-    for function in (load_episodes, stream_episodes):
-        some = function(copy, "3x4", observation="vector", labyrinths=4)
-        assert ids_of(some) == ids_of(load_episodes(data_dir, "3x4", labyrinths=4))
-    line = refusal(copy, where=pc.field("moves") >= 6)
-    assert line.endswith(
-        f"has no {TABLE}, being of an earlier version: overwrite=true builds it anew"
-    )

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS
 from policies import Rounds
-from submitted import add_up, content_of, forgetful, keep, of_few, of_run, results_of
+from submitted import add_up, content_of, forgetful, of_few, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import LARGEST, Results, results_in
+from labyrinth_core.evaluation.results import LARGEST, Results
 from labyrinth_core.evaluation.results_form import DERIVED
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
@@ -101,19 +101,6 @@ def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(resu
     some["run"]["train_labyrinths"] = 4
     some["method"]["name"] = "bc-cnn-seed0-labyrinths4"
     refused(read, some, known, "train: 3 labyrinths, but .*/3x3 has 4")
-
-
-def test_what_an_earlier_version_left_of_a_run_is_refused_with_the_command_that_makes_it_anew(
-    results, tmp_path
-):
-    path = keep(of_run(results), tmp_path)
-    older = path.with_name("evaluation.json")
-    older.write_text(json.dumps({"format": 1, "run": {}, "training": {}, "splits": {}}))
-    assert results_in(tmp_path) == [path]
-    path.unlink()
-    assert results_in(tmp_path) == [older]
-    with pytest.raises(DatasetError, match=r"evaluation\.json is refused: an earlier version"):
-        Results.load(older)
 
 
 def test_some_splits_are_enough(content, known, read):

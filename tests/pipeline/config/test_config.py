@@ -347,7 +347,7 @@ WRONG_KINDS: dict[str, list[Any]] = {
     "buckets": [None, 34, [34, 33], [34, 33, 33, 0], [34.0, 33, 33], [90, 33, 33], "abc", {}],
     "seed": [None, -1, 2**64, "0", False],
 }
-WRONG_KINDS_OF_NEWER: dict[str, list[Any]] = {
+WRONG_KINDS_OF_OTHERS: dict[str, list[Any]] = {
     "goals": [None, 1, "random", ["varied"]],
     "min_walls": [None, 0, -1, 41, "2", 2.0, True, [2]],
 }
@@ -358,7 +358,7 @@ WRONG_KINDS_OF_NEWER: dict[str, list[Any]] = {
     ("name", "value"),
     [
         (name, value)
-        for name, values in (WRONG_KINDS | WRONG_KINDS_OF_NEWER).items()
+        for name, values in (WRONG_KINDS | WRONG_KINDS_OF_OTHERS).items()
         for value in values
     ],
 )

@@ -176,7 +176,7 @@ def test_a_run_with_memory_is_another_run_and_is_stepped(build, run_of, tmp_path
     assert Results.load(kept).run.setup == f"{run.options.network}-memory"
     without = run_of(tmp_path, tmp_path / "runs", **options)
     _, settings = find(method, without.options.method)
-    assert "memory" not in train.identify(without, settings)
+    assert train.identify(without, settings)["memory"] is False
     assert without.training_folder != run.training_folder
 
 

@@ -17,7 +17,6 @@ from tampering import content_of
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
@@ -164,9 +163,3 @@ def test_a_damaged_shard_of_a_dataset_of_chunks_is_made_anew(
     (run.folder / "test-00000-of-00001.parquet").unlink()
     build(tmp_path, **OF_CHUNKS)
     assert content_of(run.data_dir) == content_of(of_chunks.data_dir)
-    (run.folder / "test-00000-of-00001.parquet").unlink()
-    # As if an earlier version had built it, which knew no chunks.
-    manifest = run.folder / "manifest.json"
-    manifest.write_text(manifest.read_text().replace('"format": 3', '"format": 2'))
-    with pytest.raises(DatasetError, match="cannot be made again"):
-        build(tmp_path, **OF_CHUNKS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import shutil
 import threading
 from collections import Counter
@@ -19,7 +18,7 @@ from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
 
@@ -102,21 +101,6 @@ def test_rows_that_are_wrong_are_reported_once(folder: Path) -> None:
     found = problems(folder)
     assert found
     assert all(problem.startswith(first) for problem in found)
-
-
-def test_a_dataset_of_an_earlier_version_has_no_table_and_is_valid(folder: Path) -> None:
-    (folder / TABLE).unlink()
-    with manifest_of(folder) as content:
-        del content["labyrinths"]
-    assert problems(folder) == []
-    before = json.loads((folder / MANIFEST).read_bytes())
-    manifest = Manifest.read(folder)
-    manifest.write(folder)
-    assert json.loads((folder / MANIFEST).read_bytes()) == before
-    with pytest.raises(DatasetError, match=f"has no {TABLE}, being of an earlier version"):
-        table_file(folder, manifest).__enter__()
-    (folder / TABLE).touch()
-    assert problems(folder) == [f"{TABLE} is not in the manifest"]
 
 
 def test_the_table_is_read_in_no_thread_of_arrow(

@@ -109,12 +109,6 @@ def test_the_shorter_dataset_stays_until_the_longer_one_is_whole(
     assert content_of(data_dir) == content_of(long)
 
 
-def no_table(folder: Path) -> None:
-    (folder / "labyrinths.parquet").unlink()
-    with manifest_of(folder) as content:
-        del content["labyrinths"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "options", "words"),
@@ -124,20 +118,14 @@ def no_table(folder: Path) -> None:
         # Validation and test depend on all of train then.
         ({"splits": SplitsConfig(6)}, {"labyrinths": 60}, "not all of which are in a longer one"),
         ({"shifts": ("open",)}, {"labyrinths": 60}, "not all of which are in a longer one"),
-        # As an earlier version, which knew no chunks, has sampled.
-        ({"cells_per_chunk": (10**6, 1)}, {"labyrinths": 17, **CHUNKS}, "not all of which are"),
-        (no_table, {"labyrinths": 17}, "overwrite=true builds it anew"),
     ],
 )
 def test_what_would_lose_labyrinths_is_refused(
-    build: Build, tmp_path: Path, before: Any, options: dict[str, Any], words: str
+    build: Build, tmp_path: Path, before: dict[str, Any], options: dict[str, Any], words: str
 ) -> None:
-    given = {} if callable(before) else before
-    folder = build(tmp_path, **OF_FOUR | {"labyrinths": 10} | given).folder
-    if callable(before):
-        before(folder)
+    folder = build(tmp_path, **OF_FOUR | {"labyrinths": 10} | before).folder
     there = content_of(folder)
     with pytest.raises(DatasetError, match=words):
-        build(tmp_path, **OF_FOUR | given | options)
+        build(tmp_path, **OF_FOUR | before | options)
     assert content_of(folder) == there
-    assert Manifest.read(build(tmp_path, **OF_FOUR | given | options, overwrite=True).folder)
+    assert Manifest.read(build(tmp_path, **OF_FOUR | before | options, overwrite=True).folder)

@@ -382,19 +382,6 @@ def test_the_benchmark_has_a_task_for_each_split_but_random_that_results_can_ref
     assert {entry.task_id for entry in parsed} == set(tasks)
 
 
-def test_the_card_of_an_earlier_version_is_written_anew_and_a_picture_in_it_is_no_part(folder):
-    photo = folder / "pictures" / "my-photo.png"
-    photo.write_bytes(b"mine")
-    lines = (folder / "SHA256SUMS").read_text(encoding="utf-8")
-    digest = hashlib.sha256(b"mine").hexdigest()
-    lines = f"{lines}{digest}  pictures/my-photo.png\n"  # As earlier versions listed it.
-    (folder / "SHA256SUMS").write_text(lines, encoding="utf-8")
-    card.write_card(folder, Release("user/labyrinth", "1.0.0"))
-    assert photo.read_bytes() == b"mine"
-    assert "user/labyrinth" in (folder / "croissant.json").read_text(encoding="utf-8")
-    assert "my-photo" not in (folder / "SHA256SUMS").read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize(
     ("licence", "named"), [("cc-by-4.0", "cc-by-4.0"), (["mit", "cc0-1.0"], "mit, cc0-1.0")]
 )

@@ -138,7 +138,7 @@ def test_every_method_can_be_trained_in_bf16(problem_of: Callable[..., Problem],
 
 
 @pytest.mark.slow
-def test_the_precision_is_part_of_what_a_run_is_if_it_is_not_the_usual_one(
+def test_the_precision_is_part_of_what_a_run_is(
     small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path
 ) -> None:
     def run_of(**options: Any) -> Run:
@@ -147,8 +147,7 @@ def test_the_precision_is_part_of_what_a_run_is_if_it_is_not_the_usual_one(
 
     settings = settings_of("bc")
     plain, half = (train.identify(run_of(**each), settings) for each in ({}, {"precision": "bf16"}))
-    assert half == plain | {"precision": "bf16"}
-    assert "precision" not in plain  # As in records from before there was a choice.
+    assert (plain["precision"], half) == ("fp32", plain | {"precision": "bf16"})
     assert run_of(precision="bf16").training_folder.name == "bc-cnn-seed0-bf16"
-    with pytest.raises(DatasetError, match="precision=bf16, not None"):
+    with pytest.raises(DatasetError, match="precision=bf16, not fp32"):
         require_same("a run", half, plain)
