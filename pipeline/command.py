@@ -23,12 +23,13 @@ from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import (
+    HYDRA,
     STAGES,
+    keep_texts,
     options_of,
     refusal,
     register,
     resolve,
-    with_brackets,
 )
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
@@ -76,7 +77,7 @@ def run_command() -> int:
     # joblib's tracker would say what it clears up where the program ends at once.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
-    sys.argv[1:] = map(with_brackets, sys.argv[1:])
+    sys.argv[1:] = map(keep_texts, sys.argv[1:])
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
@@ -100,7 +101,7 @@ def run_command() -> int:
     return 0
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF.absolute()), config_name="config")
+@hydra.main(**HYDRA, config_path=str(CONF.absolute()), config_name="config")
 def perform(config: DictConfig) -> None:
     """Perform the stages of one run.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from enum import Enum
+from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
 
@@ -34,7 +34,7 @@ class LabyrinthError(ValueError):
         self.cell = cell
 
 
-class Task(str, Enum):
+class Task(StrEnum):
     """The difficulty on the way to the goal; a labyrinth has exactly one task."""
 
     NAVIGATION = "navigation"
@@ -42,17 +42,13 @@ class Task(str, Enum):
     KEY_AND_DOOR = "key_and_door"
     ICY_FLOOR = "icy_floor"
 
-    __str__ = str.__str__
 
-
-class Look(str, Enum):
+class Look(StrEnum):
     """How the pictures of a labyrinth are drawn; nothing else depends on it."""
 
     PLAIN = "plain"
     RECOLOURED = "recoloured"
     THIN_WALLS = "thin_walls"
-
-    __str__ = str.__str__
 
 
 class State(NamedTuple):

@@ -20,9 +20,9 @@ ALL_SHIFTS = "all"
 class BucketsConfig:
     """The share of each split; the same for datasets that are to be compared."""
 
-    train: int = 34
-    validation: int = 33
-    test: int = 33
+    train: int = option(34, "percent of all structures that may be in train")
+    validation: int = option(33, "percent of all structures that may be in validation")
+    test: int = option(33, "percent of all structures that may be in test")
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,7 @@ class DatasetOptions:
         "probability of opening each wall that the tree leaves (0.12 at 3x3, 0.09 at 4x4, else "
         "0.08)",
     )
-    buckets: BucketsConfig = option(  # noqa: RUF009
-        BucketsConfig(),
-        "percent of all structures that may be in each split (buckets.train=...)",
-    )
+    buckets: BucketsConfig = BucketsConfig()
     splits: SplitsConfig = SplitsConfig()
     shifts: tuple[str, ...] = option(
         (),

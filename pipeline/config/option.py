@@ -7,10 +7,11 @@ follow from the declaration.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import field, fields, is_dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, Field, field, fields, is_dataclass, make_dataclass
+from functools import partial
 from math import inf
-from typing import Any, TypeVar, get_origin, get_type_hints
+from typing import Any, TypeVar, cast, get_origin, get_type_hints
 
 from pipeline.config.errors import check, listed
 
@@ -45,15 +46,61 @@ def option(
     return field(default=default, metadata=metadata)
 
 
-def meanings(cls: type, group: str = "") -> dict[str, str]:
-    """Return what the options that a class declares mean, by their names."""
-    found = {}
+def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]]:
+    """Yield the name, the field and the type of each option that a class and its groups declare.
+
+    Args:
+        cls: The class.
+        group: What goes before the names, such as `publish.`.
+    """
+    kinds = get_type_hints(cls)
     for each in fields(cls):
-        if "meaning" in each.metadata:
-            found[group + each.name] = each.metadata["meaning"]
-        elif is_dataclass(each.default):
-            found |= meanings(type(each.default), f"{group}{each.name}.")
-    return found
+        name, kind = group + each.name, kinds[each.name]
+        if is_dataclass(kind):
+            yield from declared(cast(type, kind), f"{name}.")
+        else:
+            yield name, each, kind
+
+
+def meanings(cls: type, group: str = "") -> dict[str, str]:
+    """Return what the options that a class and its groups declare mean, by their names."""
+    return {name: each.metadata["meaning"] for name, each, _ in declared(cls, group)}
+
+
+def default_of(each: Field[Any]) -> str:
+    """Return the default of an option as it is typed; empty for an option without one."""
+    default = (
+        next(iter(each.default_factory().values())) if each.default is MISSING else each.default
+    )
+    if isinstance(default, tuple):
+        _, _, one_of, _ = each.metadata["checks"]
+        every = bool(default) and [*default] == one_of
+        return "all" if every else ",".join(default)
+    if default is None:
+        return ""
+    return str(default).lower() if isinstance(default, bool) else str(default)
+
+
+def schema(cls: type) -> type:
+    """Return a class of the same options, into whose instances OmegaConf merges values.
+
+    Lists, true and false are left to `frozen`: OmegaConf refuses one text in place of a list, and
+    reads -1 as true. Options that are a dictionary begin empty, since the defaults list in conf/
+    chooses their values.
+    """
+    made: list[tuple[str, Any, Any]] = []
+    for name, kind in get_type_hints(cls).items():
+        default = getattr(cls, name, None)
+        if is_dataclass(kind):
+            group = schema(cast(type, kind))
+            made.append((name, group, field(default_factory=group)))
+        elif get_origin(kind) is tuple:
+            made.append((name, Any, field(default_factory=partial(list, default))))
+        elif get_origin(kind) is dict:
+            made.append((name, kind, field(default_factory=dict)))
+        else:
+            made.append((name, Any if kind is bool else kind, default))
+    return make_dataclass(cls.__name__, made)
 
 
 def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:
@@ -65,24 +112,30 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        check(name in kinds, f"{group}{name} is no option: choose from {listed(kinds)}")
-        _check_kind(group + name, value, kinds[name])
-        made[name] = tuple(value) if isinstance(value, list) else value
-        if is_dataclass(kinds[name]):
-            made[name] = frozen(kinds[name], value, f"{group}{name}.")
+        known = listed(group + each for each in kinds)
+        check(name in kinds, f"{group}{name} is no option: choose from {known}")
+        made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 
 
-def _check_kind(name: str, value: Any, kind: Any) -> None:
-    """Raise a ConfigError if a value is a list, or has options of its own, and should not."""
+def _value(name: str, value: Any, kind: Any) -> Any:
+    """Return the value of an option in its declared type; raise a ConfigError if it has another.
+
+    A list may be given as one text.
+    """
+    if is_dataclass(kind) or get_origin(kind) is dict:
+        check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
+        return frozen(cast(type, kind), value, f"{name}.") if is_dataclass(kind) else value
     if get_origin(kind) is tuple:
-        allowed = "a list of texts"
-        fits = isinstance(value, list) and all(isinstance(each, str) for each in value)
-    elif is_dataclass(kind) or get_origin(kind) is dict:
-        fits, allowed = isinstance(value, dict), f"its own options, as {name}.NAME=..."
-    else:
-        fits, allowed = not isinstance(value, list | dict), "a single value"
-    check(fits, f"{name}={value}: give {allowed}")
+        texts = [value] if isinstance(value, str) else value
+        fits = isinstance(texts, list) and all(isinstance(each, str) for each in texts)
+        check(fits, f"{name}={value}: give a list of texts")
+        return tuple(texts)
+    if kind is bool:
+        check(str(value).lower() in ("true", "false"), f"{name}={value}: give true or false")
+        return str(value).lower() == "true"
+    check(not isinstance(value, list | dict), f"{name}={value}: give a single value")
+    return value
 
 
 def check_options(options: Any, cls: type, group: str = "") -> None:

@@ -9,24 +9,36 @@ import difflib
 import re
 import shlex
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from textwrap import TextWrapper
-from typing import Any
+from typing import Any, get_origin
 
+import hydra
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.evaluation.description import RunName
 from pipeline.config.analysis import AnalysisOptions, LeakageOptions, check_analysis
-from pipeline.config.dataset import ALL_SHIFTS, DatasetOptions, dataset_config
+from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
 from pipeline.config.export import NAMESPACE, ExportOptions
-from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
+from pipeline.config.option import (
+    FOLDER,
+    LOCAL_FOLDER,
+    check_options,
+    declared,
+    default_of,
+    frozen,
+    meanings,
+    option,
+    schema,
+)
 from pipeline.config.publish import PublishOptions, check_publish
 from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
 from pipeline.config.training import (
@@ -89,7 +101,9 @@ class PlaceOptions:
         like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the number of a part and of all, such as 3/64"),
     )
     stages: tuple[str, ...] = option(
-        (), "what to do, in order: " + ", ".join(STAGES), one_of=STAGES
+        ("build", "validate", "analyse", "card"),
+        "what to do, in order: " + ", ".join(STAGES),
+        one_of=STAGES,
     )
 
 
@@ -121,7 +135,16 @@ SECTIONS = {
 """What each option means, in the order of `--help`, under its headings."""
 
 OPTIONS = {name: meaning for section in SECTIONS.values() for name, meaning in section.items()}
-"""What each option means, as `--help` and the README say it."""
+"""What each option means, as `--help` and docs/options.md say it."""
+
+DEFAULTS = {name: default_of(each) for name, each, _ in declared(RunConfig)}
+"""The default of each option as it is typed; empty for an option without one."""
+
+KINDS = {name: kind for name, _, kind in declared(RunConfig)}
+"""The declared type of each option."""
+
+HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
+"""The behaviour that is asked of Hydra: 1.3 warns if it is not named, 1.4 warns if it is."""
 
 
 @dataclass(frozen=True)
@@ -201,39 +224,65 @@ Train a policy on it.
     labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
     labyrinth-datasets -m size=3,4,5
 
-Options, each as name=value:
+Options, each as name=value, with the default in brackets:
 
 {options}
 --cfg job prints the values that a command line gives, --hydra-help the flags of Hydra itself.
 """
 
 
+@cache
 def register() -> None:
     """Tell Hydra the schema and the text of `--help`."""
     store = ConfigStore.instance()
-    schema = OmegaConf.structured(RunConfig)
-    for node in (schema, *schema.values()):
-        if isinstance(node, DictConfig):  # Frozen like its class, but Hydra has to merge into it.
-            OmegaConf.set_readonly(node, None)
-    store.store(name="schema", node=schema)
+    store.store(name="schema", node=schema(RunConfig))
     width = max(map(len, OPTIONS))
-    wrapper = TextWrapper(100, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
+    wrapper = TextWrapper(80, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
     lines = []
     for heading, options in SECTIONS.items():
-        filled = (wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options.items())
-        lines += [f"{heading}:", *filled, ""]
+        lines.append(f"{heading}:")
+        for name, meaning in options.items():
+            default = f" [{DEFAULTS[name]}]" if DEFAULTS[name] else ""
+            lines.append(wrapper.fill(f"  {name:{width}}  {meaning}{default}"))
+        lines.append("")
     help_text = _HELP.format(options="\n".join(lines))
     store.store(group="hydra/help", name="options", node={"template": help_text})
 
 
-def with_brackets(argument: str) -> str:
-    """Return an argument of a command line, one stage as a list: `stages=report` has brackets.
+_WORD = re.compile(
+    # What is in quotation marks is a text already, and a range is one of numbers.
+    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\b(?:range|sort)\([^)]*\)"""
+    r"|(?P<before>(?:^|[\[({,])\s*(?:(?P<key>\w+)\s*:\s*)?)(?P<word>[\w.+-]+)(?=\s*(?:[])},]|$))",
+    re.ASCII,
+)
+"""A value of one word, in the grammar of Hydra; and before it what holds no such value."""
 
-    So it is with one shift, and with all.
+
+def keep_texts(argument: str) -> str:
+    """Return an argument of a command line in which texts that look like numbers are quoted.
+
+    Hydra reads `revision=1.10` as the number 1.1, and `evaluation.name=true` as True. The declared
+    type of the option tells which values are texts.
     """
-    name, _, value = argument.partition("=")
-    alone = {"stages": tuple(STAGES), "shifts": (ALL_SHIFTS, *SHIFTS)}.get(name, ())
-    return f"{name}=[{value}]" if value in alone else argument
+    override = re.fullmatch(r"(\+{0,2}([\w.]+)=)(.*)", argument, re.DOTALL)
+    if override is None:
+        return argument
+    start, name, value = override.groups()
+    parser = OverridesParser.create()
+
+    def quoted(match: re.Match[str]) -> str:
+        before, key, word = match["before"], match["key"], match["word"]
+        kind = KINDS.get(f"{name}.{key}" if key else name)
+        several, text = get_origin(kind) is tuple, kind in (str, str | None)
+        if word is None or not (several or text):
+            return match[0]
+        read = parser.parse_rule(word, "primitive")
+        # OmegaConf makes a text of a number, but not in a list.
+        if read is None or (str(read) == word and (text or isinstance(read, str))):
+            return match[0]
+        return f'{before}"{word}"'
+
+    return start + _WORD.sub(quoted, value)
 
 
 def refusal(error: Exception) -> str:
@@ -245,8 +294,9 @@ def refusal(error: Exception) -> str:
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
     if unknown:
         group, _, _ = unknown[1].rpartition(".")
-        parent = getattr(error.__cause__, "parent_node", None) if group else None
-        known = list(OPTIONS) if parent is None else [f"{group}.{name}" for name in parent]
+        parent = getattr(error.__cause__, "parent_node", None) if group in OPTIONS else None
+        known = [f"{group}.{name}" for name in parent or ()]  # Of the method that was chosen.
+        known = known or [name for name in OPTIONS if name.startswith(f"{group}.")] or [*OPTIONS]
         close = difflib.get_close_matches(unknown[1], known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"

@@ -23,7 +23,16 @@ from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.publish import PublishOptions
-from pipeline.config.run import OPTIONS, STAGES, Run, RunConfig, options_of, register, resolve
+from pipeline.config.run import (
+    HYDRA,
+    OPTIONS,
+    STAGES,
+    Run,
+    RunConfig,
+    options_of,
+    register,
+    resolve,
+)
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -38,7 +47,7 @@ def config(**options: Any) -> RunConfig:
 def composed(*arguments: str) -> Run:
     """Return the run that a command line asks for."""
     register()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialize_config_dir(str(CONF), **HYDRA):
         return resolve(options_of(compose("config", list(arguments))))
 
 
@@ -307,7 +316,7 @@ def test_options_document_exactly_the_fields_of_the_schema() -> None:
 
 def test_the_yaml_repeats_no_default() -> None:
     values = yaml.safe_load((CONF / "config.yaml").read_text())
-    assert set(values) == {"defaults", "stages", "hydra"}
+    assert set(values) == {"defaults", "hydra"}
 
 
 def test_options_are_frozen_as_are_their_groups() -> None:

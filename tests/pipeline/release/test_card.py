@@ -39,7 +39,7 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig
-from pipeline.config.run import RunConfig, options_of, register, resolve
+from pipeline.config.run import HYDRA, RunConfig, options_of, register, resolve
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import statistics_of
 from pipeline.release import card
@@ -226,7 +226,7 @@ def test_the_commands_in_it_make_the_same_datasets(carded):
     commands = re.findall(r"^labyrinth-datasets (.*)$", lines, re.MULTILINE)
     register()
     made = []
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+    with initialize_config_dir(str(ROOT / "conf"), **HYDRA):
         for command in commands:
             config = compose("config", command.split())
             made.append(resolve(options_of(config)).dataset)
