@@ -77,10 +77,10 @@ def run_command() -> int:
     # joblib's tracker would say what it clears up where the program ends at once.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
-    sys.argv[1:] = map(keep_texts, sys.argv[1:])
     register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
+        sys.argv[1:] = map(keep_texts, sys.argv[1:])
         if {"-m", "--multirun"} & {*sys.argv}:
             # Hydra writes the options of a sweep to a folder, which nobody needs.
             with TemporaryDirectory(prefix="labyrinth-sweep-") as folder:
@@ -90,7 +90,7 @@ def run_command() -> int:
             perform()
     except RunError:
         return 1
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, ConfigError) as error:
         _explain(refusal(error))
         return 1
     except (ValueError, TypeError) as error:

@@ -77,6 +77,7 @@ class DatasetOptions:
     shifts: tuple[str, ...] = option(
         (),
         "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
+        one_of=(ALL_SHIFTS, *SHIFTS),
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
     goals: str = option(
@@ -119,11 +120,10 @@ def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
     """Return the shifts that are asked for, in their order; `all` stands for those possible.
 
     Raises:
-        ValueError: A name is not that of a shift.
+        ValueError: `all` stands beside others.
     """
     if named == (ALL_SHIFTS,):
         return tuple(name for name in SHIFTS if config.why_no(name) is None)
-    unknown = [name for name in named if name not in SHIFTS]
-    if unknown:
+    if ALL_SHIFTS in named:
         raise ValueError(f"shifts={listed(named)}: choose from {listed((ALL_SHIFTS, *SHIFTS))}")
     return tuple(name for name in SHIFTS if name in named)

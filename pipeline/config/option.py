@@ -37,7 +37,8 @@ def option(
         meaning: A phrase for `--help`, in which a noun says what the value is.
         at_least: The least value of a number; None for an option whose number is not checked.
         at_most: The greatest value of a number.
-        one_of: The values to choose from; one, or several if the option is a tuple.
+        one_of: The values to choose from; one, or several if the option is a tuple, which may be
+            empty only by default.
         like: A regular expression for the whole text, and a phrase that says what to give.
     """
     metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
@@ -158,8 +159,8 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
         if kind is bool:
             check(isinstance(value, bool), f"{name}={value}: give true or false")
         elif isinstance(value, list | tuple):
-            known = not one_of or (len(value) > 0 and set(value) <= set(one_of))
-            check(known, f"{name}={listed(value)}: choose from {listed(one_of)}")
+            fits = set(value) <= set(one_of) and (len(value) > 0 or each.default == ())
+            check(not one_of or fits, f"{name}={listed(value)}: choose from {listed(one_of)}")
         elif one_of:
             check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
         elif like is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import re
 import shlex
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -250,8 +251,8 @@ def register() -> None:
 
 
 _WORD = re.compile(
-    # What is in quotation marks is a text already, and a range is one of numbers.
-    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\b(?:range|sort)\([^)]*\)"""
+    # What is in quotation marks is a text already, and a range is a function of numbers.
+    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\w+\([^)]*\)"""
     r"|(?P<before>(?:^|[\[({,])\s*(?:(?P<key>\w+)\s*:\s*)?)(?P<word>[\w.+-]+)(?=\s*(?:[])},]|$))",
     re.ASCII,
 )
@@ -263,11 +264,23 @@ def keep_texts(argument: str) -> str:
 
     Hydra reads `revision=1.10` as the number 1.1, and `evaluation.name=true` as True. The declared
     type of the option tells which values are texts.
+
+    Raises:
+        ConfigError: The value cannot be that of a group of options, or of a method.
     """
     override = re.fullmatch(r"(\+{0,2}([\w.]+)=)(.*)", argument, re.DOTALL)
     if override is None:
         return argument
     start, name, value = override.groups()
+    group = any(option.startswith(f"{name}.") for option in OPTIONS)
+    check(
+        not group or re.match(r"\s*[{$]", value) is not None,
+        f"{name}={value}: give its own options, as {name}.NAME=...",
+    )
+    above = KINDS.get(name.rpartition(".")[0])
+    check(above is None or get_origin(above) is dict, _no_option(name))
+    one = get_origin(KINDS.get(name)) is not dict or not value.lstrip().startswith("[")
+    check(one, f"{name}={value}: give one name, such as {name}={DEFAULTS.get(name)}")
     parser = OverridesParser.create()
 
     def quoted(match: re.Match[str]) -> str:
@@ -282,7 +295,17 @@ def keep_texts(argument: str) -> str:
             return match[0]
         return f'{before}"{word}"'
 
-    return start + _WORD.sub(quoted, value)
+    # Hydra takes quotation marks off in the function, and reads a number after all.
+    return start + _WORD.sub(quoted, re.sub(r"^choice\((.+)\)$", r"\1", value))
+
+
+def _no_option(name: str, known: Collection[str] = ()) -> str:
+    """Return what is said of an option that does not exist, and which ones are known."""
+    group, _, _ = name.rpartition(".")
+    known = known or [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{name} is no option: {hint}choose from {listed(known)}"
 
 
 def refusal(error: Exception) -> str:
@@ -296,10 +319,7 @@ def refusal(error: Exception) -> str:
         group, _, _ = unknown[1].rpartition(".")
         parent = getattr(error.__cause__, "parent_node", None) if group in OPTIONS else None
         known = [f"{group}.{name}" for name in parent or ()]  # Of the method that was chosen.
-        known = known or [name for name in OPTIONS if name.startswith(f"{group}.")] or [*OPTIONS]
-        close = difflib.get_close_matches(unknown[1], known, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"
+        return _no_option(unknown[1], known)
     if isinstance(error, OverrideParseException):
         name, equals, value = error.override.partition("=")
         if not equals:

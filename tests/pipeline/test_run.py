@@ -23,7 +23,7 @@ from labyrinth_core.version import __version__
 from pipeline.config.analysis import LeakageOptions
 from pipeline.config.export import ExportOptions
 from pipeline.config.publish import PublishOptions
-from pipeline.config.run import OPTIONS, Run, RunConfig, resolve
+from pipeline.config.run import DEFAULTS, OPTIONS, Run, RunConfig, resolve
 from pipeline.config.run import STAGES as KNOWN_STAGES
 from pipeline.config.season import SeasonOptions
 from pipeline.machinery.hints import hints
@@ -88,7 +88,8 @@ def spaced(text: str) -> str:
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
         (["stages=environments", "analysis.experts=[[1]]"], ["analysis.experts=", "texts"]),
         (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
-        (["method=[1]"], ["options that cannot be read"]),
+        (["method=[1]"], ["method=[1]: give one name, such as method=bc"]),
+        (["revision=[1"], ["revision=[1"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],
 )
@@ -201,7 +202,9 @@ def test_help_lists_the_options_and_does_nothing_else(
     result = run(tmp_path, "--help")
     assert (result.returncode, result.stderr) == (0, "")
     for name, meaning in OPTIONS.items():
-        assert f"{name} {spaced(meaning)}" in spaced(result.stdout)
+        default = f" [{DEFAULTS[name]}]" if DEFAULTS[name] else ""
+        assert f"{name} {spaced(meaning)}{default}" in spaced(result.stdout)
+    assert max(map(len, result.stdout.splitlines())) <= 80
     assert list(tmp_path.iterdir()) == []
 
 

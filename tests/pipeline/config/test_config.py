@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
+from composing import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,16 +23,7 @@ from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.publish import PublishOptions
-from pipeline.config.run import (
-    HYDRA,
-    OPTIONS,
-    STAGES,
-    Run,
-    RunConfig,
-    options_of,
-    register,
-    resolve,
-)
+from pipeline.config.run import OPTIONS, STAGES, RunConfig, resolve
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -42,13 +33,6 @@ MOVED = ("test_s0", "test_g", "test_s0_and_g")
 
 def config(**options: Any) -> RunConfig:
     return RunConfig(**{"stages": ["build"], "data_dir": "somewhere"} | options)
-
-
-def composed(*arguments: str) -> Run:
-    """Return the run that a command line asks for."""
-    register()
-    with initialize_config_dir(str(CONF), **HYDRA):
-        return resolve(options_of(compose("config", list(arguments))))
 
 
 def noisy(noise: float, **options: Any) -> dict[str, Any]:
