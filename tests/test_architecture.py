@@ -463,7 +463,7 @@ def loaded_by(program: str) -> set[str]:
 
 
 OURS = {"labyrinth_core", "pipeline"}
-LIBRARIES = {*packages_distributions(), *HOMES, "cv2", "pandas"} - sys.stdlib_module_names - OURS
+LIBRARIES = {*packages_distributions(), *HOMES, "pandas"} - sys.stdlib_module_names - OURS
 
 
 def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_networks():

@@ -216,19 +216,21 @@ class Run:
         return self.data_dir
 
 
-_HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in Parquet shards.
-Train a policy on it.
+_HELP = """Make a dataset of labyrinths: unique, solved optimally, with pictures, in
+Parquet shards. Train a policy on it.
 
-    labyrinth-datasets size=5
-    labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc encoder=cnn seed=0
-    labyrinth-datasets stages=results
-    labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
-    labyrinth-datasets -m size=3,4,5
+  labyrinth-datasets size=5
+  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc encoder=cnn
+  labyrinth-datasets stages=results
+  labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
+  labyrinth-datasets -m size=3,4,5
 
-Options, each as name=value, with the default in brackets:
+Options, each as name=value, with the default in brackets at the end; a list of
+several is '[a,b]', and null stands for no value:
 
 {options}
---cfg job prints the values that a command line gives, --hydra-help the flags of Hydra itself.
+--cfg job prints the values that a command line gives; --hydra-help, the flags
+of Hydra itself.
 """
 
 

@@ -1,12 +1,13 @@
-"""polars and DuckDB: the release itself, whose pictures are PNG files within Parquet."""
+"""polars and DuckDB: the release itself, pictures as PNG files within Parquet, and its table."""
 
 from __future__ import annotations
 
 import io
+import json
 import sys
 
 import numpy as np
-from comparing import CONFIG, DATA, Episode, compare, report
+from comparing import CONFIG, DATA, FOLDER, Episode, compare, report
 from PIL import Image
 
 NAME = sys.argv[2]
@@ -50,4 +51,21 @@ def small(png: bytes) -> np.ndarray:
     return area_average(np.asarray(Image.open(io.BytesIO(png))), 64)
 
 
-report([NAME], f"{compare(episodes(), 'train'):,} steps of the release")
+def table() -> list[list]:
+    """Return the rows of the table of labyrinths."""
+    path = str(DATA / CONFIG / "labyrinths.parquet")
+    if NAME == "polars":
+        import polars as pl
+
+        return [[*row] for row in pl.read_parquet(path).rows()]
+    import duckdb
+
+    return [[*row] for row in duckdb.sql(f"SELECT * FROM read_parquet('{path}')").fetchall()]
+
+
+labyrinths = json.loads((FOLDER / "reference" / "labyrinths.json").read_text())
+assert table() == labyrinths
+report(
+    [NAME],
+    f"{compare(episodes(), 'train'):,} steps of the release, {len(labyrinths)} labyrinths",
+)

@@ -27,11 +27,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -267,7 +267,7 @@ def described(
                 "python": platform.python_version(),
                 "numpy": np.__version__,
                 "gymnasium": gymnasium.__version__,
-                "mujoco": mujoco.__version__,
+                "mujoco": version("mujoco"),
             },
         },
     }

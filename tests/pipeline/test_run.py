@@ -78,7 +78,7 @@ def spaced(text: str) -> str:
             ["method=foo"],
             ["method=foo", "bc, bco, dagger, gail, iupe, mapper, planner, sqil, vin, walls"],
         ),
-        (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
+        (["+buckets.foo=1"], ["buckets.foo is no option", "buckets.train, buckets.validation, "]),
         (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
         (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
         (["size=${foo}"], ["size", "foo"]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -11,8 +10,6 @@ import pytest
 from exporting import SIZE, episodes, export
 
 from pipeline.config.run import Run
-
-pytestmark = pytest.mark.skipif(sys.version_info < (3, 11), reason="Minari needs Python 3.11")
 
 CASES = [
     ("navigation", ("train", "random")),

@@ -6,6 +6,7 @@ import argparse
 import importlib.util
 import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,9 @@ def test_returns_that_are_all_the_same_move_nothing():
     assert not np.isnan(search.policy()[0]).any()
 
 
+@pytest.mark.skipif(
+    find_spec("mujoco") is None, reason="MuJoCo is not there: pip install -e '.[analysis]'"
+)
 def test_training_that_was_stopped_ends_as_if_it_had_not_been(tmp_path):
     def train(folder: str, iterations: int, **given: float) -> script.Search:
         options = ("step_size", "directions", "noise", "top", "bonus")
