@@ -129,13 +129,13 @@ def _axis(lines: tuple[int, ...], thickness: int, up_to: Sums, reach: int) -> Ax
     edges = np.sort(np.concatenate([[0, PICTURE_SIZE], walls, walls + thickness]))
     low, high = np.minimum(walls[:-1], walls[1:]) + thickness, np.maximum(walls[:-1], walls[1:])
     into = {inset: (high - low) * inset // 12 for inset in INSETS}
-    squares = {
+    squares: dict[int, Sums] = {
         inset: (up_to[:, high - each] - up_to[:, low + each]).T for inset, each in into.items()
     }
     first = squares[AGENT_INSET].astype(np.bool_).argmax(axis=1)
     begins = np.minimum(first, len(up_to) - reach)
     windows = begins[:, None] + np.arange(reach)
-    in_windows = {
+    in_windows: dict[int, Sums] = {
         inset: np.take_along_axis(each, windows, axis=1) for inset, each in squares.items()
     }
     return Axis(up_to[:, edges[1:]] - up_to[:, edges[:-1]], squares, begins, in_windows)

@@ -70,9 +70,9 @@ def meanings(cls: type, group: str = "") -> dict[str, str]:
 
 def default_of(each: Field[Any]) -> str:
     """Return the default of an option as it is typed; empty for an option without one."""
-    default = (
-        next(iter(each.default_factory().values())) if each.default is MISSING else each.default
-    )
+    default = each.default
+    if each.default_factory is not MISSING:
+        default = each.default_factory()["name"]
     if isinstance(default, tuple):
         _, _, one_of, _ = each.metadata["checks"]
         every = bool(default) and [*default] == one_of

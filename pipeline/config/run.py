@@ -333,7 +333,7 @@ def refusal(error: Exception) -> str:
         )
     several = re.match(r"Ambiguous value for argument '(.*?)=(.*)'$", text, re.MULTILINE)
     if several:
-        name, value = several.groups()
+        name, value = several[1], re.sub(r'"([\w.+-]+)"', r"\1", several[2])  # As it was typed.
         listed_values = shlex.quote(f"{name}=[{value}]")
         return (
             f"{name}={value}: give {as_typed(name, value)} for one text, {listed_values} for a "
