@@ -25,11 +25,10 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.option import as_declared
 from pipeline.config.run import (
+    HYDRA,
     STAGES,
-    VERSION_BASE,
-    RunConfig,
+    keep_texts,
     options_of,
     refusal,
     register,
@@ -79,9 +78,9 @@ def run_command() -> int:
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
     try:
-        sys.argv[1:] = [as_declared(argument, RunConfig) for argument in sys.argv[1:]]
-    except ConfigError as error:
-        _explain(str(error))
+        sys.argv[1:] = map(keep_texts, sys.argv[1:])
+    except (HydraException, ConfigError) as error:
+        _explain(refusal(error))
         return 1
     scratch = _scratch()
     register(scratch)
@@ -113,7 +112,7 @@ def _scratch() -> Path:
     return Path(folder) / f"labyrinth-sweep-{uuid4().hex}"
 
 
-@hydra.main(**VERSION_BASE, config_path=str(CONF.absolute()), config_name="config")
+@hydra.main(**HYDRA, config_path=str(CONF.absolute()), config_name="config")
 def perform(config: DictConfig) -> None:
     """Perform the stages of one run; print any error, so that Hydra raises only its own.
 

@@ -36,8 +36,7 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from pipeline.config.option import as_declared
-from pipeline.config.run import VERSION_BASE, RunConfig, options_of, register, resolve
+from pipeline.config.run import HYDRA, keep_texts, options_of, register, resolve
 from pipeline.config.training import CONF
 
 ROOT = Path(__file__).parents[1]
@@ -93,7 +92,7 @@ def check_options(command: list[str]) -> None:
     """Raise an error if the options of a command of ours, the first run of a sweep, are refused."""
     if command[:2] == ["python", "run.py"]:
         given = OverridesParser.create().parse_overrides(
-            [as_declared(word, RunConfig) for word in command[2:] if word != "-m"]
+            [keep_texts(word) for word in command[2:] if word != "-m"]
         )
         values = [
             f"{each.get_key_element()}={next(each.sweep_string_iterator())}"
@@ -102,7 +101,7 @@ def check_options(command: list[str]) -> None:
             for each in given
             if not each.is_hydra_override()
         ]
-        with initialize_config_dir(str(CONF.absolute()), **VERSION_BASE):
+        with initialize_config_dir(str(CONF.absolute()), **HYDRA):
             resolve(options_of(compose("config", values)))
 
 

@@ -18,7 +18,7 @@ from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.run import OPTIONS
+from pipeline.config.run import DEFAULTS, OPTIONS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -55,10 +55,15 @@ ROWS = {
     "column": {column.name: column.meaning for column in COLUMNS},
     "split": {split: SPLITS[split].meaning for split in BASE_SPLITS},
 }
+DESCRIBED = {
+    name: f"`{DEFAULTS[name]}` | {meaning}" if DEFAULTS[name] else f"| {meaning}"
+    for name, meaning in OPTIONS.items()
+}
+"""Option -> its default and what it means."""
 TABLES = {
     "README.md": ROWS,
     "docs/make.md": ROWS,
-    "docs/options.md": {"option": OPTIONS},
+    "docs/options.md": {"option": DESCRIBED},
     "docs/loading.md": {"column": {column.name: column.meaning for column in TABLE_COLUMNS}},
     "docs/questions.md": {"column": {column.name: column.meaning for column in QUESTION_COLUMNS}},
 }

@@ -20,9 +20,9 @@ ALL_SHIFTS = "all"
 class BucketsConfig:
     """The share of each split; the same for datasets that are to be compared."""
 
-    train: int = 34
-    validation: int = 33
-    test: int = 33
+    train: int = option(34, "percent of all structures that may be in train")
+    validation: int = option(33, "percent of all structures that may be in validation")
+    test: int = option(33, "percent of all structures that may be in test")
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,12 @@ class DatasetOptions:
         "probability of opening each wall that the tree leaves (0.12 at 3x3, 0.09 at 4x4, else "
         "0.08)",
     )
-    buckets: BucketsConfig = option(  # noqa: RUF009
-        BucketsConfig(),
-        "percent of all structures that may be in each split (buckets.train=...)",
-    )
+    buckets: BucketsConfig = BucketsConfig()
     splits: SplitsConfig = SplitsConfig()
     shifts: tuple[str, ...] = option(
         (),
         "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
+        one_of=(ALL_SHIFTS, *SHIFTS),
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
     goals: str = option(
@@ -119,11 +117,10 @@ def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
     """Return the shifts that are asked for, in their order; `all` stands for those possible.
 
     Raises:
-        ValueError: A name is not that of a shift.
+        ValueError: `all` stands beside others.
     """
     if named == (ALL_SHIFTS,):
         return tuple(name for name in SHIFTS if config.why_no(name) is None)
-    unknown = [name for name in named if name not in SHIFTS]
-    if unknown:
+    if ALL_SHIFTS in named:
         raise ValueError(f"shifts={listed(named)}: choose from {listed((ALL_SHIFTS, *SHIFTS))}")
     return tuple(name for name in SHIFTS if name in named)

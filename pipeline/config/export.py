@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.option import LOCAL_FOLDER, option
 from pipeline.config.training import IMAGE_SIZE
@@ -36,7 +37,7 @@ class ExportOptions:
     folder: str = option(
         "exports", "folder of the exports; each format is a folder in it", like=LOCAL_FOLDER
     )
-    splits: tuple[str, ...] = option((), "splits to export (all)")
+    splits: tuple[str, ...] = option((), "splits to export, one or a list (all)", one_of=SPLITS)
     image_size: int = option(
         IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
     )

@@ -7,19 +7,17 @@ follow from the declaration.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import field, fields, is_dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, Field, field, fields, is_dataclass, make_dataclass
+from functools import partial
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, cast, get_origin, get_type_hints
 
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.gone import instead
 
 Options = TypeVar("Options")
-
-_STRUCTURED = re.compile(r"""["'\\$()\[\]{}]""")
-"""A character that has a meaning of its own in Hydra's grammar, apart from a comma."""
 
 FOLDER = (r"(?s).*\S.*", "a folder")
 LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
@@ -41,7 +39,8 @@ def option(
         meaning: A phrase for `--help`, in which a noun says what the value is.
         at_least: The least value of a number; None for an option whose number is not checked.
         at_most: The greatest value of a number.
-        one_of: The values to choose from; one, or several if the option is a tuple.
+        one_of: The values to choose from; one, or several if the option is a tuple, which may be
+            empty only by default.
         like: A regular expression for the whole text, and a phrase that says what to give.
     """
     metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
@@ -50,15 +49,61 @@ def option(
     return field(default=default, metadata=metadata)
 
 
-def meanings(cls: type, group: str = "") -> dict[str, str]:
-    """Return what the options that a class declares mean, by their names."""
-    found = {}
+def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]]:
+    """Yield the name, the field and the type of each option that a class and its groups declare.
+
+    Args:
+        cls: The class.
+        group: What goes before the names, such as `publish.`.
+    """
+    kinds = get_type_hints(cls)
     for each in fields(cls):
-        if "meaning" in each.metadata:
-            found[group + each.name] = each.metadata["meaning"]
-        elif is_dataclass(each.default):
-            found |= meanings(type(each.default), f"{group}{each.name}.")
-    return found
+        name, kind = group + each.name, kinds[each.name]
+        if is_dataclass(kind):
+            yield from declared(cast(type, kind), f"{name}.")
+        else:
+            yield name, each, kind
+
+
+def meanings(cls: type, group: str = "") -> dict[str, str]:
+    """Return what the options that a class and its groups declare mean, by their names."""
+    return {name: each.metadata["meaning"] for name, each, _ in declared(cls, group)}
+
+
+def default_of(each: Field[Any]) -> str:
+    """Return the default of an option as it is typed; empty for an option without one."""
+    default = each.default
+    if each.default_factory is not MISSING:
+        default = each.default_factory()["name"]
+    if isinstance(default, tuple):
+        _, _, one_of, _ = each.metadata["checks"]
+        every = bool(default) and [*default] == one_of
+        return "all" if every else ",".join(default)
+    if default is None:
+        return ""
+    return str(default).lower() if isinstance(default, bool) else str(default)
+
+
+def schema(cls: type) -> type:
+    """Return a class of the same options, into whose instances OmegaConf merges values.
+
+    Lists, true and false are left to `frozen`: OmegaConf refuses one text in place of a list, and
+    reads -1 as true. Options that are a dictionary begin empty, since the defaults list in conf/
+    chooses their values.
+    """
+    made: list[tuple[str, Any, Any]] = []
+    for name, kind in get_type_hints(cls).items():
+        default = getattr(cls, name, None)
+        if is_dataclass(kind):
+            group = schema(cast(type, kind))
+            made.append((name, group, field(default_factory=group)))
+        elif get_origin(kind) is tuple:
+            made.append((name, Any, field(default_factory=partial(list, default))))
+        elif get_origin(kind) is dict:
+            made.append((name, kind, field(default_factory=dict)))
+        else:
+            made.append((name, Any if kind is bool else kind, default))
+    return make_dataclass(cls.__name__, made)
 
 
 def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:
@@ -70,26 +115,32 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        allowed = f"{group}{name} is no option: choose from {listed(kinds)}"
+        known = listed(group + each for each in kinds)
+        allowed = f"{group}{name} is no option: choose from {known}"
         check(name in kinds, instead(group + name) or allowed)
-        _check_kind(group + name, value, kinds[name])
-        _check_home(group + name, value)
-        made[name] = tuple(value) if isinstance(value, list) else value
-        if is_dataclass(kinds[name]):
-            made[name] = frozen(kinds[name], value, f"{group}{name}.")
+        made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 
 
-def _check_kind(name: str, value: Any, kind: Any) -> None:
-    """Raise a ConfigError if a value is a list, or has options of its own, and should not."""
+def _value(name: str, value: Any, kind: Any) -> Any:
+    """Return the value of an option in its declared type; raise a ConfigError if it has another.
+
+    A list may be given as one text.
+    """
+    if is_dataclass(kind) or get_origin(kind) is dict:
+        check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
+        return frozen(cast(type, kind), value, f"{name}.") if is_dataclass(kind) else value
     if get_origin(kind) is tuple:
-        allowed = "a list of texts"
-        fits = isinstance(value, list | tuple) and all(isinstance(each, str) for each in value)
-    elif is_dataclass(kind) or get_origin(kind) is dict:
-        fits, allowed = isinstance(value, dict), f"its own options, as {name}.NAME=..."
-    else:
-        fits, allowed = not isinstance(value, list | tuple | dict), "a single value"
-    check(fits, f"{name}={value}: give {allowed}")
+        texts = [value] if isinstance(value, str) else value
+        fits = isinstance(texts, list) and all(isinstance(each, str) for each in texts)
+        check(fits, f"{name}={value}: give a list of texts")
+        return tuple(texts)
+    if kind is bool:
+        check(str(value).lower() in ("true", "false"), f"{name}={value}: give true or false")
+        return str(value).lower() == "true"
+    check(not isinstance(value, list | dict), f"{name}={value}: give a single value")
+    _check_home(name, value)
+    return value
 
 
 def _check_home(name: str, value: Any) -> None:
@@ -99,59 +150,6 @@ def _check_home(name: str, value: Any) -> None:
     except RuntimeError as error:  # Without HOME, or of a user who does not exist.
         message = f"{name}={value}: the home folder of the user is unknown: give the whole path"
         raise ConfigError(message) from error
-
-
-def as_declared(argument: str, cls: type) -> str:
-    """Return an argument of a command line for Hydra, which does not know what an option is.
-
-    A text is read as it is typed (`revision=1.10` is not 1.1), and a list may be one bare value.
-    All else stays as it is.
-
-    Args:
-        argument: An argument such as `revision=1.10`; several values stand between commas.
-        cls: The class that declares the options.
-
-    Raises:
-        ConfigError: A value is none of a switch, or not the name of one group of options.
-    """
-    name, equals, value = argument.partition("=")
-    kind, parts = _kind_of(cls, name.lstrip("+")), value.split(",")
-    if kind is None or not equals:
-        return argument
-    if get_origin(kind) is dict:
-        check(value not in ("", "null") and value[:1] != "[", f"{argument}: give one name")
-    if _STRUCTURED.search(value):
-        return argument
-    if kind is bool:
-        given = {part.strip().lower() for part in parts}
-        check(given <= {"true", "false"}, f"{argument}: give true or false")
-    elif get_origin(kind) is tuple and value and len(parts) == 1:
-        return f"{name}=[{value}]"
-    elif str in (kind, *get_args(kind)) and get_origin(kind) is not tuple:
-        kept = () if kind is str else ("null",)
-        parts = [part if part in kept else _as_text(part) for part in parts]
-    return f"{name}={','.join(parts)}"
-
-
-def _kind_of(cls: type, name: str) -> Any:
-    """Return the declared type of an option by its whole name, None if it is not declared."""
-    group, _, rest = name.partition(".")
-    kind = get_type_hints(cls).get(group)
-    if rest:
-        return _kind_of(kind, rest) if isinstance(kind, type) and is_dataclass(kind) else None
-    return kind
-
-
-def _as_text(value: str) -> str:
-    """Return a value in quotation marks, unless Hydra reads the very text without them."""
-    from hydra.core.override_parser.overrides_parser import OverridesParser
-    from hydra.errors import HydraException
-
-    try:
-        read = str(OverridesParser.create().parse_override(f"x={value}").value())
-    except HydraException:
-        read = ""
-    return value if read == value else f'"{value}"'
 
 
 def check_options(options: Any, cls: type, group: str = "") -> None:
@@ -174,9 +172,9 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
         if kind is bool:
             check(isinstance(value, bool), f"{name}={value}: give true or false")
         elif isinstance(value, list | tuple):
-            known = not one_of or (len(value) > 0 and set(value) <= set(one_of))
+            fits = set(value) <= set(one_of) and (len(value) > 0 or each.default == ())
             allowed = f"{name}={listed(value)}: choose from {listed(one_of)}"
-            check(known, instead(name, *value) or allowed)
+            check(not one_of or fits, instead(name, *value) or allowed)
         elif one_of:
             allowed = f"{name}={value}: choose one of {listed(one_of)}"
             check(value in one_of, instead(name, value) or allowed)

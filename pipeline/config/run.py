@@ -8,14 +8,16 @@ from __future__ import annotations
 import difflib
 import re
 import shlex
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from textwrap import TextWrapper
-from typing import Any
+from typing import Any, get_origin
 
 import hydra
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
@@ -28,7 +30,17 @@ from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, as_typed, check, listed
 from pipeline.config.export import NAMESPACE, ExportOptions
 from pipeline.config.gone import instead
-from pipeline.config.option import FOLDER, LOCAL_FOLDER, check_options, frozen, meanings, option
+from pipeline.config.option import (
+    FOLDER,
+    LOCAL_FOLDER,
+    check_options,
+    declared,
+    default_of,
+    frozen,
+    meanings,
+    option,
+    schema,
+)
 from pipeline.config.publish import PublishOptions, check_publish
 from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
 from pipeline.config.training import (
@@ -37,9 +49,6 @@ from pipeline.config.training import (
     check_policy,
     check_training,
 )
-
-VERSION_BASE = {"version_base": "1.3"} if hydra.__version__.startswith("1.3.") else {}
-"""The argument by which Hydra 1.3 behaves like 1.4, which warns of it."""
 
 STAGES = {
     "build": "pipeline.generation.build",
@@ -93,7 +102,9 @@ class PlaceOptions:
         like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the number of a part and of all, such as 3/64"),
     )
     stages: tuple[str, ...] = option(
-        (), "what to do, in order: " + ", ".join(STAGES), one_of=STAGES
+        ("build", "validate", "analyse", "card"),
+        "what to do, in order: " + ", ".join(STAGES),
+        one_of=STAGES,
     )
 
 
@@ -121,7 +132,16 @@ SECTIONS = {
 """What each option means, in the order of `--help`, under its headings."""
 
 OPTIONS = {name: meaning for section in SECTIONS.values() for name, meaning in section.items()}
-"""What each option means, as `--help` and the README say it."""
+"""What each option means, as `--help` and docs/options.md say it."""
+
+DEFAULTS = {name: default_of(each) for name, each, _ in declared(RunConfig)}
+"""The default of each option as it is typed; empty for an option without one."""
+
+KINDS = {name: kind for name, _, kind in declared(RunConfig)}
+"""The declared type of each option."""
+
+HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
+"""The behaviour that is asked of Hydra: 1.3 warns if it is not named, 1.4 warns if it is."""
 
 
 @dataclass(frozen=True)
@@ -192,19 +212,21 @@ class Run:
         return self.data_dir
 
 
-_HELP = """Make a dataset of labyrinths: unique, solved optimally, pictured, in Parquet shards.
-Train a policy on it.
+_HELP = """Make a dataset of labyrinths: unique, solved optimally, with pictures, in
+Parquet shards. Train a policy on it.
 
-    labyrinth-datasets size=5
-    labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc encoder=cnn seed=0
-    labyrinth-datasets stages=results
-    labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
-    labyrinth-datasets -m size=3,4,5
+  labyrinth-datasets size=5
+  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc encoder=cnn
+  labyrinth-datasets stages=results
+  labyrinth-datasets size=4x6 task=key_and_door labyrinths=1000 workers=2
+  labyrinth-datasets -m size=3,4,5
 
-Options, each as name=value:
+Options, each as name=value, with the default in brackets at the end; a list of
+several is '[a,b]', and null stands for no value:
 
 {options}
---cfg job prints the values that a command line gives, --hydra-help the flags of Hydra itself.
+--cfg job prints the values that a command line gives; --hydra-help, the flags
+of Hydra itself.
 """
 
 
@@ -218,19 +240,79 @@ def register(scratch: Path = Path()) -> None:
     store = ConfigStore.instance()
     place = str(scratch).replace("${", "\\${")  # No interpolation.
     store.store(name="scratch", package="hydra.sweep", node={"dir": place})
-    schema = OmegaConf.structured(RunConfig)
-    for node in (schema, *schema.values()):
-        if isinstance(node, DictConfig):  # Frozen like its class, but Hydra has to merge into it.
-            OmegaConf.set_readonly(node, None)
-    store.store(name="schema", node=schema)
+    store.store(name="schema", node=schema(RunConfig))
     width = max(map(len, OPTIONS))
-    wrapper = TextWrapper(100, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
+    wrapper = TextWrapper(80, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
     lines = []
     for heading, options in SECTIONS.items():
-        filled = (wrapper.fill(f"  {name:{width}}  {meaning}") for name, meaning in options.items())
-        lines += [f"{heading}:", *filled, ""]
+        lines.append(f"{heading}:")
+        for name, meaning in options.items():
+            default = f" [{DEFAULTS[name]}]" if DEFAULTS[name] else ""
+            lines.append(wrapper.fill(f"  {name:{width}}  {meaning}{default}"))
+        lines.append("")
     help_text = _HELP.format(options="\n".join(lines))
     store.store(group="hydra/help", name="options", node={"template": help_text})
+
+
+_WORD = re.compile(
+    # What is in quotation marks is a text already, and a range is a function of numbers.
+    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\w+\([^)]*\)"""
+    r"|(?P<before>(?:^|[\[({,])\s*(?:(?P<key>\w+)\s*:\s*)?)(?P<word>[\w.+-]+)(?=\s*(?:[])},]|$))",
+    re.ASCII,
+)
+"""A value of one word, in the grammar of Hydra; and before it what holds no such value."""
+
+
+def keep_texts(argument: str) -> str:
+    """Return an argument of a command line in which texts that look like numbers are quoted.
+
+    Hydra reads `revision=1.10` as the number 1.1, and `evaluation.name=true` as True. The declared
+    type of the option tells which values are texts.
+
+    Raises:
+        ConfigError: The value cannot be that of a group of options, or of a method.
+    """
+    override = re.fullmatch(r"(\+{0,2}([\w.]+)=)(.*)", argument, re.DOTALL)
+    if override is None:
+        return argument
+    start, name, value = override.groups()
+    group = any(option.startswith(f"{name}.") for option in OPTIONS)
+    check(
+        not group or re.match(r"\s*[{$]", value) is not None,
+        f"{name}={value}: give its own options, as {name}.NAME=...",
+    )
+    above = KINDS.get(name.rpartition(".")[0])
+    check(above is None or get_origin(above) is dict, _no_option(name))
+    one = get_origin(KINDS.get(name)) is not dict or not value.lstrip().startswith("[")
+    check(one, f"{name}={value}: give one name, such as {name}={DEFAULTS.get(name)}")
+    parser = OverridesParser.create()
+
+    def quoted(match: re.Match[str]) -> str:
+        before, key, word = match["before"], match["key"], match["word"]
+        kind = KINDS.get(f"{name}.{key}" if key else name)
+        several, text = get_origin(kind) is tuple, kind in (str, str | None)
+        if word is None or not (several or text):
+            return match[0]
+        read = parser.parse_rule(word, "primitive")
+        # OmegaConf makes a text of a number, but not in a list.
+        if read is None or (str(read) == word and (text or isinstance(read, str))):
+            return match[0]
+        return f'{before}"{word}"'
+
+    # Hydra takes quotation marks off in the function, and reads a number after all.
+    return start + _WORD.sub(quoted, re.sub(r"^choice\((.+)\)$", r"\1", value))
+
+
+def _no_option(name: str, known: Collection[str] = ()) -> str:
+    """Return what is said of an option that does not exist, and which ones are known."""
+    gone = instead(name)
+    if gone is not None:
+        return gone
+    group, _, _ = name.rpartition(".")
+    known = known or [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{name} is no option: {hint}choose from {listed(known)}"
 
 
 def refusal(error: Exception) -> str:
@@ -240,17 +322,11 @@ def refusal(error: Exception) -> str:
         return f"{group}={given}: choose one of {listed(error.options)}"
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
-    if unknown and (line := instead(unknown[1])):
-        return line
     if unknown:
         group, _, _ = unknown[1].rpartition(".")
-        parent = getattr(error.__cause__, "parent_node", None)
-        known = list(OPTIONS)
-        if group and parent is not None and parent._get_full_key(None) == group:
-            known = [f"{group}.{name}" for name in parent]
-        close = difflib.get_close_matches(unknown[1], known, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        return f"{unknown[1]} is no option: {hint}choose from {listed(known)}"
+        parent = getattr(error.__cause__, "parent_node", None) if group in OPTIONS else None
+        known = [f"{group}.{name}" for name in parent or ()]  # Of the method that was chosen.
+        return _no_option(unknown[1], known)
     if isinstance(error, OverrideParseException):
         name, equals, value = error.override.partition("=")
         if not equals:
@@ -262,7 +338,7 @@ def refusal(error: Exception) -> str:
         )
     several = re.match(r"Ambiguous value for argument '(.*?)=(.*)'$", text, re.MULTILINE)
     if several:
-        name, value = several.groups()
+        name, value = several[1], re.sub(r'"([\w.+-]+)"', r"\1", several[2])  # As it was typed.
         listed_values = shlex.quote(f"{name}=[{value}]")
         return (
             f"{name}={value}: give {as_typed(name, value)} for one text, {listed_values} for a "
@@ -270,8 +346,6 @@ def refusal(error: Exception) -> str:
         )
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())
-    if "is not a ListConfig" in message:  # In a file: on a command line a bare value is a list.
-        message = "give a list, such as [name]"
     return f"{field_name[1]}: {message}" if field_name else message
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS, RESIZE_OF_PROTOCOL
@@ -179,7 +180,9 @@ class EvaluationOptions:
         at_least=1,
         at_most=MOST_EPISODES,
     )
-    splits: tuple[str, ...] = option((), "splits, [test] or more (all but random)")
+    splits: tuple[str, ...] = option(
+        (), "splits to evaluate policy on, one or a list (all but random)", one_of=SPLITS
+    )
     gifs: int = option(
         0,
         "moving pictures of the policy, or of a run's, beside optimal episodes: of labyrinths of "

@@ -20,7 +20,7 @@ from tampering import content_of, identities
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
-from pipeline.config.run import OPTIONS, Run
+from pipeline.config.run import DEFAULTS, OPTIONS, Run
 from pipeline.config.run import STAGES as KNOWN_STAGES
 
 resource = pytest.importorskip("resource")  # Not on Windows.
@@ -44,7 +44,7 @@ Build = Callable[..., Run]
             ["method=foo"],
             ["method=foo", "bc, bco, dagger, gail, iupe, mapper, planner, sqil, vin, walls"],
         ),
-        (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
+        (["+buckets.foo=1"], ["buckets.foo is no option", "buckets.train, buckets.validation, "]),
         (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
         (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
         (["size=${foo}"], ["size", "foo"]),
@@ -53,10 +53,8 @@ Build = Callable[..., Run]
         (["stages=[1,{a:2}]"], ["stages=", "a list of texts"]),
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
         (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
-        (["data_dir='~nosuchuser/x'"], ["data_dir=~nosuchuser/x", "home folder"]),
-        (["run_dir='~nosuchuser/x'"], ["run_dir=~nosuchuser/x", "home folder"]),
-        (["leakage.source='~nosuchuser/x'"], ["leakage.source=~nosuchuser/x", "home folder"]),
-        (["method=[1]"], ["options that cannot be read"]),
+        (["method=[1]"], ["method=[1]: give one name, such as method=bc"]),
+        (["revision=[1"], ["revision=[1"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],
 )
@@ -169,7 +167,9 @@ def test_help_lists_the_options_and_does_nothing_else(
     result = run(tmp_path, "--help")
     assert (result.returncode, result.stderr) == (0, "")
     for name, meaning in OPTIONS.items():
-        assert f"{name} {spaced(meaning)}" in spaced(result.stdout)
+        default = f" [{DEFAULTS[name]}]" if DEFAULTS[name] else ""
+        assert f"{name} {spaced(meaning)}{default}" in spaced(result.stdout)
+    assert max(map(len, result.stdout.splitlines())) <= 80
     assert list(tmp_path.iterdir()) == []
 
 

@@ -352,7 +352,8 @@ def test_the_drawing_shows_the_agent_and_what_is_left():
 
 
 def test_a_window_shows_each_step_and_closes():
-    pygame = pytest.importorskip("pygame")
+    import pygame
+
     env = LabyrinthEnv(labyrinth=OPEN, render_mode="human")
     env.metadata = {**env.metadata, "render_fps": 1_000}
     env.reset()
@@ -382,7 +383,8 @@ def test_where_pygame_is_not_installed_no_window_is_promised(monkeypatch):
 
 @pytest.mark.parametrize("leave", ["q", "escape", "close"])
 def test_a_person_plays_with_the_arrow_keys(leave):
-    pygame = pytest.importorskip("pygame")
+    import pygame
+
     from labyrinth_core.env.play import play
 
     env = LabyrinthEnv(labyrinth=OPEN)

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 
 import numpy as np
+import pygame
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -46,14 +47,17 @@ def pixels(strips, width):
 @given(pictures())
 @example(large_picture())
 @example(([((BLACK, 1),)], 1))
-def test_pillow_decodes_the_pixels_that_were_given(picture):
+def test_pillow_and_pygame_decode_the_pixels_that_were_given(picture):
     strips, width = picture
     file = encode(strips, width)
     with Image.open(io.BytesIO(file)) as image:
         assert image.format == "PNG"
         assert image.mode == "RGB"
         by_pillow = np.asarray(image)
+    surface = pygame.image.load(io.BytesIO(file), "picture.png")
+    by_pygame = pygame.surfarray.array3d(surface).swapaxes(0, 1)
     np.testing.assert_array_equal(by_pillow, pixels(strips, width))
+    np.testing.assert_array_equal(by_pygame, pixels(strips, width))
 
 
 @given(pictures(), st.data())

@@ -7,11 +7,11 @@ import subprocess
 from contextlib import suppress
 from dataclasses import FrozenInstanceError, fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_origin, get_type_hints
+from typing import Any
 
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
+from composing import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,19 +22,8 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
-from pipeline.config.option import as_declared
 from pipeline.config.publish import PublishOptions
-from pipeline.config.run import (
-    OPTIONS,
-    STAGES,
-    VERSION_BASE,
-    Run,
-    RunConfig,
-    options_of,
-    refusal,
-    register,
-    resolve,
-)
+from pipeline.config.run import OPTIONS, STAGES, RunConfig, resolve
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -44,14 +33,6 @@ MOVED = ("test_s0", "test_g", "test_s0_and_g")
 
 def config(**options: Any) -> RunConfig:
     return RunConfig(**{"stages": ["build"], "data_dir": "somewhere"} | options)
-
-
-def composed(*arguments: str) -> Run:
-    """Return the run that a command line asks for."""
-    register()
-    with initialize_config_dir(str(CONF), **VERSION_BASE):
-        typed = [as_declared(argument, RunConfig) for argument in arguments]
-        return resolve(options_of(compose("config", typed)))
 
 
 def noisy(noise: float, **options: Any) -> dict[str, Any]:
@@ -315,7 +296,7 @@ def test_options_document_exactly_the_fields_of_the_schema() -> None:
 
 def test_the_yaml_repeats_no_default() -> None:
     values = yaml.safe_load((CONF / "config.yaml").read_text())
-    assert set(values) == {"defaults", "stages", "hydra"}
+    assert set(values) == {"defaults", "hydra"}
 
 
 def test_options_are_frozen_as_are_their_groups() -> None:
@@ -399,98 +380,3 @@ def test_an_option_is_typed_so_that_shell_and_hydra_give_its_value(value: str) -
     (argument,) = shlex.split(as_typed("data_dir", value))
     found = OverridesParser.create().parse_override(argument).value()
     assert getattr(found, "text", found) == value
-
-
-# What a command line types.
-
-TEXTS = ("1.10", "83e2010", "2026_11", "007", "true", "inf", "1e3", "-1", "~/x", "a=b", "a b", "x")
-"""Texts, many of which Hydra reads as something else."""
-
-
-@pytest.mark.parametrize("typed", TEXTS)
-@pytest.mark.parametrize("name", ["revision", "data_dir", "executor_address", "evaluation.name"])
-def test_a_text_is_what_was_typed(name: str, typed: str) -> None:
-    address = ["executor=dask"] if name == "executor_address" else []
-    value: Any = composed("stages=[build]", f"{name}={typed}", *address).options
-    for part in name.split("."):
-        value = getattr(value, part)
-    assert value == typed
-
-
-def test_a_text_that_may_be_missing_can_be_taken_away_again() -> None:
-    assert composed("revision=1.10", "revision=null").options.revision is None
-
-
-def test_each_text_of_a_sweep_is_what_was_typed() -> None:
-    parser = OverridesParser.create()
-    override = parser.parse_override(as_declared("revision=1.10,1.20,main,2026_11", RunConfig))
-    jobs = [parser.parse_override(f"x={each}") for each in override.sweep_string_iterator()]
-    assert [job.value() for job in jobs] == ["1.10", "1.20", "main", "2026_11"]
-
-
-LISTS = {
-    "stages": "build",
-    "shifts": "g",
-    "evaluation.splits": "test",
-    "export.splits": "train",
-}
-
-
-@pytest.mark.parametrize("name", LISTS)
-def test_a_list_takes_one_bare_value(name: str) -> None:
-    value: Any = composed(f"{name}={LISTS[name]}").options
-    for part in name.split("."):
-        value = getattr(value, part)
-    assert value == (LISTS[name],)
-
-
-def test_each_list_is_among_those_that_are_tried() -> None:
-    kinds = {name: kind for name, kind in kinds_of(RunConfig).items() if get_origin(kind) is tuple}
-    assert set(LISTS) == set(kinds)
-
-
-def kinds_of(cls: type, group: str = "") -> dict[str, Any]:
-    """Return the declared type of each option of a class, by its whole name."""
-    found = {}
-    for name, kind in get_type_hints(cls).items():
-        found |= kinds_of(kind, f"{group}{name}.") if is_dataclass(kind) else {group + name: kind}
-    return found
-
-
-@pytest.mark.parametrize("name", ["stages", "shifts"])
-def test_a_value_that_no_list_has_is_answered_with_those_that_it_may_have(name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"{name}=\[nonsense\]: choose from \[\w+, "):
-        composed(f"{name}=nonsense")
-
-
-@pytest.mark.parametrize("typed", ["-1", "2", "yes", "maybe", ""])
-def test_a_switch_is_true_or_false(typed: str) -> None:
-    with pytest.raises(ConfigError, match=f"overwrite={typed}: give true or false"):
-        composed(f"overwrite={typed}")
-    assert composed("overwrite=True").options.overwrite is True
-
-
-@pytest.mark.parametrize("typed", ["[]", "null", "", "[bc,gail]"])
-def test_a_method_is_one_name(typed: str) -> None:
-    with pytest.raises(ConfigError, match="give one name"):
-        composed(f"method={typed}")
-
-
-@pytest.mark.parametrize(
-    ("given", "listed"),
-    [
-        ("results.replay=true", "choose from [size, task, labyrinths, "),
-        ("evaluation.replay=true", "choose from [evaluation.image_size, "),
-        ("method.epochz=3", "did you mean method.epochs? choose from [method.name, "),
-        ("nonsense=1", "choose from [size, task, labyrinths, "),
-    ],
-)
-def test_an_option_that_does_not_exist_is_answered_with_options_that_do(
-    given: str, listed: str
-) -> None:
-    with pytest.raises(Exception, match="Could not override") as caught:
-        composed(given)
-    line = refusal(caught.value)
-    assert line.startswith(f"{given.partition('=')[0]} is no option: ")
-    assert listed in line
-    assert "hydra" not in line

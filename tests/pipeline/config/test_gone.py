@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from hydra import compose, initialize_config_dir
+from composing import composed
 
 from pipeline.config.errors import ConfigError
 from pipeline.config.gone import GONE
-from pipeline.config.run import VERSION_BASE, options_of, refusal, register, resolve
-
-CONF = Path(__file__).parents[3] / "conf"
+from pipeline.config.run import refusal
 
 
 def refused(*arguments: str) -> str:
     """Return the line that a command line ends in."""
-    register()
     try:
-        with initialize_config_dir(str(CONF), **VERSION_BASE):
-            resolve(options_of(compose("config", list(arguments))))
+        composed(*arguments)
     except ConfigError as error:
         return str(error)
     except Exception as error:

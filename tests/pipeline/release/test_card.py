@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from composing import composed
 from huggingface_hub import (
     DatasetCard,
     DatasetCardData,
@@ -25,7 +26,6 @@ from huggingface_hub import (
     eval_result_entries_to_yaml,
     parse_eval_result_entries,
 )
-from hydra import compose, initialize_config_dir
 from making import make, make_both
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
@@ -38,7 +38,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.config.run import VERSION_BASE, RunConfig, options_of, register, resolve
+from pipeline.config.run import RunConfig, resolve
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import statistics_of
 from pipeline.release import card
@@ -217,12 +217,7 @@ def test_a_release_is_loaded_by_its_id_and_version(folder):
 def test_the_commands_in_it_make_the_same_datasets(carded):
     lines = text(carded).replace(" \\\n", " ")
     commands = re.findall(r"^labyrinth-datasets (.*)$", lines, re.MULTILINE)
-    register()
-    made = []
-    with initialize_config_dir(str(ROOT / "conf"), **VERSION_BASE):
-        for command in commands:
-            config = compose("config", command.split())
-            made.append(resolve(options_of(config)).dataset)
+    made = [composed(*command.split()).dataset for command in commands]
     assert made == [Manifest.read(carded / name).config for name in (DEFAULT, OTHER)]
 
 
@@ -465,8 +460,7 @@ def test_the_stage_says_in_one_line_what_was_written(folder, capsys):
 
 
 def test_the_stage_is_performed_unless_told_otherwise():
-    values = yaml.safe_load((ROOT / "conf" / "config.yaml").read_text(encoding="utf-8"))
-    assert values["stages"] == ["build", "validate", "analyse", "card"]
+    assert composed().options.stages == ("build", "validate", "analyse", "card")
 
 
 def test_every_config_has_every_picture_wide_enough_for_a_phone(carded):

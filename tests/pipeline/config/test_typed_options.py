@@ -1,0 +1,162 @@
+"""What is typed is what an option gets: texts, lists of one, true and false, names that exist."""
+
+from __future__ import annotations
+
+from typing import Any, get_origin
+
+import pytest
+from composing import composed
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import (
+    DEFAULTS,
+    KINDS,
+    OPTIONS,
+    RunConfig,
+    keep_texts,
+    refusal,
+)
+
+TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
+LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
+BOOLS = [name for name, kind in KINDS.items() if kind is bool]
+ASKED = {
+    "evaluation.splits": ["stages=evaluate", "policy=my:policy"],
+    "export.splits": ["stages=export", "export.format=minari"],
+}
+"""Option -> the command line of which it is an option."""
+
+
+def typed(argument: str) -> list[str]:
+    """Return the values of a command line's argument as OmegaConf writes down a text."""
+    parser = OverridesParser.create()
+    override = parser.parse_override(keep_texts(argument))
+    if override.is_sweep_override():
+        one_by_one = (f"x={value}" for value in override.sweep_string_iterator())
+        return [str(parser.parse_override(each).value()) for each in one_by_one]
+    return [str(override.value())]
+
+
+def plain(values: list[str]) -> list[str]:
+    return [value.strip("'\"") for value in values]
+
+
+@given(
+    st.text("0123456789.eE_+-", min_size=1, max_size=6)
+    | st.sampled_from(["true", "False", "inf", "-inf", "NaN", "1e999", "nulls", "on"]),
+    st.sampled_from(TEXTS),
+    st.sampled_from(["", "+", "++"]),
+)
+@example("1.10", "revision", "")
+@example("83e2010", "revision", "")
+@example("2026_11", "data_dir", "")
+def test_a_text_is_what_was_typed(text: str, name: str, start: str) -> None:
+    assert plain(typed(f"{start}{name}={text}")) == [text]
+    assert plain(typed(f"{start}{name}={text},a,{text}")) == [text, "a", text]
+    assert plain(typed(f"{name}=choice({text}, 1.0)")) == [text, "1.0"]
+    assert plain(typed(f'{name}="{text}"')) == [text]
+
+
+def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
+    options = composed(
+        *("revision=1.10", "++data_dir=2026_11", "evaluation.name=true", "size=3"),
+        *("export={folder:1.10,image_size:60}", "evaluation.splits=[1.50,test]"),
+        "leakage.source=${revision}",
+    ).options
+    assert (options.revision, options.data_dir) == ("1.10", "2026_11")
+    assert (options.evaluation.name, options.size, options.export.folder) == ("true", "3", "1.10")
+    assert options.export.image_size == 60
+    assert options.evaluation.splits == ("1.50", "test")
+    assert options.leakage.source == "1.10"
+    assert composed("revision=null").options.revision is None
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [
+        *(
+            "seed=1e3",
+            "method=bc",
+            "method.learning_rate=1e-3",
+            "size=range(3,6)",
+            "hydra.job=1.10",
+        ),
+        *("--config-dir=1.10", "revision=null", "revision=${oc.env:A,b}", "size=5", "shifts=[g]"),
+        *("data_dir=runs/1.10", "evaluation.budget=1.10 routes", "evaluation.name='1.10, 2.0'"),
+    ],
+)
+def test_what_hydra_reads_as_it_is_typed_stays_as_it_is(argument: str) -> None:
+    assert keep_texts(argument) == argument
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_a_list_takes_one_value_without_brackets_and_a_wrong_one_is_told_what_to_give(
+    name: str,
+) -> None:
+    asked = ASKED.get(name, [])
+    with pytest.raises(ConfigError, match=rf"^{name}=\[nonsense\]: (choose from|give) "):
+        composed(f"{name}=nonsense", *asked)
+    if name == "analysis.experts":
+        assert composed(f"{name}=Hopper-v5:1.10", *asked).options.analysis.experts
+    else:
+        with pytest.raises(ConfigError) as caught:
+            composed(f"{name}=nonsense", *asked)
+        known = str(caught.value).partition("choose from [")[2].strip("]").split(", ")
+        for value in known[:3]:
+            composed(f"{name}={value}", *asked)
+
+
+def test_one_value_of_a_list_is_the_list_of_it() -> None:
+    run = composed("shifts=one_wall", "stages=build", "export.splits=train")
+    assert (run.dataset.shifts, run.options.stages) == (("one_wall",), ("build",))
+    assert run.options.export.splits == ("train",)
+
+
+@pytest.mark.parametrize("name", BOOLS)
+@pytest.mark.parametrize("value", ["-1", "0", "1", "2.5", "yes", "null", "[true]"])
+def test_true_and_false_are_no_numbers(name: str, value: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^{name}=.*: give true or false$"):
+        composed(f"{name}={value}")
+
+
+def test_true_and_false_may_be_capital_or_come_from_the_environment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("LABYRINTH_OVERWRITE", "true")
+    assert composed("overwrite=${oc.env:LABYRINTH_OVERWRITE}").options.overwrite is True
+    assert composed("overwrite=False").options.overwrite is False
+
+
+@pytest.mark.parametrize(
+    ("argument", "listed"),
+    [
+        ("results.replay=true", OPTIONS),
+        ("leakage.sorce=x", [name for name in OPTIONS if name.startswith("leakage.")]),
+        ("evaluation.name.x=1", OPTIONS),
+        ("hydra.sweeep=1", OPTIONS),
+    ],
+)
+def test_an_option_that_does_not_exist_lists_those_that_do(argument: str, listed: Any) -> None:
+    with pytest.raises((HydraException, ConfigError)) as caught:
+        composed(argument)
+    message = refusal(caught.value)
+    assert message.startswith(f"{argument.partition('=')[0]} is no option: ")
+    assert message.endswith(f"choose from [{', '.join(listed)}]")
+
+
+@pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "season=x", "buckets=[3]"])
+def test_a_group_and_a_method_are_no_list(argument: str) -> None:
+    with pytest.raises(ConfigError, match=r": give (one name, such as|its own options, as) "):
+        composed(argument)
+
+
+def test_the_defaults_that_are_documented_are_those_of_the_options() -> None:
+    given = [f"{name}={value}" for name, value in DEFAULTS.items() if value]
+    given = [each for each in given if not each.endswith("=all") and "stages" not in each]
+    assert composed(*given).options == composed().options
+    assert DEFAULTS["stages"].split(",") == [*RunConfig().stages]
+    assert DEFAULTS["labyrinths"] == DEFAULTS["shifts"] == ""

@@ -1,0 +1,15 @@
+"""Runs and options as a command line asks for them."""
+
+from __future__ import annotations
+
+from hydra import compose, initialize_config_dir
+
+from pipeline.config.run import HYDRA, Run, keep_texts, options_of, register, resolve
+from pipeline.config.training import CONF
+
+
+def composed(*arguments: str) -> Run:
+    """Return the run that a command line asks for."""
+    register()
+    with initialize_config_dir(str(CONF.absolute()), **HYDRA):
+        return resolve(options_of(compose("config", [*map(keep_texts, arguments)])))
