@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -99,10 +102,28 @@ def test_the_example_of_the_language_is_canonical():
 def test_the_check_runs_the_test_command_of_the_readme():
     command = re.search(r"^pip install -c .*$", README, re.MULTILINE)
     assert command is not None
-    install, test = command[0].replace("pip install", "pip install -q").split(" && ")
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert f"\n{install}" in script
-    assert f"\n{test} " in script.split(install)[1]
+    lines = script.partition("apt-get install")[0].splitlines()
+    install, test = command[0].split(" && ")
+    assert lines.index(install) < lines.index(test)
+
+
+@pytest.mark.slow
+def test_the_last_lines_of_the_tests_name_the_programs_that_are_missing(tmp_path):
+    needs = ["tests/labyrinth_core/pictures/test_png.py", "tests/test_run_documentation.py"]
+    command = [sys.executable, "-m", "pytest", "-n1", "-p", "no:cacheprovider", *needs]
+    done = subprocess.run(
+        [*command, "-m", "programs"],
+        env=os.environ | {"PATH": str(tmp_path)},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    *_, missing, install, count = done.stdout.splitlines()
+    assert missing == "10 tests skipped; programs not installed: bash pngcheck zsh"
+    assert "apt-get install bash pngcheck zsh " in install
+    assert re.match("10 skipped in ", count)
 
 
 def test_the_list_of_defects_names_tests_that_exist():

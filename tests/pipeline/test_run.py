@@ -217,20 +217,21 @@ def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
     assert {stage.strip("[]'") for stage in named} <= set(KNOWN_STAGES)
 
 
+@pytest.mark.parametrize(
+    "shell", [pytest.param(name, marks=pytest.mark.programs(name)) for name in ("bash", "zsh")]
+)
 def test_one_stage_needs_no_brackets_and_ends_with_commands_that_work_next(
-    small_dataset: Run, tmp_path: Path
+    small_dataset: Run, tmp_path: Path, shell: str
 ) -> None:
     shutil.copytree(small_dataset.data_dir, tmp_path / "my data's")
     options = ["size=3", f"labyrinths={small_dataset.dataset.labyrinths}"]
     printed = run(tmp_path, "stages=validate", *options, """data_dir="my data's\"""").stdout
     hint = printed.splitlines()[-1]
     assert hint.startswith(f"  python {RUN} size=3 ")
-    for shell in ("bash", "zsh"):
-        if shutil.which(shell):
-            path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
-            env = os.environ | {"PATH": path}
-            pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
-            assert pasted.returncode == 0
+    path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
+    env = os.environ | {"PATH": path}
+    pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
+    assert pasted.returncode == 0
     assert (tmp_path / "my data's" / "README.md").is_file()
 
 
@@ -410,6 +411,7 @@ def test_commands_short_of_memory_or_interrupted_end_with_one_line() -> None:
     assert "4 commands interrupted, 0 wrong" in result.stdout
 
 
+@pytest.mark.programs("bash")
 @pytest.mark.parametrize("name", ["a'b", "a,b", 'a"b', "a(b"])
 def test_the_line_that_is_to_be_typed_can_be_pasted(tmp_path: Path, name: str) -> None:
     error = error_of(run(tmp_path, f"data_dir={name}"))
