@@ -275,6 +275,14 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     assert content_of(tmp_path) == content
 
 
+def test_the_readme_shows_what_the_main_command_prints(tmp_path: Path) -> None:
+    readme = (RUN.parent / "README.md").read_text(encoding="utf-8")
+    shown = readme.split("python run.py size=5\n```", 1)[1].split("```")[1]
+    printed = re.sub("[^\n -~]", " ", run(tmp_path, "size=5").stdout)  # Without lines of tables.
+    lines = [line.split() for line in printed.splitlines()]
+    assert [line for line in shown.split("\n")[1:-1] if line.split() not in lines] == []
+
+
 def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
     options = ["size=3,2x4", "task=navigation,partial_observability"]
     arguments = [*options, "labyrinths=1", "random_steps=5", "data_dir=data", STAGES]
