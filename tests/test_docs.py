@@ -106,16 +106,20 @@ def test_the_readme_has_no_more_than_550_words():
     assert len(README.split()) <= 550
 
 
-def test_the_first_paragraph_of_the_readme_has_the_numbers_of_the_results():
+CARD = (ROOT / "pipeline/release/texts/dataset.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", [README, CARD], ids=["README", "card"])
+def test_the_first_paragraph_of_a_page_has_the_numbers_of_the_results(page):
     text = (ROOT / "docs" / "studies" / "results.md").read_text(encoding="utf-8")
     rows = table("5x5 | seeds | train", text)
     six = ("BC", "DAgger", "GAIL", "BCO", "SQIL", "IUPE")
     cells = [re.findall(r"\d+", rows[name])[1:7] for name in six]  # Ours, printed, by split.
     train, validation, test = ([int(row[i]) for row in cells] for i in (0, 2, 4))
     new, printed = validation + test, [int(row[5]) for row in cells]
-    paragraph = " ".join(README.split("\n\n")[2].split())
+    paragraph = " ".join(page.split("\n\n")[2].split())
     assert f"solve {min(train)}% or more of the labyrinths they have seen" in paragraph
-    assert f"[{min(new)} to {max(new)}% of new ones]" in paragraph
+    assert f"{min(new)} to {max(new)}% of new ones" in paragraph
     assert f"routes alone solves {rows['*route memory*'].split(' | ')[3]}%" in paragraph
     assert f"the paper printed {min(printed)} to {max(printed)}%" in paragraph
     assert f"path length) of {table('', text)['*random*'].split()[-1]}%" in paragraph
