@@ -6,6 +6,7 @@ The library `datasets` reads where its cache lies when it is imported, so that i
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -32,6 +33,9 @@ settings.load_profile("house")
 
 _private = pytest.StashKey[Path]()
 
+MISSING = "missing program"
+"""The property of a skipped test's report that names a program; pytest-xdist passes it on."""
+
 
 def pytest_configure(config: pytest.Config) -> None:
     if config.option.markexpr == "not slow":
@@ -51,7 +55,33 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     """
     if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
         return None
-    return "\npytestmark = pytest.mark.slow\n" in collection_path.read_text("utf-8") or None
+    text = collection_path.read_text("utf-8")
+    return bool(re.search(r"^pytestmark = .*pytest\.mark\.slow\b", text, re.MULTILINE)) or None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test, before its fixtures are made, that needs a program that is not installed."""
+    needed = {name for mark in item.iter_markers("programs") for name in mark.args}
+    missing = sorted(name for name in needed if shutil.which(name) is None)
+    if missing:
+        item.user_properties += [(MISSING, name) for name in missing]
+        pytest.skip(f"not installed: {', '.join(missing)}")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say at the end which programs were missing, and how to get them."""
+    skipped = [
+        [name for key, name in report.user_properties if key == MISSING]
+        for report in terminalreporter.stats.get("skipped", ())
+    ]
+    if missing := " ".join(sorted({name for names in skipped for name in names})):
+        count = sum(map(bool, skipped))
+        terminalreporter.write_line(f"{count} tests skipped; programs not installed: {missing}")
+        terminalreporter.write_line(
+            f"To run them: apt-get install {missing} (or your system's packages), "
+            "then pytest -m programs"
+        )
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import re
+import subprocess
+import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -61,7 +65,7 @@ DESCRIBED = {
 }
 """Option -> its default and what it means."""
 TABLES = {
-    "README.md": ROWS,
+    "README.md": {"split": ROWS["split"]},
     "docs/make.md": ROWS,
     "docs/options.md": {"option": DESCRIBED},
     "docs/loading.md": {"column": {column.name: column.meaning for column in TABLE_COLUMNS}},
@@ -91,13 +95,44 @@ def test_the_guide_explains_every_task():
     assert list(table("task", text)) == [str(task) for task in Task]
 
 
-def test_the_readme_names_every_public_name_of_the_library():
-    library = README.split("## Library", 1)[1].split("\n## ", 1)[0]
-    assert set(labyrinth_core.__all__) <= set(re.findall(r"\w+", library))
+def test_the_reference_has_every_public_name_of_the_library():
+    text = (ROOT / "docs" / "reference" / "library.md").read_text(encoding="utf-8")
+    named = re.findall(r"^::: labyrinth_core\.(\w+)$", text, re.MULTILINE)
+    assert sorted(named) == sorted(labyrinth_core.__all__)
+
+
+def test_every_extra_is_explained():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    text = (ROOT / "docs" / "get-started.md").read_text(encoding="utf-8")
+    assert table("extra", text).keys() == project["optional-dependencies"].keys()
+
+
+def test_the_readme_has_no_more_than_550_words():
+    assert len(README.split()) <= 550
+
+
+CARD = (ROOT / "pipeline/release/texts/dataset.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", [README, CARD], ids=["README", "card"])
+def test_the_first_paragraph_of_a_page_has_the_numbers_of_the_results(page):
+    text = (ROOT / "docs" / "studies" / "results.md").read_text(encoding="utf-8")
+    rows = table("5x5 | seeds | train", text)
+    six = ("BC", "DAgger", "GAIL", "BCO", "SQIL", "IUPE")
+    cells = [re.findall(r"\d+", rows[name])[1:7] for name in six]  # Ours, printed, by split.
+    train, validation, test = ([int(row[i]) for row in cells] for i in (0, 2, 4))
+    new, printed = validation + test, [int(row[5]) for row in cells]
+    paragraph = " ".join(page.split("\n\n")[2].split())
+    assert f"solve {min(train)}% or more of the labyrinths they have seen" in paragraph
+    assert f"{min(new)} to {max(new)}% of new ones" in paragraph
+    assert f"routes alone solves {rows['*route memory*'].split(' | ')[3]}%" in paragraph
+    assert f"the paper printed {min(printed)} to {max(printed)}%" in paragraph
+    assert f"path length) of {table('', text)['*random*'].split()[-1]}%" in paragraph
 
 
 def test_the_example_of_the_language_is_canonical():
-    example = "key_and_lock" + README.split("```\nkey_and_lock", 1)[1].split("```", 1)[0]
+    text = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
+    example = "key_and_lock" + text.split('"""\nkey_and_lock', 1)[1].split("```", 1)[0]
     assert dump(parse(example)) == example
 
 
@@ -107,12 +142,30 @@ def test_no_code_escapes_a_bar_which_the_site_would_show_with_its_backslash(docu
 
 
 def test_the_check_runs_the_test_command_of_the_readme():
-    command = re.search(r"^pip install -c .*$", README, re.MULTILINE)
+    command = re.search(r"^pip install -c .* && pytest$", README, re.MULTILINE)
     assert command is not None
-    install, test = command[0].replace("pip install", "pip install -q").split(" && ")
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert f"\n{install}" in script
-    assert f"\n{test} " in script.split(install)[1]
+    lines = script.partition("apt-get install")[0].splitlines()
+    install, test = command[0].split(" && ")
+    assert lines.index(install) < lines.index(test)
+
+
+@pytest.mark.slow
+def test_the_last_lines_of_the_tests_name_the_programs_that_are_missing(tmp_path):
+    needs = ["tests/labyrinth_core/pictures/test_png.py", "tests/test_run_documentation.py"]
+    command = [sys.executable, "-m", "pytest", "-n1", "-p", "no:cacheprovider", *needs]
+    done = subprocess.run(
+        [*command, "-m", "programs"],
+        env=os.environ | {"PATH": str(tmp_path)},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    *_, missing, install, count = done.stdout.splitlines()
+    assert missing == "10 tests skipped; programs not installed: bash pngcheck zsh"
+    assert "apt-get install bash pngcheck zsh " in install
+    assert re.match("10 skipped in ", count)
 
 
 def test_the_list_of_defects_names_tests_that_exist():

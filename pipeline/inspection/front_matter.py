@@ -239,8 +239,8 @@ def _text(manifests: list[Manifest]) -> str:
     return f"""
 # Labyrinth
 
-Grid labyrinths with optimal actions, for imitation learning that can tell memorising from
-generalising: no structure, and no mirror image of one that keeps start and goal, is in two of
+Grid labyrinths with optimal actions, which show whether an imitation learner generalises or
+memorises: no structure, and no mirror image of one that keeps start and goal, is in two of
 train, validation and test.
 
 ```python

@@ -57,13 +57,13 @@ def loading(run: Run) -> str:
     return f"MINARI_REMOTE=hf://{owner} minari download {id_}"
 
 
-def stage_export(run: Run, folder: Path, api: HfApi) -> None:
+def stage_export(run: Run, folder: Path, api: HfApi | None) -> None:
     """Write all that the repository of the export of a run is to hold, files of it as links.
 
     Args:
         run: The run, which names the dataset, the format and the splits.
         folder: Where to write it.
-        api: Says which dataset is on the Hub.
+        api: Says which dataset is on the Hub, as `published_dataset` has it.
 
     Raises:
         ConfigError: The dataset has no such split.
@@ -86,7 +86,7 @@ def stage_export(run: Run, folder: Path, api: HfApi) -> None:
     write_text(folder / "README.md", _card(run, manifest, records, commit))
 
 
-def _origin(run: Run, api: HfApi) -> tuple[str | None, Manifest]:
+def _origin(run: Run, api: HfApi | None) -> tuple[str | None, Manifest]:
     """Return the commit of the dataset on the Hub, None if it has no id there; and its manifest."""
     given = run.options.dataset is not None
     if run.options.publish.repo_id or (

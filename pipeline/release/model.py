@@ -68,12 +68,20 @@ class Trained:
         return self.run.dataset_on_hub[1] or self.commit
 
 
-def published_dataset(run: Run, api: HfApi) -> tuple[str, Manifest]:
+def published_dataset(run: Run, api: HfApi | None) -> tuple[str, Manifest]:
     """Return the commit and the manifest of the dataset on the Hub that a run names.
+
+    Args:
+        run: The run.
+        api: The Hub; None for a dry run that cannot look at it: the dataset of `data_dir` then
+            stands for the one on the Hub, with a commit of zeros.
 
     Raises:
         PublishError: The Hub has no such revision, or refuses.
+        DatasetError: There is no dataset in `data_dir` to stand for it.
     """
+    if api is None:
+        return 40 * "0", Manifest.read(run.folder)
     repo_id, revision = run.dataset_on_hub
     with explained(repo_id):
         try:

@@ -104,7 +104,8 @@ def make_plan(
     """
     keep = [path for path, local in files.items() if path in remote and _same(local, remote[path])]
     add = [path for path in files if path not in keep]
-    ours = released({path: remote[path] for path in sorted(remote.keys() - set(keep))})
+    others = {path: remote[path] for path in sorted(remote.keys() - set(keep))}
+    ours = released(others) if others else ()  # A repository that does not exist is not asked.
     return Plan(
         kind=kind,
         files=files,

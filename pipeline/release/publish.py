@@ -38,7 +38,7 @@ from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, SPACE, Kind, Plan, make_plan
 from pipeline.release.provenance import Release
-from pipeline.release.remote import VERSION, Remote
+from pipeline.release.remote import VERSION, Remote, UnseenRemote, why_unseen
 from pipeline.release.verify import verified
 
 
@@ -55,14 +55,20 @@ def run(run: Run) -> None:
     limit_silence()
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
     options, api = run.options.publish, HfApi()
-    version = f'revision="{options.version}"'
+    version, unseen = f'revision="{options.version}"', options.dry_run and why_unseen(api)
+    if unseen:
+        say(
+            f"could not look at the Hub ({unseen}): this is what a new repository would get; "
+            "scripts/local_hub starts a Hub on this machine, to rehearse on."
+        )
+    remote_of, hub = (UnseenRemote, None) if unseen else (Remote, api)
     if options.repo_id:
         with explained(options.repo_id):
             manifests = front_matter.finished(run.local_dir)
             if not manifests:
                 reason = "holds no finished dataset: labyrinth-datasets makes one"
                 raise PublishError(f"{run.local_dir} {reason}")
-            remote = Remote(api, options.repo_id, DATASET)
+            remote = remote_of(api, options.repo_id, DATASET)
             if _release(remote, options, run.local_dir, _carded(run, remote)):
                 config = front_matter.default_config(manifests)
                 say(f'load_dataset("{options.repo_id}", "{config}", {version})')
@@ -73,17 +79,17 @@ def run(run: Run) -> None:
             folder = Path(place)
             stage(folder)
             list_all(folder)
-            if _release(Remote(api, repo_id, kind), options, folder, nullcontext(folder)):
+            if _release(remote_of(api, repo_id, kind), options, folder, nullcontext(folder)):
                 say(load)
 
     if id_ := options.export:
         kind = EXPORTS[run.options.export.format]
-        release(id_, kind, lambda folder: stage_export(run, folder, api), loading(run))
+        release(id_, kind, lambda folder: stage_export(run, folder, hub), loading(run))
     if id_ := options.env:
-        origin, load = published_dataset(run, api), f'make_env("{id_}", trust_remote_code=True)'
+        origin, load = published_dataset(run, hub), f'make_env("{id_}", trust_remote_code=True)'
         release(id_, ENVIRONMENT, lambda folder: stage_environment(run, folder, *origin), load)
     if id_ := options.model:
-        origin, load = published_dataset(run, api), f'load_policy("{id_}", {version})'
+        origin, load = published_dataset(run, hub), f'load_policy("{id_}", {version})'
         release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
     if id_ := options.space:
         load = f"{constants.ENDPOINT}/spaces/{id_}"
@@ -234,13 +240,14 @@ def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: boo
         for word, paths in (("add", plan.add), ("keep", plan.keep), ("delete", plan.delete)):
             for path in paths:
                 say(f"  {word:6} {path}")
+    new = "" if exists else f" (to be created, {'private' if options.private else 'public'})"
     tag = f"the tag {options.version} is to be made"
     if options.create_pr and not plan.is_done:
         tag = "a pull request is not tagged"
     say(
-        f"{remote.repo_id}{'' if exists else ' (to be created)'}, branch {options.branch}: "
-        f"{len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), {len(plan.keep)} to keep, "
-        f"{len(plan.delete)} to delete; {tag}."
+        f"{remote.repo_id}{new}, branch {options.branch}: {len(plan.add)} files to add "
+        f"({plan.bytes / 1e6:.2f} MB), {len(plan.keep)} to keep, {len(plan.delete)} to delete; "
+        f"{tag}."
     )
 
 

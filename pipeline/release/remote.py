@@ -13,10 +13,18 @@ from typing import Any
 from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.machinery.console import say
 from pipeline.machinery.own_files import HASHES, OwnFiles
-from pipeline.release.faults import PublishError, allowed, reasons, repeated, status_of
+from pipeline.release.faults import (
+    FAULTS,
+    NO_TOKEN,
+    PublishError,
+    allowed,
+    reasons,
+    repeated,
+    status_of,
+)
 from pipeline.release.plan import SPACE, Kind
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
@@ -218,3 +226,29 @@ class Remote:
                 f"left out: joining the collection {collection}, which this token may not; add "
                 f"{self.repo_id} to it on the Hub."
             )
+
+
+@dataclass(frozen=True)
+class UnseenRemote(Remote):
+    """A repository that a dry run cannot look at, and takes for one that does not exist yet."""
+
+    def check_access(self, *, create_pr: bool) -> bool:  # noqa: ARG002
+        return False
+
+    def versions(self) -> dict[str, str]:
+        return {}
+
+    def exports(self) -> list[str]:
+        return []
+
+
+def why_unseen(api: HfApi) -> str:
+    """Return why the Hub cannot be looked at, such as for want of a token; empty if it can be."""
+    try:
+        if not get_token():
+            return "there is no token"
+        allowed(api.whoami)
+    except (*FAULTS, ConnectionError, NO_TOKEN) as error:
+        if status_of(error) is None:
+            return f"{constants.ENDPOINT} does not answer: {one_line(error)}"
+    return ""

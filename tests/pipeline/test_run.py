@@ -205,6 +205,14 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     assert content_of(tmp_path) == content
 
 
+def test_the_readme_shows_what_the_main_command_prints(tmp_path: Path) -> None:
+    readme = (RUN.parent / "README.md").read_text(encoding="utf-8")
+    shown = readme.split("python run.py size=5\n```", 1)[1].split("```")[1]
+    printed = re.sub("[^\n -~]", " ", run(tmp_path, "size=5").stdout)  # Without lines of tables.
+    lines = [line.split() for line in printed.splitlines()]
+    assert [line for line in shown.split("\n")[1:-1] if line.split() not in lines] == []
+
+
 def test_validation_that_fails_names_the_file_and_makes_the_command_fail(
     tmp_path: Path, small_dataset: Run
 ) -> None:
@@ -290,6 +298,7 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one(parts: str) -
     assert "0 datasets differ" in result.stdout
 
 
+@pytest.mark.programs("bash")
 @pytest.mark.parametrize("name", ["a'b", "a,b", 'a"b', "a(b"])
 def test_the_line_that_is_to_be_typed_can_be_pasted(tmp_path: Path, name: str) -> None:
     error = error_of(run(tmp_path, f"data_dir={name}"))

@@ -2,7 +2,6 @@
 
 import io
 import random
-import shutil
 import subprocess
 
 import numpy as np
@@ -81,7 +80,7 @@ def test_a_strip_of_another_height_is_refused():
         mosaic.encode({1: ((WHITE, 2),)})
 
 
-@pytest.mark.skipif(shutil.which("pngcheck") is None, reason="pngcheck is not installed")
+@pytest.mark.programs("pngcheck")
 def test_pngcheck_finds_nothing_wrong(tmp_path):
     rows = [random.Random(width).randbytes(3 * width) for width in (1, 7, 64, 600)]
     files = [

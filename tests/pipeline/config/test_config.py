@@ -193,6 +193,7 @@ def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
         assert f"/{Path(str(folder)).parts[0]}/" in ignored
 
 
+@pytest.mark.programs("git")
 @given(st.text("aB1_.-/", max_size=9) | st.sampled_from(["HEAD", "a.lock", "x.lock/y", "@"]))
 def test_every_branch_that_may_be_given_is_one_for_git(branch: str) -> None:
     publish = PublishOptions(repo_id="user/name", version="1.0.0", branch=branch)

@@ -19,8 +19,11 @@ from pipeline.machinery.hints import hints
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "shell", [pytest.param(name, marks=pytest.mark.programs(name)) for name in ("bash", "zsh")]
+)
 def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
-    small_dataset: Run, tmp_path: Path
+    small_dataset: Run, tmp_path: Path, shell: str
 ) -> None:
     shutil.copytree(small_dataset.data_dir, tmp_path / "my data's")
     (tmp_path / "my own").mkdir()
@@ -34,12 +37,10 @@ def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
     assert hint.startswith(
         f"python {RUN} --config-name=small '--config-dir={tmp_path}/my own' size=3"
     )
-    for shell in ("bash", "zsh"):
-        if shutil.which(shell):
-            path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
-            env = os.environ | {"PATH": path}
-            pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
-            assert pasted.returncode == 0
+    path = f"{Path(python()).parent}{os.pathsep}{os.environ['PATH']}"  # Has a `python`.
+    env = os.environ | {"PATH": path}
+    pasted = subprocess.run([shell, "-fc", hint], cwd=tmp_path, env=env, check=False)
+    assert pasted.returncode == 0
     assert (tmp_path / "my data's" / "README.md").is_file()
 
 

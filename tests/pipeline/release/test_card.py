@@ -133,6 +133,18 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     assert f"{DEFAULT}/{ANALYSIS}" in (folder / card.HASHES).read_text(encoding="utf-8")
 
 
+def test_limits_and_citation_come_before_statistics(carded):
+    headings = re.findall(r"^## (.*)$", text(carded), re.MULTILINE)
+    assert headings[:5] == [
+        "Load it",
+        "What is in it",
+        "Limits and biases",
+        "Licence",
+        "Citation",
+    ]
+    assert headings.index("Statistics") > 5
+
+
 def test_the_front_matter_is_what_the_hubs_client_reads_and_writes(carded):
     content = DatasetCard(text(carded))
     assert str(content) == text(carded)

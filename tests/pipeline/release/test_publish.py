@@ -230,6 +230,29 @@ def stamps(folder: Path) -> dict[str, tuple[int, bytes]]:
     }
 
 
+@pytest.mark.parametrize(
+    ("token", "more", "why"),
+    [
+        (None, {}, "there is no token"),
+        ("write", {"HF_HUB_OFFLINE": "1"}, "offline mode is enabled"),
+        ("write", {"HF_ENDPOINT": "http://127.0.0.1:9"}, "Connection refused"),
+    ],
+)
+def test_a_dry_run_without_token_or_network_lists_what_a_new_repository_would_get(
+    local_hub: LocalHub, releasable: Path, token: str | None, more: dict[str, str], why: str
+) -> None:
+    options = ("publish.dry_run=true", "publish.private=true", "size=2x3", "publish.env=user/env")
+    done = publish(local_hub, releasable, "1.0.0", *options, token=token, **more)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    first = f"could not look at the Hub .*{why}.* scripts/local_hub starts a Hub on this machine"
+    assert re.match(first, lines[0])
+    assert "  add    2x3/test-00000-of-00001.parquet" in lines
+    whole = [line for line in lines if "(to be created, private), branch main: " in line]
+    assert [line.split()[0] for line in whole] == [REPO, "user/env"]
+    assert len(local_hub.log) == 0
+
+
 def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs(
     local_hub: LocalHub,
     releasable: Path,
@@ -250,7 +273,8 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
 
     lines = dry(local_hub, releasable)
     assert not local_hub.has(REPO)
-    assert lines[-1].startswith(f"{REPO} (to be created), branch main: 20 files to add (0.3")
+    new = f"{REPO} (to be created, public), branch main"
+    assert lines[-1].startswith(f"{new}: 20 files to add (0.3")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
     assert len(plan(lines, "add")) == 20
 

@@ -28,7 +28,7 @@ from pipeline.config.run import Run
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.programs("chromium")]
 
 DATA = Path(__file__).parents[2] / "data"
 WAIT = 60_000
@@ -56,11 +56,8 @@ def reported(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("the report is not opened: no chromium here (apt-get install chromium)")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"))
         yield browser
         browser.close()
 
