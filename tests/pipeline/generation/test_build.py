@@ -440,7 +440,7 @@ def test_the_line_that_is_printed_loads_the_dataset_when_it_is_pasted(
     lines = capsys.readouterr().out.splitlines()
     if name.isprintable():
         assert f"{run.folder} is complete already." in " ".join(lines)
-    line = next(each for each in lines if each.startswith("load_"))
+    (line,) = (each.partition(": ")[2] for each in lines if each.startswith("To load it: "))
     pasted = "from datasets import load_dataset\nfrom labyrinth_core import load_transitions\n"
     exec(f"{pasted}loaded = {line}", found := {})
     rows = sum(shard.rows for shard in Manifest.read(run.folder).of("train"))
@@ -453,7 +453,7 @@ def test_the_summary_shows_each_split(build: Build, tmp_path: Path, capsys: Any)
     lines = capsys.readouterr().out.splitlines()
     for shard in Manifest.read(run.folder).shards:
         row = next(line for line in lines if shard.split in line.split())
-        cells = [cell.strip() for cell in row.strip("│").split("│")]
+        cells = row.split()
         assert cells[:4] == [shard.split, "8", str(shard.episodes), str(shard.rows)]
         assert cells[4] == f"{(shard.rows - shard.episodes) / shard.episodes:.2f}"
         assert cells[5] == str(shard.longest)
