@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -60,6 +61,7 @@ MAPS = "visits"
 
 def check_can_draw() -> None:
     """Raise ConfigError if matplotlib is missing; called before hours of playing."""
+    os.environ.pop("MPLBACKEND", None)  # A notebook's may name what is not installed here.
     try:
         import matplotlib  # noqa: F401
     except ModuleNotFoundError as error:
