@@ -94,7 +94,6 @@ HOMES = {
     "torch": (
         "labyrinth_core.policies",
         "pipeline.training",
-        "pipeline.studies.methods",
         "pipeline.studies.environments.stable_baselines",  # Weights, read without pickle.
         "pipeline.season.submission",
     ),

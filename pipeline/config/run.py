@@ -32,6 +32,7 @@ from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
 from pipeline.config.training import (
     EvaluationOptions,
     TrainingOptions,
+    check_method,
     check_policy,
     check_training,
 )
@@ -163,7 +164,7 @@ class Run:
         """What tells the run of training from others on the same dataset."""
         options = self.options
         return RunName(
-            method=options.method_name,
+            method=options.method_title,
             encoder=options.network,
             pool_stride=options.pool_stride,
             protocol=options.protocol,
@@ -215,6 +216,7 @@ def register() -> None:
     for node in (schema, *schema.values()):
         if isinstance(node, DictConfig):  # Frozen like its class, but Hydra has to merge into it.
             OmegaConf.set_readonly(node, None)
+    OmegaConf.set_struct(schema.method, False)  # Each method has settings of its own.
     store.store(name="schema", node=schema)
     width = max(map(len, OPTIONS))
     wrapper = TextWrapper(100, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
@@ -229,9 +231,11 @@ def register() -> None:
 def with_brackets(argument: str) -> str:
     """Return an argument of a command line, one stage as a list: `stages=report` has brackets.
 
-    So it is with one shift, and with all.
+    So it is with one shift, and with all. A method is the name among its settings.
     """
     name, _, value = argument.partition("=")
+    if name == "method":
+        return f"method.name={value}"
     alone = {"stages": tuple(STAGES), "shifts": (ALL_SHIFTS, *SHIFTS)}.get(name, ())
     return f"{name}=[{value}]" if value in alone else argument
 
@@ -318,6 +322,7 @@ def resolve(options: RunConfig) -> Run:
         # The other stages need the whole dataset, which the last run puts together.
         run = replace(run, options=replace(options, stages=("build",)))
         options = run.options
+    check_method(options)
     stages = set(options.stages)
     if stages & {"report", "publish"}:
         _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.

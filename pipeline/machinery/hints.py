@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from collections.abc import Iterable
@@ -57,7 +58,8 @@ def hints(run: Run, given: Iterable[str]) -> list[str]:
         return ["Next: docs/studies/environments.md says what the tables mean."]
     if options.leakage.source is not None or run.part is not None:
         return []
-    kept = [each for each in given if each.partition("=")[0].split(".")[0] not in _OF_ONE_RUN]
+    typed = [re.sub(r"^method\.name=", "method=", each) for each in given]
+    kept = [each for each in typed if each.partition("=")[0].split(".")[0] not in _OF_ONE_RUN]
     if not any(each.startswith("size=") for each in kept):
         kept = [f"size={options.size}", *kept]
     script = Path(sys.argv[0]).name == "run.py"

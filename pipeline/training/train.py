@@ -31,7 +31,6 @@ from pipeline.config.training import (
     IMAGE_SIZE,
     PROTOCOLS,
     TrainingOptions,
-    usual_settings,
 )
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
@@ -50,6 +49,11 @@ from pipeline.training.record import (
     unfinished,
     write_record,
 )
+
+
+def refuse(run: Run) -> None:
+    """Raise a ConfigError if the method or a setting is impossible, before any stage works."""
+    find(run.options.method_name, run.options.method, run.options.protocol)
 
 
 def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
@@ -75,7 +79,8 @@ def _train(run: Run, folder: Path, checkpoint_seconds: float) -> None:
         say(f"{folder} is complete already.")
         return
     files_of_run(folder)  # Raises before the work begins if a file would be lost.
-    _tell_changes(options, settings)
+    if method.protocol:
+        _tell_changes(options, settings)
     working = folder.with_name(f".{folder.name}.training")
     path = working / CHECKPOINT
     for left in unfinished(working):
@@ -272,9 +277,7 @@ def _remembered(problem: Problem) -> Problem:
 
 def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
     """Print the settings in which a run differs from a protocol that has its own settings."""
-    if not PROTOCOLS[options.protocol].methods:
-        return
-    usual = usual_settings(options.method_name, options.protocol)
+    usual = asdict(type(settings)())
     changed = [
         f"method.{name}={value:,} instead of {usual[name]:,}"
         for name, value in asdict(settings).items()
@@ -301,7 +304,7 @@ def _reporting(
     def report(done: Progress) -> None:
         nonlocal written
         best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
-        loss = f"{options.method_name} loss {done.history[-1]['loss']:.3f}"
+        loss = f"{options.method_title} loss {done.history[-1]['loss']:.3f}"
         bars.update(bar, completed=done.epoch, description=loss + best)
         if board is not None:  # Epochs before an interruption are written again.
             for row in done.history[written:]:
@@ -315,7 +318,7 @@ def _reporting(
         if board is not None:
             stack.callback(board.close)
         bars = stack.enter_context(progress())
-        bar = bars.add_task(options.method_name, total=epochs)
+        bar = bars.add_task(options.method_title, total=epochs)
         yield report
 
 

@@ -3,7 +3,7 @@
     python scripts/studies/slot_controls.py --data-dir data/labyrinth --results docs/results/mapper
 
 What do the slots, the steps and the variation of pictures of `method=mapper` give on their own? The
-network of BC, or that of `method=vin`, sees a mask for each slot in place of the colours of pixels.
+network of BC, or that of methods/vin.py, sees a mask for each slot in place of colours of pixels.
 Where VIN has to know the cell of the agent, it learns which slot moves, as the mapper does.
 
 Demonstrations alone say which action is right. The steps of the split `random` serve in another way
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import product
 from math import inf
@@ -29,6 +29,7 @@ import torch
 from generalise import Drawing, shown, solved_in
 from labyrinth_sets import SEED, labyrinth_sets, write_results
 from looks import LOOKS
+from methods import vin
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
@@ -49,12 +50,11 @@ from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.run import RunConfig, resolve
-from pipeline.config.training import PROTOCOLS, usual_settings
-from pipeline.studies.methods.vin import ValueIteration
+from pipeline.config.training import PROTOCOLS
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import fit
 from pipeline.training.methods import mapper
-from pipeline.training.methods.method import Problem, find, setting
+from pipeline.training.methods.method import Problem, setting
 from pipeline.training.methods.planner import MAX_GRADIENT
 from pipeline.training.train import identify, prepare
 
@@ -96,7 +96,7 @@ AS_ON_PICTURES: dict[str, dict[str, Any]] = {
 class Settings(mapper.Settings):
     """An epoch is one pass over the demonstrated steps; `steps` and `overgrow` have no use."""
 
-    network: str = setting("bc or vin")
+    network: str = setting("bc", "bc or vin")
 
 
 class OnSlots(nn.Module):
@@ -107,10 +107,9 @@ class OnSlots(nn.Module):
         super().__init__()
         self.slots = Mapper(settings) if settings.network == "vin" else None  # Only its `roles`.
         outputs = ACTIONS * (1 + len(AROUND) + 1)  # A score, and the outcomes as in `Mapper`.
-        self.network: ValueIteration | Network
+        self.network: vin.ValueIteration | Network
         if settings.network == "vin":
-            _, own = find("vin", {})
-            self.network = ValueIteration(spec.height, own, SLOTS, outputs)  # type: ignore[arg-type]
+            self.network = vin.ValueIteration(spec.height, vin.Settings(), SLOTS, outputs)
         else:
             self.network = Network(replace(spec, encoder="cnn"), outputs)
             self.network.encoder = Cnn(SLOTS)
@@ -129,7 +128,7 @@ class OnSlots(nn.Module):
         masks = functional.pad(masks, (0, 0, 0, 0, 0, SLOTS - masks.shape[1]))
         if self.slots is None:
             return self.network(functional.adaptive_avg_pool2d(masks, SIDE)), None
-        assert isinstance(self.network, ValueIteration)
+        assert isinstance(self.network, vin.ValueIteration)
         moves = self.slots.roles(masks).moves
         cells = masks.shape[2] // slots.CELL
         agent = torch.einsum("nk,nkc->nc", moves.softmax(1), slots.places_of(masks))
@@ -184,7 +183,7 @@ class Cloning(mapper.Method):
     def descend(self, optimizer: Adam, loss: Tensor) -> None:
         optimizer.zero_grad()
         loss.backward()
-        if self.settings.network == "vin":  # As `method=vin` does.
+        if self.settings.network == "vin":  # As methods/vin.py does.
             clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
         optimizer.step()
 
@@ -225,7 +224,7 @@ def main() -> None:
 def settings_of(variant: str) -> Settings:
     """Return the settings of a variant."""
     own = VARIANTS[variant]
-    usual = usual_settings("mapper") | USUAL | AS_ON_PICTURES[own["network"]]
+    usual = asdict(mapper.Settings()) | USUAL | AS_ON_PICTURES[own["network"]]
     return Settings(**{**usual, **own})
 
 

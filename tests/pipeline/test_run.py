@@ -74,13 +74,29 @@ def spaced(text: str) -> str:
         (["report"], ["report: give each option as name=value, such as stages=report"]),
         (["sizee=5"], ["sizee", "did you mean size?", *OPTIONS]),
         (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
+        (["method=foo"], ["method=foo", "bc, dagger, gail, bco, sqil, iupe, planner, mapper"]),
         (
-            ["method=foo"],
-            ["method=foo", "bc, bco, dagger, gail, iupe, mapper, planner, sqil, vin, walls"],
+            ["stages=[build,train]", "method=mine:Method"],
+            ["method=mine:Method: there is no module mine, neither in /"],
+        ),
+        (
+            ["stages=[build,train]", "method=json:Method"],
+            ["method=json:Method: there is no Method, only [", "dumps"],
+        ),
+        (
+            ["stages=[build,train]", "method=json:JSONDecoder"],
+            ["give a class that inherits from pipeline.training"],
+        ),
+        (
+            ["stages=[build,train]", "method=bc", "protocol=authors"],
+            ["protocol=authors: method=bc is for default or"],
         ),
         (["+buckets.foo=1"], ["buckets.foo", "no option", "train, validation, test"]),
         (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
-        (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
+        (
+            ["stages=[build,train]", "method.foo=1"],
+            ["method.foo", "no option", "epochs, ", "pictures"],
+        ),
         (["size=${foo}"], ["size", "foo"]),
         (["leakage.config=a"], ["leakage.config=a", "leakage.source"]),
         (["size=2", "task=key_and_door"], ["0 in train", "choose another size or task"]),
@@ -88,7 +104,7 @@ def spaced(text: str) -> str:
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
         (["stages=environments", "analysis.experts=[[1]]"], ["analysis.experts=", "texts"]),
         (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
-        (["method=[1]"], ["options that cannot be read"]),
+        (["method=[1]"], ["method=[1]: choose one of"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],
 )
