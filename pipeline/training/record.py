@@ -164,6 +164,7 @@ def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.5), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     for name in sorted({name for row in history for name in row} - {"epoch", "seconds"}):
         axes = right if name.endswith("_sr") else left
@@ -175,5 +176,5 @@ def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
         axes.legend(frameon=False)
         axes.spines[["top", "right"]].set_visible(False)
     png = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(png, metadata={"Software": None})
+    figure.savefig(png, format="png", metadata={"Software": None})
     return png.getvalue()
