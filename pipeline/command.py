@@ -142,6 +142,8 @@ def _error_of(config: DictConfig) -> str | None:
         options, given = run.options, HydraConfig.get().overrides.task
         check_there(run, given)
         stages = [import_module(STAGES[stage]) for stage in options.stages]
+        for stage in stages:  # What a later one would refuse is refused before the first begins.
+            getattr(stage, "refuse", lambda _: None)(run)
         answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
         show_start(started=True)
         with cluster(options.executor, options.workers, options.executor_address):

@@ -13,6 +13,7 @@ A comment in the line before a block says what differs:
     <!-- not run: it needs the Hub -->              its words are compared and its options checked
     <!-- run with: labyrinths=20 seed=0 -->         these options follow those of `run.py`
     <!-- run beside mine.py: policy = len -->       a file of this one line is there
+    <!-- written to mine.py -->                     the block is this file, and is not run
 """
 
 from __future__ import annotations
@@ -59,8 +60,7 @@ class BlockError(Exception):
 def guides() -> list[Path]:
     """Return the README and the pages of the site that lie at the top of docs/, in its order."""
     pages = re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
-    others = ("changelog.md", "new-method.md")  # The latter has a test of its own.
-    return [ROOT / "README.md", *(ROOT / "docs" / page for page in pages if page not in others)]
+    return [ROOT / "README.md", *(ROOT / "docs" / each for each in pages if each != "changelog.md")]
 
 
 def shell(name: str, text: str, **options: Any) -> subprocess.CompletedProcess[str]:
@@ -145,7 +145,9 @@ def walk(page: Path, first: str) -> tuple[str, bool]:
             if beside := re.fullmatch(r"run beside (\S+): (.*)", mark):
                 Path(beside[1]).write_text(beside[2] + "\n")
             try:
-                if block["kind"] == "sh":
+                if file := re.fullmatch(r"written to (\S+)", mark):
+                    Path(file[1]).write_text(block["text"])
+                elif block["kind"] == "sh":
                     run_commands(block["text"], mark, first)
                 else:
                     run_program(block["text"], mark, names)

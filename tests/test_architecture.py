@@ -92,7 +92,6 @@ HOMES = {
     "torch": (
         "labyrinth_core.policies",
         "pipeline.training",
-        "pipeline.studies.methods",
         "pipeline.season.submission",
     ),
     "onnxruntime": ("pipeline.season.graph_process",),

@@ -30,8 +30,6 @@ DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 CURRENT = [path for path in DOCUMENTS if path.name != "CHANGELOG.md"]
 """The documents that say what is; the changelog names what was, too."""
 OURS = ("labyrinth_core", "pipeline", "conf", "scripts", "tests", "docs", "examples", ".ci")
-EXAMPLES = ("pipeline/training/methods/smoothed.py", "conf/method/smoothed.yaml")
-"""Files that docs/new-method.md tells the reader to write."""
 
 
 def blocks(document: Path) -> list[str]:
@@ -180,7 +178,7 @@ def paths(text: str) -> Iterator[str]:
     """Yield the paths that a text names in back-ticks or runs, and that are of this repository."""
     for quoted in [*re.findall(r"`([^`\s]+)`", text), *re.findall(r"python (\S+\.py)", text)]:
         is_path = "/" in quoted and (quoted.endswith("/") or "." in Path(quoted).name)
-        if is_path and quoted.split("/")[0] in OURS and quoted not in EXAMPLES:
+        if is_path and quoted.split("/")[0] in OURS:
             yield quoted
 
 

@@ -30,6 +30,7 @@ NOT_RUN = "<!-- not run: it takes hours -->\n"
         (NOT_RUN + "```sh\npython run.py -m size=3,0 'stages=[build,validate]'\n```", ""),
         ("<!-- run with: X=3 -->\n```sh\necho python run.py X=2 >out\ngrep X=3 out\n```", ""),
         ("<!-- run beside mine.txt: ours -->\n```sh\ngrep ours mine.txt\n```", ""),
+        ("<!-- written to x.py -->\n```python\nx y\n```\n```sh\ngrep x x.py\n```", ""),
     ],
 )
 def test_a_page_passes_if_it_does_what_it_says(page, found, tmp_path, monkeypatch):

@@ -88,19 +88,19 @@ def schema(cls: type) -> type:
     """Return a class of the same options, into whose instances OmegaConf merges values.
 
     Lists, true and false are left to `frozen`: OmegaConf refuses one text in place of a list, and
-    reads -1 as true. Options that are a dictionary begin empty, since the defaults list in conf/
-    chooses their values.
+    reads -1 as true.
     """
     made: list[tuple[str, Any, Any]] = []
-    for name, kind in get_type_hints(cls).items():
-        default = getattr(cls, name, None)
+    kinds = get_type_hints(cls)
+    for each in fields(cls):
+        name, kind, default = each.name, kinds[each.name], each.default
         if is_dataclass(kind):
             group = schema(cast(type, kind))
             made.append((name, group, field(default_factory=group)))
         elif get_origin(kind) is tuple:
             made.append((name, Any, field(default_factory=partial(list, default))))
         elif get_origin(kind) is dict:
-            made.append((name, kind, field(default_factory=dict)))
+            made.append((name, kind, field(default_factory=cast(Any, each.default_factory))))
         else:
             made.append((name, Any if kind is bool else kind, default))
     return make_dataclass(cls.__name__, made)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 import re
 import shlex
-from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -46,6 +45,7 @@ from pipeline.config.season import SEASON_STAGES, SeasonOptions, check_season
 from pipeline.config.training import (
     EvaluationOptions,
     TrainingOptions,
+    check_method,
     check_policy,
     check_training,
 )
@@ -183,7 +183,7 @@ class Run:
         """What tells the run of training from others on the same dataset."""
         options = self.options
         return RunName(
-            method=options.method_name,
+            method=options.method_title,
             encoder=options.network,
             pool_stride=options.pool_stride,
             protocol=options.protocol,
@@ -240,7 +240,9 @@ def register(scratch: Path = Path()) -> None:
     store = ConfigStore.instance()
     place = str(scratch).replace("${", "\\${")  # No interpolation.
     store.store(name="scratch", package="hydra.sweep", node={"dir": place})
-    store.store(name="schema", node=schema(RunConfig))
+    node = OmegaConf.structured(schema(RunConfig))
+    OmegaConf.set_struct(node.method, False)  # Each method has settings of its own.
+    store.store(name="schema", node=node)
     width = max(map(len, OPTIONS))
     wrapper = TextWrapper(80, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
     lines = []
@@ -276,6 +278,10 @@ def keep_texts(argument: str) -> str:
     if override is None:
         return argument
     start, name, value = override.groups()
+    if name == "method":  # The name of a method is among its settings.
+        one = value.strip() not in ("", "null") and not value.lstrip().startswith(("[", "{"))
+        check(one, f"method={value}: give one name, such as method={DEFAULTS[name]}")
+        return argument.replace("method=", "method.name=", 1)
     group = any(option.startswith(f"{name}.") for option in OPTIONS)
     check(
         not group or re.match(r"\s*[{$]", value) is not None,
@@ -283,8 +289,6 @@ def keep_texts(argument: str) -> str:
     )
     above = KINDS.get(name.rpartition(".")[0])
     check(above is None or get_origin(above) is dict, _no_option(name))
-    one = get_origin(KINDS.get(name)) is not dict or not value.lstrip().startswith("[")
-    check(one, f"{name}={value}: give one name, such as {name}={DEFAULTS.get(name)}")
     parser = OverridesParser.create()
 
     def quoted(match: re.Match[str]) -> str:
@@ -303,13 +307,13 @@ def keep_texts(argument: str) -> str:
     return start + _WORD.sub(quoted, re.sub(r"^choice\((.+)\)$", r"\1", value))
 
 
-def _no_option(name: str, known: Collection[str] = ()) -> str:
-    """Return what is said of an option that does not exist, and which ones are known."""
+def _no_option(name: str) -> str:
+    """Return what is said of an option that does not exist, and which options do."""
     gone = instead(name)
     if gone is not None:
         return gone
     group, _, _ = name.rpartition(".")
-    known = known or [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
+    known = [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
     close = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return f"{name} is no option: {hint}choose from {listed(known)}"
@@ -323,10 +327,7 @@ def refusal(error: Exception) -> str:
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
     if unknown:
-        group, _, _ = unknown[1].rpartition(".")
-        parent = getattr(error.__cause__, "parent_node", None) if group in OPTIONS else None
-        known = [f"{group}.{name}" for name in parent or ()]  # Of the method that was chosen.
-        return _no_option(unknown[1], known)
+        return _no_option(unknown[1])
     if isinstance(error, OverrideParseException):
         name, equals, value = error.override.partition("=")
         if not equals:
@@ -395,6 +396,7 @@ def resolve(options: RunConfig) -> Run:
         # The other stages need the whole dataset, which the last run puts together.
         run = replace(run, options=replace(options, stages=("build",)))
         options = run.options
+    check_method(options)
     stages = set(options.stages)
     if stages & {"report", "publish"}:
         _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.

@@ -5,34 +5,31 @@ Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+import sys
 from dataclasses import dataclass
+from importlib import import_module
 from math import inf
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.policies.spec import ENCODERS, RESIZE_OF_PROTOCOL
+from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.errors import check, listed
+from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
 """The folder of the configuration: in the installed package, or else in the clone."""
 
-METHODS = ("pipeline.training.methods", "pipeline.studies.methods")
-"""The packages of the methods: each method is a module with a file in conf/method/. The methods of
-a protocol are in a folder of the last package.
+METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
+"""The modules of the methods in `pipeline.training.methods`."""
 
-The file has the values of the method's settings, and may name its `abilities`: `own_network` if the
-method has a network of its own, for pictures, in place of `encoder`; `memory` if it can learn with
-`memory=true`.
-"""
+WITH_MEMORY = ("bc", "planner")
+"""The methods that can learn with `memory=true`."""
 
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
@@ -48,9 +45,6 @@ class Protocol:
     """The number of epochs after which the policy is tried; None for that of the method."""
     patience: float = inf
     """Evaluations without a better validation SR after which training stops."""
-    methods: str = ""
-    """The folder of the protocol's own methods, in conf/method/ and in the last of `METHODS`; empty
-    for the usual methods."""
     first_of_equals: bool = False
     """Whether the first of several equally good policies is kept, and not the latest."""
 
@@ -58,9 +52,7 @@ class Protocol:
 PROTOCOLS = {
     "default": Protocol(resize=RESIZE_OF_PROTOCOL["default"]),
     "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
-    "authors": Protocol(
-        resize=RESIZE_OF_PROTOCOL["authors"], methods="authors", first_of_equals=True
-    ),
+    "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"], first_of_equals=True),
 }
 """The first two keep the policy with the best SR on validation.
 
@@ -68,9 +60,9 @@ PROTOCOLS = {
 authors' thin walls, resized as they do, without antialiasing, so that most walls vanish. It stops
 like a public script of theirs that trains BC: the policy is tried on the validation labyrinths
 every ten epochs, and training ends after five trials without a better success rate, or after the
-method's epochs (a thousand there). Here the other methods follow the same rule. `authors` trains
-the six methods of the authors' later code, with their own settings and selection, as
-`method=authors/bc`.
+method's epochs (a thousand there). Here the other methods follow the same rule. `authors` is for
+the six methods of the authors' later code, which have their own settings and selection, and are in
+scripts/studies/methods/authors.
 """
 
 PRECISIONS = {"fp32": "float32", "bf16": "bfloat16 in forward passes of training, by autocast"}
@@ -83,13 +75,12 @@ class TrainingOptions:
 
     method: dict[str, Any] = option(  # noqa: RUF009
         {"name": "bc"},
-        "bc, dagger, gail, bco, sqil, iupe, planner, mapper, vin or walls; its own settings as "
-        "method.epochs=...",
+        f"{', '.join(METHODS)}, or module:Class of your own; its settings as method.epochs=...",
     )
     encoder: str = option(
         "cnn",
-        f"network that looks at an observation: {', '.join(ENCODERS)}; planner, mapper, vin, walls "
-        "have their own",
+        f"network that looks at an observation: {', '.join(ENCODERS)}; {', '.join(OWN)} have their "
+        "own",
         one_of=ENCODERS,
     )
     pool_stride: int = option(
@@ -103,7 +94,7 @@ class TrainingOptions:
     protocol: str = option(
         "default",
         "default; paper for the original's resize and stopping rule; or authors for the methods of "
-        "their code, by method=authors/bc and so on",
+        "their code",
         one_of=PROTOCOLS,
     )
     precision: str = option(
@@ -154,14 +145,24 @@ class TrainingOptions:
 
     @property
     def method_name(self) -> str:
-        """The name of the method, such as `bc`; empty if it is missing."""
+        """The method as it is given, such as `bc` or `mine:Method`; empty if it is missing."""
         return str(self.method.get("name", ""))
+
+    @property
+    def method_title(self) -> str:
+        """The name of the method in tables: of its class, or of the module of a class `Method`."""
+        module, _, name = self.method_name.partition(":")
+        found = name.rpartition(".")[2]
+        return module.rpartition(".")[2] if found in ("", "Method") else found
 
     @property
     def network(self) -> str:
         """The encoder of the policy, or the name of a method that has a network of its own."""
-        own = "own_network" in abilities_of(self.method_name)
-        return self.method_name if own else self.encoder
+        if ":" in self.method_name:
+            own = bool(getattr(named("method", self.method_name), "own_network", False))
+        else:
+            own = self.method_name in OWN
+        return self.method_title if own else self.encoder
 
 
 @dataclass(frozen=True)
@@ -218,8 +219,6 @@ def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> Non
 def check_training(options: TrainingOptions, task: Task) -> None:
     """Raise a ConfigError if an option is impossible for a task."""
     name, seen = options.method_name, options.observation
-    valid = name.isidentifier() and name.islower()
-    check(valid, f"method.name={name}: give the name of a method, such as bc")
     check_options(options, TrainingOptions)
     check(seen != "text", "observation=text: encoders look at image or vector; text is for policy")
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
@@ -234,9 +233,8 @@ def check_training(options: TrainingOptions, task: Task) -> None:
     )
     if not options.memory:
         return
-    methods = sorted(path.stem for path in (CONF / "method").glob("*.yaml"))
     for each, given, allowed in (
-        ("method", name, [method for method in methods if "memory" in abilities_of(method)]),
+        ("method", name, WITH_MEMORY),
         ("task", task, [Task.PARTIAL_OBSERVABILITY]),
         ("observation", seen, ["image"]),
         ("protocol", options.protocol, ["default"]),
@@ -247,42 +245,53 @@ def check_training(options: TrainingOptions, task: Task) -> None:
         )
 
 
+def check_method(options: TrainingOptions) -> None:
+    """Raise a ConfigError if the option is neither a method of ours nor of the form of another."""
+    name = options.method_name
+    check(
+        name in METHODS or re.fullmatch(r"\w[\w.]*:\w[\w.]*", name) is not None,
+        f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own",
+    )
+
+
+def named(option: str, name: str) -> Any:
+    """Return what `module:name` stands for, in a module of the working directory or installed.
+
+    Args:
+        option: The option that names it, for the error.
+        name: The module and, after a colon, the name in it, which may have dots.
+
+    Raises:
+        ConfigError: There is no such module, or no such name in it.
+    """
+    module, _, attribute = name.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:  # As for `python -m`; the installed command has its own folder there.
+        sys.path.insert(0, here)
+    try:
+        found: Any = import_module(module)
+    except ModuleNotFoundError as error:
+        if not f"{module}.".startswith(f"{error.name}."):
+            raise
+        reason = f"there is no module {error.name}, neither in {here} nor installed"
+        raise ConfigError(f"{option}={name}: {reason}") from error
+    for part in attribute.split("."):
+        known = [each for each in vars(found) if not each.startswith("_")]
+        check(hasattr(found, part), f"{option}={name}: there is no {part}, only {listed(known)}")
+        found = getattr(found, part)
+    return found
+
+
 def check_run(run: RunName, observation: str) -> None:
-    """Raise a ConfigError if no method of ours makes a run of this name for an observation."""
+    """Raise a ConfigError if no method makes a run of this name for an observation."""
     for name, given, allowed in (
         ("protocol", run.protocol, PROTOCOLS),
         ("precision", run.precision, PRECISIONS),
     ):
         check(given in allowed, f"{name}={given}: choose from {', '.join(allowed)}")
-    folder = CONF / "method" / PROTOCOLS[run.protocol].methods
-    methods = sorted(path.stem for path in folder.glob("*.yaml"))
-    check(run.method in methods, f"method={run.method}: choose from {', '.join(methods)}")
-    own = "own_network" in abilities_of(run.method)
-    encoders = {run.method: "image"} if own else ENCODERS
+    ours = run.method in METHODS
+    own = {run.method: "image"} if run.method in OWN or not ours else {}
+    encoders = own if run.method in OWN else ENCODERS | own
     check(run.encoder in encoders, f"encoder={run.encoder}: choose from {', '.join(encoders)}")
     seen = encoders[run.encoder]
     check(observation == seen, f"observation={observation}: encoder={run.encoder} looks at {seen}")
-
-
-def abilities_of(method: str) -> list[str]:
-    """Return what a method's file in conf/method/ says that it can do; see `METHODS`."""
-    abilities: list[str] = _values(method, "default").get("abilities", [])
-    return abilities
-
-
-def usual_settings(method: str, protocol: str = "default") -> dict[str, Any]:
-    """Return the settings in a method's file in conf/method/; none if the file does not exist."""
-    return settings_in(_values(method, protocol))
-
-
-def settings_in(method: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings among the values of the option `method`."""
-    return {name: value for name, value in method.items() if name not in ("name", "abilities")}
-
-
-def _values(method: str, protocol: str) -> dict[str, Any]:
-    path = CONF / "method" / PROTOCOLS[protocol].methods / f"{method}.yaml"
-    if not path.is_file():
-        return {}
-    content: Any = OmegaConf.to_container(OmegaConf.load(path))
-    return dict(content.get("method", content))

@@ -20,7 +20,6 @@ from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import check
 from pipeline.config.run import Run
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.named import Judged, refuse_others
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
@@ -44,7 +43,7 @@ def judge_trained(run: Run) -> Judged:
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
     device, about = choose_device(options), record["run"]
-    method, settings = find(about["method"], about["settings"], about["protocol"])
+    method, settings = find(options.method_name, about["settings"], about["protocol"])
     spec = spec_of(run)
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)
@@ -76,7 +75,7 @@ def judge_trained(run: Run) -> Judged:
         blind=True,
     )
     as_tried = None
-    if PROTOCOLS[options.protocol].methods:
+    if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
         rates = (f"{split} {figures['sr']:.0%}" for split, figures in as_tried.items())
         say(f"As the code of protocol={options.protocol} tries a policy: {', '.join(rates)}")

@@ -64,7 +64,8 @@ def followed(folder: Path) -> Path:
 def wait_for_disk(folder: Path) -> None:
     """Wait until a folder and all of its content would survive a power failure."""
     for path in [*folder.rglob("*"), folder]:
-        _wait(path)
+        if not path.is_symlink():  # It may lead nowhere.
+            _wait(path)
 
 
 def move_into_place(made: Path, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from collections.abc import Iterable
@@ -43,9 +44,10 @@ def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str
         added, purpose = LEARN if isinstance(run.data_dir, RemotePath) else LOOK
     else:
         return []
+    typed = [re.sub(r"^method\.name=", "method=", each) for each in given]
     more = added.split()
     left_out = {*_OF_ONE_RUN, *(each.partition("=")[0] for each in more)}
-    names = {each: each.lstrip("+~").partition("=")[0].split(".")[0] for each in given}
+    names = {each: each.lstrip("+~").partition("=")[0].split(".")[0] for each in typed}
     kept = [each for each, name in names.items() if name not in left_out]
     if not any(each.startswith("size=") for each in kept):
         kept = [f"size={options.size}", *kept]

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from pipeline.config.errors import ConfigError
 from pipeline.training.methods.method import Learner
 from pipeline.training.policy import INSTEAD, load_tensors, require_same, save_tensors
 
@@ -71,11 +72,21 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
     return Progress(**state["progress"], weights=_within(tensors, "best"))
 
 
+def identity_in(path: Path) -> dict[str, Any]:
+    """Return what determines the run whose checkpoint a file is.
+
+    Raises:
+        DatasetError: The file cannot be read.
+    """
+    _, state = load_tensors(path, "state")
+    return dict(state["run"])
+
+
 def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
     """Return everything that a learner changes, as tensors and as plain values.
 
     Raises:
-        TypeError: An attribute is of a type that checkpoints do not support.
+        ConfigError: An attribute is of a type that checkpoints do not support.
     """
     tensors: Tensors = {}
     plain: dict[str, Any] = {}
@@ -87,12 +98,15 @@ def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
             plain[name] = state["param_groups"]
             for number, moments in state["state"].items():
                 tensors |= {f"{name}/{number}/{key}": each for key, each in moments.items()}
-        elif isinstance(value, np.ndarray):
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
             tensors[name] = torch.as_tensor(value)
         elif isinstance(value, int | float):
             plain[name] = value
         else:
-            raise TypeError(f"{name} is a {type(value).__name__}, which a checkpoint does not keep")
+            raise ConfigError(
+                f"the method's attribute {name} is of the type {type(value).__name__}, which a "
+                "checkpoint does not keep: it keeps networks, optimizers, arrays and numbers"
+            )
     return tensors, plain
 
 

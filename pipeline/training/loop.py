@@ -10,7 +10,7 @@ from typing import Any
 
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.policies.networks.acting import NetworkPolicy
-from pipeline.config.errors import check
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.training import Protocol
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
@@ -45,8 +45,10 @@ def fit(
         checkpoint_seconds: The least time between two checkpoints; they are written after epochs.
 
     Raises:
-        ConfigError: A loss is not finite. The last checkpoint stays as it is.
+        ConfigError: A loss is not finite, the method returns no loss, or it has a state that no
+            checkpoint keeps. The last checkpoint stays as it is.
     """
+    checkpoint.state_of(learner)
     progress = checkpoint.load(path, learner, identity) if path.exists() else Progress()
     epochs = learner.settings.epochs
     every = protocol.evaluate_every or learner.settings.evaluate_every
@@ -54,9 +56,11 @@ def fit(
     began = saved - progress.seconds
     while progress.epoch < epochs and progress.stale < protocol.patience:
         with learner.problem.autocast():
-            figures = learner.epoch()
+            figures = _plain(learner.epoch())
         _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
+        if progress.epoch == 1:
+            checkpoint.state_of(learner)  # What is needed last is tried first.
         if progress.epoch % every == 0 or progress.epoch == epochs:
             figures |= judge(NetworkPolicy(learner.policy))
         now = time.perf_counter()
@@ -84,10 +88,31 @@ def _select(learner: Learner, progress: Progress, *, first_of_equals: bool) -> N
         progress.weights = {name: tensor.detach().clone() for name, tensor in state.items()}
 
 
+def _plain(figures: Any) -> dict[str, float]:
+    """Return what an epoch returned, as a dictionary of Python's numbers.
+
+    Raises:
+        ConfigError: It is something else, or has no loss.
+    """
+    try:
+        plain = {
+            str(name): value if isinstance(value, int | float) else float(value)
+            for name, value in figures.items()
+        }
+        plain["loss"] += 0
+    except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+        returned = " ".join(repr(figures).split())
+        raise ConfigError(
+            f"the method's epoch returned {returned:.100}: it has to return numbers by name, the "
+            'loss among them, such as {"loss": 0.5}'
+        ) from error
+    return plain
+
+
 def _require_finite(figures: Mapping[str, float], epoch: int, rate: float) -> None:
     for name, value in figures.items():
         check(
             isfinite(value),
             f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, from where training "
-            "cannot go on; give a lower one. The checkpoint is as it was",
+            "cannot go on; give a lower one. Nothing that was there is changed",
         )

@@ -1,29 +1,34 @@
-"""The record of a finished run: `run.json`, written last, and the plot of its learning curves."""
+"""The files of a finished run: `run.json`, with the hashes of the others, and learning curves."""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
+import os
 import platform
-from collections.abc import Mapping, Sequence
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.schema import read_json
-from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
+from labyrinth_core.data.storage import file_sha256, temporaries, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
 from pipeline.training.policy import load_tensors
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
+_EVENTS = "events.out.tfevents.*"
 FORMAT = 1
 
 
@@ -34,13 +39,29 @@ def current_versions() -> dict[str, str]:
 
 
 def write_record(
-    folder: Path, identity: Mapping[str, Any], progress: Progress, computed: Mapping[str, Any]
+    folder: Path,
+    name: str,
+    identity: Mapping[str, Any],
+    progress: Progress,
+    computed: Mapping[str, Any],
 ) -> None:
-    """Write `run.json` into a run's folder, atomically, with the hashes of the files beside it.
+    """Write `run.json` and then `curves.png` into a folder that holds the policy of a run.
 
-    `identity` determines the run (method, settings, encoder, seed, dataset, ...); `computed` tells
-    the device and the number of threads.
+    A picture that cannot be drawn is left out, and one line says why.
+
+    Args:
+        folder: The folder.
+        name: The name of the run, for the picture.
+        identity: What determines the run: method, settings, encoder, seed, dataset, ...
+        progress: What the run has done.
+        computed: The device and the number of threads.
     """
+    files, picture = {POLICY: file_sha256(folder / POLICY)}, None
+    try:
+        picture = _curves(name, progress.history)
+        files[CURVES] = hashlib.sha256(picture).hexdigest()
+    except Exception as error:  # Of any kind: no picture is worth a policy.
+        say(f"{CURVES} is left out, as it cannot be drawn: {one_line(error):.300}")
     content = {
         "format": FORMAT,
         "run": identity,
@@ -49,9 +70,11 @@ def write_record(
         "epochs": progress.epoch,
         "selected": progress.best,
         "history": progress.history,
-        "files": {name: file_sha256(folder / name) for name in (POLICY, CURVES)},
+        "files": files,
     }
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
+    if picture is not None:
+        write_bytes(folder / CURVES, picture)
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
@@ -74,19 +97,18 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def files_to_replace(folder: Path, *, overwrite: bool) -> list[Path]:
-    """Return the files of an earlier run that are to be removed before another one.
+def files_of_run(folder: Path) -> list[Path]:
+    """Return the files of a finished run that another run would replace.
 
-    These are the files of a finished run, the results of its policy and the checkpoint of an
-    interrupted run; none without `overwrite`.
+    These are the files that it left, the results of its policy, and a checkpoint that a process
+    was killed before removing.
 
     Raises:
         DatasetError: A file with the name of one is not of this run, as far as `run.json` knows.
     """
-    checkpoint = folder / CHECKPOINT
-    interrupted = [checkpoint] if checkpoint.exists() else []
-    if interrupted and not overwrite:
-        return []
+    if folder.exists() and not folder.is_dir():
+        raise DatasetError(f"{folder} is a file: move it, or choose another run_dir")
+    interrupted = [path for path in [folder / CHECKPOINT] if path.exists()]
     for path in interrupted:
         load_tensors(path, "state")  # Raises if it is something else.
     recorded = (read_record(folder) or {"files": {}})["files"]
@@ -100,7 +122,24 @@ def files_to_replace(folder: Path, *, overwrite: bool) -> list[Path]:
         others.append(path)
     if others:
         raise DatasetError(f"{others[0]} is not of the run in its folder: move it away")
-    return [*found, *interrupted] if overwrite else []
+    return [*found, *interrupted, *(folder / BOARD).glob(_EVENTS), *unfinished(folder)]
+
+
+def unfinished(folder: Path) -> list[Path]:
+    """Return what killed processes left that were writing a file of a run in its folder."""
+    names = (CHECKPOINT, POLICY, RECORD, CURVES, RESULTS)
+    return [left for name in names for left in temporaries(folder / name)]
+
+
+def copy_others(folder: Path, target: Path, ours: Iterable[Path]) -> None:
+    """Copy all files of a folder but ours into another folder; nothing if there is no folder."""
+    own = {*ours}
+
+    def ignored(place: str, names: list[str]) -> list[str]:
+        return [name for name in names if Path(place, name) in own]
+
+    if folder.exists():
+        shutil.copytree(folder, target, symlinks=True, ignore=ignored, dirs_exist_ok=True)
 
 
 def open_board(folder: Path) -> Any:
@@ -114,16 +153,20 @@ def open_board(folder: Path) -> Any:
     except ImportError as error:
         needed = "pip install 'labyrinth-datasets[tensorboard]'"
         raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
-    for path in (folder / BOARD).glob("events.out.tfevents.*"):
+    for path in (folder / BOARD).glob(_EVENTS):
         path.unlink()
     return SummaryWriter(str(folder / BOARD))
 
 
-def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]) -> None:
-    """Plot losses and success rates by epoch into `curves.png`."""
+def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
+    """Return a plot of losses and success rates by epoch, as a PNG."""
+    # Inherited from a notebook, it may name what is not installed here: importing would fail.
+    os.environ.pop("MPLBACKEND", None)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 3.5), layout="constrained")
+    figure = Figure(figsize=(9, 3.5), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     for name in sorted({name for row in history for name in row} - {"epoch", "seconds"}):
         axes = right if name.endswith("_sr") else left
@@ -135,5 +178,5 @@ def draw_curves(folder: Path, title: str, history: Sequence[Mapping[str, float]]
         axes.legend(frameon=False)
         axes.spines[["top", "right"]].set_visible(False)
     png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=120, metadata={"Software": None})
-    write_bytes(folder / CURVES, png.getvalue())
+    figure.savefig(png, format="png", metadata={"Software": None})
+    return png.getvalue()

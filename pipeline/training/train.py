@@ -1,12 +1,14 @@
 """The stage `train`: trains a policy on a dataset, in a folder of its own.
 
-The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It holds a checkpoint while the
-run is in progress, and afterwards `policy.safetensors`, `curves.png` and, written last, `run.json`.
+The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It appears whole, with
+`policy.safetensors`, `curves.png` and `run.json`: until then the run is in a hidden folder beside
+it, with a checkpoint, and an earlier run stays in its place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from rich.progress import Progress as Bars
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
@@ -30,23 +31,29 @@ from pipeline.config.training import (
     IMAGE_SIZE,
     PROTOCOLS,
     TrainingOptions,
-    usual_settings,
 )
-from pipeline.machinery.console import console, progress, say
+from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.training.checkpoint import Progress
+from pipeline.machinery.folders import followed, held, move_into_place, recover, wait_for_disk
+from pipeline.training.checkpoint import Progress, identity_in
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
 from pipeline.training.policy import INSTEAD, require_same, save_policy
 from pipeline.training.record import (
     CHECKPOINT,
-    draw_curves,
-    files_to_replace,
+    copy_others,
+    files_of_run,
     open_board,
     read_record,
+    unfinished,
     write_record,
 )
+
+
+def refuse(run: Run) -> None:
+    """Raise a ConfigError if the method or a setting is impossible, before any stage works."""
+    find(run.options.method_name, run.options.method, run.options.protocol)
 
 
 def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
@@ -57,31 +64,68 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
         DatasetError: The dataset is missing or lacks a split that the method needs, or the folder
             holds another run.
     """
+    folder = followed(run.training_folder)
+    with held(folder.parent, folder.name):
+        recover(folder)
+        _train(run, folder, checkpoint_seconds)
+
+
+def _train(run: Run, folder: Path, checkpoint_seconds: float) -> None:
     options = run.options
-    folder = run.training_folder
     method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
     identity = identify(run, settings)
-    record = None if options.overwrite else read_record(folder)
-    if record is not None:
-        require_same(f"{folder} holds a run", record["run"], identity, INSTEAD)
-        if (folder / POLICY).is_file():
-            console.print(f"{folder} is complete already.", highlight=False, soft_wrap=True)
-            return
-    before = files_to_replace(folder, overwrite=options.overwrite)
-    _tell_changes(options, settings)
+    if not options.overwrite and _is_complete(folder, identity):
+        say(f"{folder} is complete already.")
+        return
+    files_of_run(folder)  # Raises before the work begins if a file would be lost.
+    if method.protocol:
+        _tell_changes(options, settings)
+    working = folder.with_name(f".{folder.name}.training")
+    path = working / CHECKPOINT
+    for left in unfinished(working):
+        left.unlink()
+    if options.overwrite and path.exists() and identity_in(path) != identity:
+        path.unlink()
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
-        for path in before:
-            path.unlink()
-        folder.mkdir(parents=True, exist_ok=True)
-        with progress() as bars:
-            report = _reporter(bars, options, learner.settings.epochs, folder)
-            protocol, path = PROTOCOLS[options.protocol], folder / CHECKPOINT
-            done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    _finish(folder, identity, run.run_name.name, learner, done)
+        working.mkdir(parents=True, exist_ok=True)
+        try:
+            with _reporting(options, learner.settings.epochs, working) as report:
+                protocol = PROTOCOLS[options.protocol]
+                done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
+        finally:
+            with suppress(OSError):  # Of a run that is to go on, it holds a checkpoint.
+                working.rmdir()
+    _finish(working, folder, run.run_name.name, identity, learner, done)
+    assert done.best is not None  # The policy is always evaluated after the last epoch.
+    say(
+        f"{run.run_name.name}: SR {done.best['validation_sr']:.1%} on validation, "
+        f"{done.best['train_sr']:.1%} on train, after epoch {done.best['epoch']} of {done.epoch}; "
+        f"{done.seconds:.0f} s. {folder}"
+    )
+
+
+def _is_complete(folder: Path, identity: dict[str, Any]) -> bool:
+    """Return whether a folder holds a finished run; remove what a killed process left in it.
+
+    Raises:
+        DatasetError: The run is another one.
+    """
+    record = read_record(folder)
+    if record is None:
+        return False
+    require_same(f"{folder} holds a run", record["run"], identity, INSTEAD)
+    for left in unfinished(folder):
+        left.unlink()
+    if not (folder / POLICY).is_file():
+        return False
+    with suppress(DatasetError):  # It does not exist, or is a file of the user.
+        identity_in(folder / CHECKPOINT)
+        (folder / CHECKPOINT).unlink()
+    return True
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
@@ -231,9 +275,7 @@ def _remembered(problem: Problem) -> Problem:
 
 def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
     """Print the settings in which a run differs from a protocol that has its own settings."""
-    if not PROTOCOLS[options.protocol].methods:
-        return
-    usual = usual_settings(options.method_name, options.protocol)
+    usual = asdict(type(settings)())
     changed = [
         f"method.{name}={value:,} instead of {usual[name]:,}"
         for name, value in asdict(settings).items()
@@ -250,18 +292,17 @@ def _rate(player: Player, arrays: LabyrinthArrays) -> float:
     return float(step_through(player, arrays, 1).solved.mean())
 
 
-def _reporter(
-    bars: Bars, options: TrainingOptions, epochs: int, folder: Path
-) -> Callable[[Progress], None]:
-    """Return the function that shows and logs the progress of a run after every epoch."""
-    board = open_board(folder) if options.tensorboard else None
-    bar = bars.add_task(options.method_name, total=epochs)
+@contextmanager
+def _reporting(
+    options: TrainingOptions, epochs: int, folder: Path
+) -> Iterator[Callable[[Progress], None]]:
+    """Lend the function that shows and logs the progress of a run after every epoch."""
     written = 0
 
     def report(done: Progress) -> None:
         nonlocal written
         best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
-        loss = f"{options.method_name} loss {done.history[-1]['loss']:.3f}"
+        loss = f"{options.method_title} loss {done.history[-1]['loss']:.3f}"
         bars.update(bar, completed=done.epoch, description=loss + best)
         if board is not None:  # Epochs before an interruption are written again.
             for row in done.history[written:]:
@@ -270,22 +311,32 @@ def _reporter(
             board.flush()
         written = done.epoch
 
-    return report
+    with ExitStack() as stack:
+        board = open_board(folder) if options.tensorboard else None
+        if board is not None:
+            stack.callback(board.close)
+        bars = stack.enter_context(progress())
+        bar = bars.add_task(options.method_title, total=epochs)
+        yield report
 
 
 def _finish(
-    folder: Path, identity: dict[str, Any], name: str, learner: Learner, done: Progress
+    working: Path,
+    folder: Path,
+    name: str,
+    identity: dict[str, Any],
+    learner: Learner,
+    done: Progress,
 ) -> None:
-    """Write what a run leaves, its record last, and print its success rates."""
-    save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    draw_curves(folder, name, done.history)
+    """Write what a run leaves, and put it in the place of an earlier run, whose other files stay.
+
+    A process that is killed on the way has left its checkpoint, from which the next goes on.
+    """
+    working.mkdir(exist_ok=True)
+    save_policy(working / POLICY, done.weights, learner.problem.spec)
     computed = {"device": learner.problem.device.type, "threads": torch.get_num_threads()}
-    write_record(folder, identity, done, computed)
+    write_record(working, name, identity, done, computed)
+    copy_others(folder, working, files_of_run(folder))
+    wait_for_disk(working)
+    move_into_place(working, folder)
     (folder / CHECKPOINT).unlink(missing_ok=True)
-    best = done.best
-    assert best is not None  # The policy is always evaluated after the last epoch.
-    told = (
-        f"{name}: SR {best['validation_sr']:.1%} on validation, {best['train_sr']:.1%} on "
-        f"train, after epoch {best['epoch']} of {done.epoch}; {done.seconds:.0f} s. {folder}"
-    )
-    console.print(told, highlight=False, soft_wrap=True)

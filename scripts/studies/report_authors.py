@@ -14,17 +14,18 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import import_module
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
+from methods.authors.learner import try_out
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
-from pipeline.config.training import usual_settings
 from pipeline.machinery.markdown import table
-from pipeline.studies.methods.authors.learner import try_out
 from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]
@@ -181,7 +182,8 @@ def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
 def about(kept: Run) -> list[str]:
     """Return which run it is, in what it differs from the script, and which epoch was kept."""
     run = kept["run"]
-    chosen, script = run["settings"], usual_settings(run["method"], "authors")
+    method = import_module(f"methods.authors.{run['method']}")
+    chosen, script = run["settings"], asdict(method.Settings())
     changed = (f"{name} {value:,}" for name, value in chosen.items() if value != script[name])
     epoch = run["training"]["selected"]["epoch"]
     return [

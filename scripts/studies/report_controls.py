@@ -78,10 +78,10 @@ def looks() -> str:
 
 PEERS: dict[str, tuple[str, str]] = {
     "planner": ("runs/5x5", "planner-*.json"),
-    "`method=walls`": ("peers/runs/5x5", "walls-*.json"),
-    "`method=vin`, 30 epochs": ("peers/runs/5x5", "vin-*.json"),
+    "`walls`": ("peers/runs/5x5", "walls-*.json"),
+    "`vin`, 30 epochs": ("peers/runs/5x5", "vin-*.json"),
     "the same with `augment` and `relabel`": ("peers/relabelled/5x5", "vin-*.json"),
-    "`method=vin`, 400 epochs": ("peers/longer/5x5", "vin-*.json"),
+    "`vin`, 400 epochs": ("peers/longer/5x5", "vin-*.json"),
 }
 """Name in print -> the folder and the pattern of the runs."""
 

@@ -40,13 +40,29 @@ Build = Callable[..., Run]
         (["report"], ["report: give each option as name=value, such as stages=report"]),
         (["sizee=5"], ["sizee", "did you mean size?", *OPTIONS]),
         (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
+        (["method=foo"], ["method=foo", "bc, dagger, gail, bco, sqil, iupe, planner, mapper"]),
         (
-            ["method=foo"],
-            ["method=foo", "bc, bco, dagger, gail, iupe, mapper, planner, sqil, vin, walls"],
+            ["stages=[build,train]", "method=mine:Method"],
+            ["method=mine:Method: there is no module mine, neither in /"],
+        ),
+        (
+            ["stages=[build,train]", "method=json:Method"],
+            ["method=json:Method: there is no Method, only [", "dumps"],
+        ),
+        (
+            ["stages=[build,train]", "method=json:JSONDecoder"],
+            ["give a class that inherits from pipeline.training"],
+        ),
+        (
+            ["stages=[build,train]", "method=bc", "protocol=authors"],
+            ["protocol=authors: method=bc is for default or"],
         ),
         (["+buckets.foo=1"], ["buckets.foo is no option", "buckets.train, buckets.validation, "]),
         (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
-        (["method.foo=1"], ["method.foo", "no option", "method.epochs", "method.pictures"]),
+        (
+            ["stages=[build,train]", "method.foo=1"],
+            ["method.foo", "no option", "epochs, ", "pictures"],
+        ),
         (["size=${foo}"], ["size", "foo"]),
         (["leakage.config=a"], ["leakage.config=a", "leakage.source"]),
         (["size=2", "task=key_and_door"], ["0 in train", "choose another size or task"]),

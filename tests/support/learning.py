@@ -52,7 +52,7 @@ def problem_of(small_dataset: Run) -> Callable[..., Problem]:
 
 
 def settings_of(name: str, **values: Any) -> Any:
-    """Return the settings of a method: those given, the others from conf/method/."""
+    """Return the settings of a method: those given, the others by default."""
     return find(name, values)[1]
 
 

@@ -15,6 +15,7 @@ from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from labyrinth_core.world.grid import parse_size
+from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count, plain, table
 from pipeline.machinery.own_files import leave
 from pipeline.studies.results.figures import Figures, MethodRuns, run_of
@@ -113,7 +114,7 @@ def _description(method: MethodRuns) -> Description:
     run = run_of(method.runs[0])
     return Description(
         name=title_of(run),
-        author=AUTHOR,
+        author=AUTHOR if run.method in METHODS else "",
         budget=count(run.training["epochs"], "epoch"),
         details={"labyrinths": run.train_labyrinths or method.figures["train"].labyrinths},
     )

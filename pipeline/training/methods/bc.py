@@ -33,11 +33,16 @@ class Settings(BaseSettings):
     """An epoch is one pass over the demonstrations, or over `pictures` drawn from them."""
 
     augment: bool = setting(
-        "whether pictures and actions are turned together, by the eight symmetries of the square"
+        False,
+        "whether pictures and actions are turned together, by the eight symmetries of the square",
     )
-    relabel: bool = setting("whether any two states of a route are taken as start and goal")
-    average: bool = setting("whether the policy looks at a picture in all eight ways when it acts")
-    pictures: int = setting("number of pictures in an epoch that augments or relabels", at_least=1)
+    relabel: bool = setting(False, "whether any two states of a route are taken as start and goal")
+    average: bool = setting(
+        False, "whether the policy looks at a picture in all eight ways when it acts"
+    )
+    pictures: int = setting(
+        1024, "number of pictures in an epoch that augments or relabels", at_least=1
+    )
 
 
 class Method(Learner):

@@ -33,11 +33,11 @@ class Settings(BaseSettings):
     """An epoch is one pass of the policy over the demonstrations."""
 
     alpha: float = setting(
-        "number of steps of the policy in a round, as a multiple of those of the random policy"
+        0.1, "number of steps of the policy in a round, as a multiple of those of the random policy"
     )
-    epochs_a_round: int = setting("number of passes before the policy acts again", at_least=1)
+    epochs_a_round: int = setting(10, "number of passes before the policy acts again", at_least=1)
     model_epochs: int = setting(
-        "number of passes of the inverse dynamics model over I in a round", at_least=1
+        2, "number of passes of the inverse dynamics model over I in a round", at_least=1
     )
 
 

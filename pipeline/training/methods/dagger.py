@@ -27,7 +27,7 @@ class Settings(BaseSettings):
     """An epoch is one pass over D."""
 
     epochs_a_round: int = setting(
-        "number of passes over D before the policy acts again", at_least=1
+        5, "number of passes over D before the policy acts again", at_least=1
     )
 
 

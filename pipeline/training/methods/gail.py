@@ -56,17 +56,19 @@ VALUE_WEIGHT = 0.5
 class Settings(BaseSettings):
     """An epoch is some steps in every labyrinth, a pass of D, and a few of the policy."""
 
+    epochs: int = 150
     batch_size: int = setting(
+        256,
         "number of states in a gradient step of the policy, and of pairs in one of the "
         "discriminator",
         at_least=2,
     )
-    steps: int = setting("number of steps in each labyrinth in an epoch", at_least=1)
-    policy_passes: int = setting("number of passes over the states visited", at_least=1)
-    gamma: float = setting("discount factor", at_most=0.999)
-    trace: float = setting("lambda of the advantages", at_most=1)
-    clip: float = setting("clipping range of the ratio of probabilities in PPO", at_most=1)
-    entropy: float = setting("weight of the entropy bonus")
+    steps: int = setting(64, "number of steps in each labyrinth in an epoch", at_least=1)
+    policy_passes: int = setting(4, "number of passes over the states visited", at_least=1)
+    gamma: float = setting(0.95, "discount factor", at_most=0.999)
+    trace: float = setting(0.95, "lambda of the advantages", at_most=1)
+    clip: float = setting(0.2, "clipping range of the ratio of probabilities in PPO", at_most=1)
+    entropy: float = setting(0.01, "weight of the entropy bonus")
 
 
 class Discriminator(nn.Module):

@@ -38,7 +38,9 @@ class Settings(bco.Settings):
     """The settings of BCO, of which alpha has no effect here."""
 
     episode_steps: int = setting(
-        "number of steps after which an episode of the policy for experience is cut", at_least=1
+        100,
+        "number of steps after which an episode of the policy for experience is cut",
+        at_least=1,
     )
 
 

@@ -59,13 +59,22 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, set
 class Settings(MapperSpec, BaseSettings):
     """An epoch is one pass over the demonstrations; `batch_size` is their number in a step."""
 
+    epochs: int = 40
+    evaluate_every: int = 40
+    batch_size: int = 8
+    learning_rate: float = 0.005
+    channels: int = 32
+    looks: int = 4
     steps: int = setting(
-        "number of transitions of its labyrinth that are learnt from a picture", at_least=1
+        32, "number of transitions of its labyrinth that are learnt from a picture", at_least=1
     )
-    explore: bool = setting("whether it learns from the split random as well")
-    shift: int = setting("most pixels by which pictures are shifted", at_least=0, at_most=60)
-    grow: int = setting("most pixels by which a colour grows over others", at_least=0, at_most=60)
+    explore: bool = setting(True, "whether it learns from the split random as well")
+    shift: int = setting(6, "most pixels by which pictures are shifted", at_least=0, at_most=60)
+    grow: int = setting(
+        14, "most pixels by which a colour grows over others", at_least=0, at_most=60
+    )
     overgrow: int = setting(
+        24,
         "most pixels by which a colour grows in pictures that teach nothing about steps",
         at_least=0,
         at_most=60,

@@ -1,17 +1,17 @@
 """The interface of a method: its settings, and a learner that trains one epoch at a time.
 
-A method is a module in one of the packages `METHODS`, with two classes, `Settings` and `Method`,
-and a file of the same name in `conf/method/`. docs/new-method.md shows an example.
+A method is a module here with two classes, `Settings` and `Method`, or, as `method=module:Class`, a
+class of the user with `Settings` beside it. docs/new-method.md shows an example.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
-from importlib.util import find_spec
+from inspect import isabstract, isclass
 from math import inf
 from typing import Any, ClassVar
 
@@ -29,34 +29,46 @@ from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, Network
 from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.config.errors import ConfigError, check
+from pipeline.config.errors import check, listed
 from pipeline.config.option import check_options, frozen, option
 from pipeline.config.training import (
     IMAGE_SIZE,
     METHODS,
-    PROTOCOLS,
-    settings_in,
-    usual_settings,
+    TrainingOptions,
+    named,
 )
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
 
 
-def setting(meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
-    """Return the field that declares a setting, as `option` does; conf/method/ has the values."""
-    return option(MISSING, meaning, at_least=at_least, at_most=at_most)
+def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
+    """Return the field that declares a setting, as `option` does."""
+    return option(default, meaning, at_least=at_least, at_most=at_most)
 
 
 @dataclass(frozen=True)
 class BaseSettings:
-    """The settings of every method; a method declares its own by `setting` in the same way."""
+    """The settings of every method; a method declares its own by `setting` in the same way.
 
-    epochs: int = setting("number of calls of `Learner.epoch`", at_least=1)
+    It changes a default alone by `epochs: int = 30`: meaning and limits stay.
+    """
+
+    epochs: int = setting(100, "number of calls of `Learner.epoch`", at_least=1)
     evaluate_every: int = setting(
-        "number of epochs after which the policy is tried on train and validation", at_least=1
+        2, "number of epochs after which the policy is tried on train and validation", at_least=1
     )
-    batch_size: int = setting("number of transitions in a gradient step", at_least=2)
-    learning_rate: float = setting("learning rate of Adam (5e-4 in the supplement, section 3)")
+    batch_size: int = setting(64, "number of transitions in a gradient step", at_least=2)
+    learning_rate: float = setting(
+        0.0005, "learning rate of Adam (5e-4 in the supplement, section 3)"
+    )
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for base in cls.__mro__[1:]:
+            for each in fields(base) if is_dataclass(base) else ():
+                default = vars(cls).get(each.name, MISSING)
+                if default is not MISSING and not isinstance(default, Field):
+                    setattr(cls, each.name, field(default=default, metadata=each.metadata))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +123,10 @@ class Learner(ABC):
     """The figure of which the policy that is kept has the highest value."""
     max_gradient: ClassVar[float] = inf
     """The norm to which the gradients of a step are clipped."""
+    own_network: ClassVar[bool] = False
+    """Whether a method of the user has a network for pictures of its own, in place of `encoder`."""
+    protocol: ClassVar[str | None] = None
+    """The only protocol of the method; None for a method of all but `authors`."""
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         self.problem = problem
@@ -250,29 +266,52 @@ def find(
     """Return a method and its settings.
 
     Args:
-        name: The name of the method's module, such as `bc`.
-        values: The values of some settings; the others are in the method's file in conf/method/.
-        protocol: One of `PROTOCOLS`, which may have methods of its own.
+        name: The name of a method, such as `bc`, or `module:Class` of the user.
+        values: The values of some settings; the others have their defaults.
+        protocol: One of `PROTOCOLS`.
 
     Raises:
         ConfigError: The method or a setting does not exist, or a value is not allowed.
     """
-    own = PROTOCOLS[protocol].methods
-    packages = [f"{METHODS[-1]}.{own}"] if own else METHODS
-    names = [f"{package}.{name}" for package in packages]
-    module: Any = next((import_module(each) for each in names if find_spec(each)), None)
-    if not (hasattr(module, "Method") and hasattr(module, "Settings")):
-        where = " and ".join(package.replace(".", "/") for package in packages)
-        raise ConfigError(f"method={name}: no method of that name in {where}")
-    method, settings = module.Method, module.Settings
-    values = {**usual_settings(name, protocol), **settings_in(values)}
-    known = {each.name for each in fields(settings)}
-    check(
-        not own or known >= values.keys(),
-        f"protocol={protocol}: its methods have other settings, so give method={own}/{name} alone",
-    )
+    if ":" in name:
+        method, settings = _of_user(name)
+    else:
+        check(name in METHODS, f"method={name}: choose one of {listed(METHODS)}")
+        module = import_module(f"pipeline.training.methods.{name}")
+        method, settings = module.Method, module.Settings
+    allowed = [method.protocol] if method.protocol else ["default", "paper"]
+    check(protocol in allowed, f"protocol={protocol}: method={name} is for {' or '.join(allowed)}")
+    given = {key: value for key, value in values.items() if key != "name"}
     for each in fields(settings):
-        check(each.name in values, f"method.{each.name} is missing: give it a value")
-    chosen = frozen(settings, values, "method.")
+        there = each.name in given or each.default is not MISSING
+        check(there, f"method.{each.name} is missing: give it a value")
+    chosen = frozen(settings, given, "method.")
     check_options(chosen, settings, "method.")
     return method, chosen
+
+
+def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
+    """Return the class `module:Class`, and the class `Settings` beside it or else the usual one.
+
+    Raises:
+        ConfigError: There is no such class, it is no method, or it has the name of one of ours.
+    """
+    method = named("method", name)
+    settings = getattr(import_module(name.partition(":")[0]), "Settings", BaseSettings)
+    check(
+        isclass(method) and issubclass(method, Learner) and not isabstract(method),
+        f"method={name}: give a class that inherits from pipeline.training.methods.method.Learner "
+        "and has a method epoch",
+    )
+    check(
+        isclass(settings)
+        and issubclass(settings, BaseSettings)
+        and "__dataclass_fields__" in vars(settings),
+        f"method={name}: Settings beside it has to be a dataclass that inherits from BaseSettings",
+    )
+    title = TrainingOptions(method={"name": name}).method_title
+    check(
+        method.protocol is not None or title.lower() not in METHODS,
+        f"method={name}: {title} is the name of another method; rename the class or the module",
+    )
+    return method, settings

@@ -57,6 +57,20 @@ MAX_GRADIENT = 1.0
 class Settings(PlannerSpec, bc.Settings):
     """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
 
+    epochs: int = 30
+    evaluate_every: int = 10
+    batch_size: int = 32
+    learning_rate: float = 0.004
+    augment: bool = True
+    relabel: bool = True
+    average: bool = True
+    path_prior: bool = True
+    grid_prior: bool = True
+    colour_prior: bool = True
+    channels: int = 32
+    iterations: int = 20
+    sharpness: float = 3.0
+
 
 class Method(bc.Method):
     """The policy; its optimizer counts the gradient steps, on which the learning rate depends."""

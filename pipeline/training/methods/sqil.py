@@ -41,16 +41,19 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, set
 class Settings(BaseSettings):
     """An epoch is some steps in every labyrinth and some gradient steps."""
 
+    epochs: int = 150
     batch_size: int = setting(
-        "number of transitions in a gradient step, half of them demonstrations", at_least=2
+        128, "number of transitions in a gradient step, half of them demonstrations", at_least=2
     )
-    updates: int = setting("number of gradient steps in an epoch", at_least=1)
-    steps: int = setting("number of steps in each labyrinth in an epoch", at_least=1)
-    buffer: int = setting("number of the learner's last steps that are remembered", at_least=1)
+    updates: int = setting(30, "number of gradient steps in an epoch", at_least=1)
+    steps: int = setting(10, "number of steps in each labyrinth in an epoch", at_least=1)
+    buffer: int = setting(
+        50_000, "number of the learner's last steps that are remembered", at_least=1
+    )
     gamma: float = setting(
-        "discount factor; with 1 the value of the goal would be infinite", at_most=0.999
+        0.9, "discount factor; with 1 the value of the goal would be infinite", at_most=0.999
     )
-    temperature: float = setting("tau", at_least=0.001)
+    temperature: float = setting(0.1, "tau", at_least=0.001)
 
 
 class Method(Learner):

@@ -153,8 +153,8 @@ IMPOSSIBLE_TO_TRAIN = [
     ("results_dir", " ", "give a folder"),
     ("results_dir", "s3://bucket/results", "a folder on this machine"),
     *(
-        ("method", {"name": name}, "give the name of a method")
-        for name in ("", "BC", "os.path", "../bc", None)
+        ("method", {"name": name}, "choose one of")
+        for name in ("", "BC", "os.path", "../bc", "authors/bc", ":Method", "mine:", "a:b:c", None)
     ),
 ]
 
@@ -181,7 +181,8 @@ def test_what_is_impossible_is_refused_in_one_line(
 
 def test_options_of_training_are_asked_for_where_something_is_trained() -> None:
     for name, value, _ in IMPOSSIBLE_TO_TRAIN:
-        resolve(config(**{name: value}))
+        if name != "method":  # A method that does not exist is refused everywhere.
+            resolve(config(**{name: value}))
 
 
 def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
@@ -275,11 +276,23 @@ def test_the_folder_of_a_run_tells_what_was_trained() -> None:
     assert other.run_name.name == "iupe-resnet18-seed0-stride2-paper-bf16"
 
 
-def test_one_word_chooses_a_method_of_the_authors_and_their_protocol() -> None:
-    options = composed("stages=[train]", "method=authors/iupe", "method.epochs=7").options
-    assert options.protocol == "authors"
-    usual = {"evaluate_every": 100, "batch_size": 1, "learning_rate": 0.001}
-    assert options.method == {"name": "iupe", "epochs": 7} | usual
+@pytest.mark.parametrize(
+    ("given", "title"),
+    [
+        ("bc", "bc"),
+        ("mine:Method", "mine"),
+        ("lab.mine:Method", "mine"),
+        ("mine:Smoothed", "Smoothed"),
+        ("mine:Outer.Method", "mine"),
+    ],
+)
+def test_a_method_has_the_name_of_its_class_or_its_module(given: str, title: str) -> None:
+    assert RunConfig(method={"name": given}).method_title == title
+
+
+def test_the_options_of_a_method_are_those_that_are_given() -> None:
+    options = composed("method=iupe", "method.epochs=7").options
+    assert options.method == {"name": "iupe", "epochs": 7}
 
 
 def test_options_document_exactly_the_fields_of_the_schema() -> None:

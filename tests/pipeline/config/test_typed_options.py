@@ -80,7 +80,6 @@ def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
     [
         *(
             "seed=1e3",
-            "method=bc",
             "method.learning_rate=1e-3",
             "size=range(3,6)",
             "hydra.job=1.10",

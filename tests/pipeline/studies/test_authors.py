@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-import yaml
 from learning import equal_weights, states_seen_by, targets_of
 
 from labyrinth_core.policies.networks.acting import outputs_of
@@ -19,27 +17,29 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_of, simple_routes
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import CONF, PROTOCOLS
+from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate
-from pipeline.studies.methods.authors import bco, iupe, sqil
-from pipeline.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
 from pipeline.training import train
 from pipeline.training.loop import fit
 from pipeline.training.methods.method import Learner, Problem, find
 from pipeline.training.record import CHECKPOINT, RECORD
+from scripts.studies.methods.authors import bco, iupe, sqil
+from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
 
 pytestmark = pytest.mark.slow
 
 Problems = Callable[..., Problem]
 
 NAMES = ("bc", "dagger", "gail", "bco", "sqil", "iupe")
+OF = {name: f"scripts.studies.methods.authors.{name}:Method" for name in NAMES}
+"""The option `method` of each."""
 ALL = pytest.mark.parametrize("name", NAMES)
 
 
 def learner_of(name: str, problem: Problem, **values: Any) -> Any:
     small = {"batch_size": 64 if name in ("bco", "iupe") else 8, "learning_rate": 1e-3}
     small |= {"buffer": 200} if name == "sqil" else {}
-    method, settings = find(name, small | values, "authors")
+    method, settings = find(OF[name], small | values, "authors")
     return method(problem, settings)
 
 
@@ -48,13 +48,9 @@ def learner_of(name: str, problem: Problem, **values: Any) -> Any:
 
 @ALL
 def test_the_settings_are_those_of_the_authors_script(name: str) -> None:
-    path = CONF / "method" / "authors" / f"{name}.yaml"
-    content = yaml.safe_load(path.read_text())
-    _, settings = find(name, {}, "authors")
-    assert content == {"protocol": "authors", "method": {"name": name} | asdict(settings)}
+    _, settings = find(OF[name], {}, "authors")
     assert (settings.epochs, settings.evaluate_every, settings.batch_size) == (5000, 100, 1)
     assert settings.learning_rate == (1e-3 if name == "iupe" else 5e-4)
-    assert {each.stem for each in path.parent.iterdir()} == set(NAMES)
 
 
 @ALL
@@ -349,7 +345,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
         stages=["train"],
         run_dir=str(tmp_path),
         protocol="authors",
-        method={"name": "sqil", "epochs": 1, "batch_size": 8, "buffer": 100},
+        method={"name": OF["sqil"], "epochs": 1, "batch_size": 8, "buffer": 100},
     )
     train.run(run)
     told = " ".join(capsys.readouterr().out.split())
@@ -366,9 +362,14 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
 
 def test_the_usual_settings_are_refused_in_one_line() -> None:
     with pytest.raises(ConfigError) as caught:
-        find("bc", {"augment": False}, "authors")
-    assert str(caught.value) == (
-        "protocol=authors: its methods have other settings, so give method=authors/bc alone"
-    )
-    with pytest.raises(ConfigError, match=r"^method=planner: no .*/methods/authors$"):
-        find("planner", {}, "authors")
+        find(OF["bc"], {"augment": False}, "authors")
+    assert "method.augment is no option: choose from [epochs" in str(caught.value)
+
+
+def test_methods_of_the_authors_and_others_are_not_mixed_up() -> None:
+    for name, protocol, told in (
+        ("planner", "authors", "method=planner is for default or paper"),
+        (OF["bc"], "default", r"method=\S*bc:Method is for authors"),
+    ):
+        with pytest.raises(ConfigError, match=rf"\Aprotocol={protocol}: {told}\Z"):
+            find(name, {}, protocol)

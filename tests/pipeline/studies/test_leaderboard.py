@@ -129,14 +129,13 @@ def test_a_name_of_ours_or_of_another_submission_is_refused(
     [
         ({}, "3x3/bc-cnn-seed1", "it is of the run 3x3/bc-cnn-seed0, not of this one"),
         ({}, "5x5/bc-cnn-seed0", "it is of the run 3x3/bc-cnn-seed0, not of this one"),
-        ({"method": "nova"}, "3x3/nova-cnn-seed0", r"method=nova: choose from bc, bco, .*"),
         ({"encoder": "vit"}, "3x3/bc-vit-seed0", r"encoder=vit: choose from cnn, .*"),
         ({"protocol": "mine"}, "3x3/bc-cnn-seed0-mine", "protocol=mine: choose from default, .*"),
         ({"encoder": "mlp"}, "3x3/bc-mlp-seed0", "observation=image: encoder=mlp looks at vector"),
         ({"fingerprint": "1" * 64}, "3x3/bc-cnn-seed0", "its policy learnt from another data.*"),
     ],
 )
-def test_a_run_is_of_a_method_of_ours_and_lies_in_its_own_place(
+def test_a_run_is_of_a_known_kind_and_lies_in_its_own_place(
     results, run_of, tmp_path, changed, where, why
 ):
     run = of_run(results["planner"], **changed)

@@ -24,8 +24,8 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.studies.methods import vin, walls
 from pipeline.training.methods.method import Learner, Problem, find
+from scripts.studies.methods import vin, walls
 
 pytestmark = pytest.mark.slow
 
@@ -35,11 +35,13 @@ TOYS: dict[str, dict[str, Any]] = {
     "vin": {"epochs": 60, "batch_size": 8, "learning_rate": 5e-3, "iterations": 12},
     "walls": {"epochs": 3, "pictures": 512},
 }
+OF = {name: f"scripts.studies.methods.{name}:Method" for name in TOYS}
+"""The option `method` of each."""
 BOTH = pytest.mark.parametrize("name", list(TOYS))
 
 
 def learner_of(name: str, problem: Problem, **values: Any) -> Learner:
-    method, settings = find(name, TOYS[name] | values)
+    method, settings = find(OF[name], TOYS[name] | values)
     return method(problem, settings)
 
 
@@ -57,7 +59,7 @@ def test_a_value_iteration_network_learns_train(problem_of: Problems) -> None:
 
 @BOTH
 def test_they_see_squares_of_any_size_and_refuse_rectangles(name: str) -> None:
-    method, settings = find(name, {})
+    method, settings = find(OF[name], {})
     spec = NetworkSpec(name, 1, 5, 5, "navigation")
     assert method.image_size(spec, settings, 10, 10) == 128
     policy = method.make(spec, settings).eval()
@@ -72,7 +74,7 @@ def test_they_see_squares_of_any_size_and_refuse_rectangles(name: str) -> None:
 
 @BOTH
 def test_where_no_colour_is_known_the_scores_are_numbers(name: str) -> None:
-    method, settings = find(name, {})
+    method, settings = find(OF[name], {})
     labyrinth = replace(fresh(5, 1)[0], look=Look.RECOLOURED)
     picture = torch.from_numpy(render(labyrinth, State(7), 64))[None]
     policy = method.make(NetworkSpec(name, 1, 5, 5, "navigation"), settings).eval()
@@ -81,7 +83,7 @@ def test_where_no_colour_is_known_the_scores_are_numbers(name: str) -> None:
 
 def test_a_value_iteration_network_has_the_published_recursion() -> None:
     torch.manual_seed(0)
-    settings = settings_of("vin", iterations=3, reward_channels=4, action_channels=2)
+    settings = settings_of(OF["vin"], iterations=3, reward_channels=4, action_channels=2)
     network = vin.ValueIteration(2, settings).eval()
     picture = torch.from_numpy(render(fresh(2, 1)[0], State(2), 64))[None]
     with torch.no_grad():
@@ -106,7 +108,7 @@ def test_a_value_iteration_network_has_the_published_recursion() -> None:
 
 
 def test_a_network_of_another_size_iterates_in_proportion() -> None:
-    network = vin.ValueIteration(5, settings_of("vin", iterations=10)).eval()
+    network = vin.ValueIteration(5, settings_of(OF["vin"], iterations=10)).eval()
     calls = []
     network.after_value.register_forward_hook(lambda *_: calls.append(1))
     for side in (5, 10):
@@ -117,7 +119,7 @@ def test_a_network_of_another_size_iterates_in_proportion() -> None:
 
 def test_what_is_known_of_walls_is_what_the_steps_have_shown(problem_of: Problems) -> None:
     problem = problem_of(encoder="cnn")
-    learner = walls.Method(problem, settings_of("walls"))
+    learner = walls.Method(problem, settings_of(OF["walls"]))
     shown = 0
     for number, labyrinth in enumerate(problem.arrays.labyrinths):
         moves = labyrinth.structure.moves
@@ -163,4 +165,4 @@ def test_a_classifier_of_walls_solves_labyrinths_never_seen_and_larger_ones(
 def test_walls_are_all_that_stops_the_agent_of_the_search() -> None:
     spec = NetworkSpec("walls", 1, 5, 5, "key_and_door")
     with pytest.raises(ConfigError, match=r"\Atask=key_and_door: method=walls searches for the"):
-        walls.Method.make(spec, settings_of("walls"))
+        walls.Method.make(spec, settings_of(OF["walls"]))

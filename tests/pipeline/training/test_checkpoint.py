@@ -7,12 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from learning import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError
+from pipeline.config.errors import ConfigError
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
 from pipeline.training.methods import bc
@@ -64,8 +66,11 @@ def test_the_checkpoint_of_another_run_is_refused(problem_of: Problems, tmp_path
         checkpoint.load(path, learner(problem_of()), {"seed": 1, "encoder": "cnn"})
 
 
-def test_an_attribute_that_would_be_forgotten_is_an_error(problem_of: Problems) -> None:
+@pytest.mark.parametrize("value", [["a list"], None, "a text", np.array(["a text"]), torch.ones(1)])
+def test_an_attribute_that_would_be_forgotten_is_an_error(
+    problem_of: Problems, value: object
+) -> None:
     forgetful: Any = learner(problem_of())
-    forgetful.seen = ["a list"]
-    with pytest.raises(TypeError, match="seen is a list"):
+    forgetful.seen = value
+    with pytest.raises(ConfigError, match=r"\Athe method's attribute seen is of the type .*\Z"):
         state_of(forgetful)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from learning import settings_of
@@ -151,3 +153,48 @@ def test_the_precision_is_part_of_what_a_run_is(
     assert run_of(precision="bf16").training_folder.name == "bc-cnn-seed0-bf16"
     with pytest.raises(DatasetError, match="precision=bf16, not fp32"):
         require_same("a run", half, plain)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("returned", "state", "told"),
+    [
+        ({"reward": 1.0}, 0, r"epoch returned \{'reward': 1\.0\}: it has to return numbers by"),
+        (None, 0, "epoch returned None: "),
+        (0.5, 0, r"epoch returned 0\.5: "),
+        ({"loss": "much"}, 0, "epoch returned .'loss': 'much'.: "),
+        ({"loss": torch.ones(2)}, 0, r"epoch returned \{'loss': tensor\("),
+        ({"loss": 0.5}, [], "attribute seen is of the type list, which a checkpoint does not keep"),
+    ],
+)
+def test_what_a_method_may_not_do_is_refused_at_once(
+    problem_of: Callable[..., Problem], tmp_path: Path, returned: Any, state: Any, told: str
+) -> None:
+    learner, epochs = bc.Method(problem_of(), settings_of("bc")), []
+
+    def epoch(learner: Any) -> Any:
+        epochs.append(1)
+        learner.seen = state
+        return returned
+
+    learner.__class__ = type("Wrong", (bc.Method,), {"epoch": epoch})
+    judge, protocol = (lambda _: {"validation_sr": 0.5}), PROTOCOLS["default"]
+    with pytest.raises(ConfigError, match=told) as caught:
+        fit(learner, judge, protocol, tmp_path / CHECKPOINT, {}, lambda _: None)
+    assert "\n" not in str(caught.value)
+    assert epochs == [1]
+
+
+@pytest.mark.slow
+def test_figures_of_numpy_and_torch_are_kept_as_numbers(
+    problem_of: Callable[..., Problem], tmp_path: Path
+) -> None:
+    learner = bc.Method(problem_of(), settings_of("bc", epochs=1))
+    figures = {"loss": np.float32(0.5), "steps": np.int64(3), "norm": torch.tensor(0.25)}
+    learner.__class__ = type("Foreign", (bc.Method,), {"epoch": lambda _: figures})
+    judge, protocol = (lambda _: {"validation_sr": 0.5}), PROTOCOLS["default"]
+    done = fit(learner, judge, protocol, tmp_path / CHECKPOINT, {}, lambda _: None)
+    assert (
+        json.loads(json.dumps(done.history[0])).items()
+        >= {"loss": 0.5, "steps": 3.0, "norm": 0.25}.items()
+    )

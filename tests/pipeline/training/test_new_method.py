@@ -1,18 +1,23 @@
-"""The method that docs/new-method.md shows works as it says."""
+"""A method of the user, `method=module:Class`: that of docs/new-method.md, and others."""
 
 from __future__ import annotations
 
+import csv
 import json
 import re
-from dataclasses import asdict
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-import yaml
 
-import pipeline.training.methods
+from labyrinth_core import evaluate as evaluate_policy
+from labyrinth_core import load_policy
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import Run
+from pipeline.evaluation import evaluate
+from pipeline.studies.results import results
 from pipeline.training import train
 from pipeline.training.methods.method import find
 
@@ -20,39 +25,151 @@ pytestmark = pytest.mark.slow
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "new-method.md").read_text(encoding="utf-8")
 
+BEGIN = """
+from dataclasses import dataclass
+from pipeline.training.methods.method import BaseSettings, Learner, setting
+"""
+IDLE = "    def epoch(self):\n        return {'loss': 0.5}\n"
 
-def block(language: str) -> str:
-    found = re.search(rf"```{language}\n(.*?)```", DOCUMENT, re.DOTALL)
-    assert found is not None
-    return found[1]
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
+    """A function that writes a module into the working directory, which is then imported anew."""
+    monkeypatch.chdir(tmp_path)
+    written, path = [], [*sys.path]
+
+    def write(name: str, text: str) -> None:
+        Path(f"{name}.py").write_text(text)
+        written.append(name)
+
+    yield write
+    sys.path[:] = path
+    for name in written:
+        sys.modules.pop(name, None)
 
 
-def test_the_example_is_trained_as_any_other_method(
-    tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def run_of(small_dataset: Run, make_run: Callable[..., Run]) -> Callable[..., Run]:
+    def make(name: str, **options: Any) -> Run:
+        usual: dict[str, Any] = {"stages": ["train", "evaluate", "results"], "threads": 1}
+        settings = {"name": name, "epochs": 2} | options.pop("settings", {})
+        return make_run(small_dataset.data_dir, method=settings, **usual | options)
+
+    return make
+
+
+def trained(run: Run) -> dict[str, Any]:
+    for stage in (train, evaluate, results):
+        stage.run(run)
+    record: dict[str, Any] = json.loads((run.training_folder / "run.json").read_bytes())
+    return record
+
+
+def test_the_example_is_trained_judged_ranked_and_loaded(
+    module: Callable[[str, str], None], run_of: Callable[..., Run], small_dataset: Run
 ) -> None:
-    source = block("python")
-    assert len(source.splitlines()) < 60
-    (tmp_path / "smoothed.py").write_text(source)
-    path = [*pipeline.training.methods.__path__, str(tmp_path)]
-    monkeypatch.setattr(pipeline.training.methods, "__path__", path)
-    settings = yaml.safe_load(block("yaml"))
-    _, chosen = find("smoothed", {name: settings[name] for name in settings if name != "name"})
-    assert settings == {"name": "smoothed"} | asdict(chosen)
-    with pytest.raises(ConfigError, match=r"^method\.epochs is missing"):
-        find("smoothed", {})
-    run = resolve(
-        RunConfig(
-            stages=["train"],
-            size="3",
-            data_dir=str(small_dataset.data_dir),
-            run_dir=str(tmp_path / "runs"),
-            method=settings | {"epochs": 8, "batch_size": 8},
-            encoder="mlp",
-            observation="vector",
-        )
+    found = re.search(r"<!-- written to mine.py -->\n```python\n(.*?)```", DOCUMENT, re.DOTALL)
+    assert found is not None
+    assert len(found[1].splitlines()) <= 34
+    module("mine", found[1])
+    run = run_of("mine:Method", settings={"smoothing": 0.2})
+    record = trained(run)
+    assert run.training_folder == Path("runs/3x3/mine-cnn-seed0")
+    assert record["run"]["settings"] == {
+        "epochs": 2,
+        "evaluate_every": 2,
+        "batch_size": 64,
+        "learning_rate": 0.0005,
+        "smoothing": 0.2,
+    }
+    with Path("results/leaderboard.csv").open(encoding="utf-8") as file:
+        (row, *_) = csv.DictReader(file)
+    assert (row["method"], row["author"]) == ("mine, cnn", "")  # Nobody says who made it.
+    policy = load_policy(run.training_folder)
+    again = evaluate_policy(policy, str(small_dataset.data_dir), "3x3", splits=["test"])
+    kept = json.loads((run.training_folder / "results.json").read_bytes())["splits"]["test"]
+    assert again.splits["test"].sr == kept["sr"]
+
+
+def test_a_method_may_do_without_settings_and_have_a_network_of_its_own(
+    module: Callable[[str, str], None], run_of: Callable[..., Run]
+) -> None:
+    module(
+        "ours",
+        f"{BEGIN}from torch import nn\n"
+        "from labyrinth_core.policies.networks.network import as_input\n"
+        "class Small(nn.Module):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.layer = nn.Linear(64 * 64 * 3, 4)\n"
+        "    def forward(self, pictures):\n"
+        "        return self.layer(as_input(pictures).flatten(1))\n"
+        "class Linear(Learner):\n"
+        "    own_network = True\n"
+        "    @classmethod\n"
+        "    def make(cls, spec, settings):\n"
+        f"        return Small()\n{IDLE}",
     )
-    train.run(run, checkpoint_seconds=0)  # So that its state is kept, too.
-    record = json.loads((tmp_path / "runs/3x3/smoothed-mlp-seed0/run.json").read_text())
-    losses = [row["loss"] for row in record["history"]]
-    assert losses[-1] < losses[0]
-    assert record["history"][-1]["visited"] > 0
+    run = run_of("ours:Linear")
+    trained(run)
+    assert run.training_folder.name == "Linear-seed0"
+    text = Path("results/leaderboard.md").read_text(encoding="utf-8")
+    assert "| Linear | " in text
+    assert "Labyrinth datasets" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("m:Missing", IDLE.replace("    ", "", 1), "there is no Missing, only ["),
+        ("m:BaseSettings", "", "give a class that inherits from pipeline.training.methods.method."),
+        ("m:Idle", "class Idle(Learner):\n    pass\n", "and has a method epoch"),
+        ("m:Idle", f"class Idle(Learner):\n{IDLE}Settings = 3\n", "has to be a dataclass"),
+        (
+            "m:Idle",
+            f"class Idle(Learner):\n{IDLE}class Settings(BaseSettings):\n    epochs: int = 3\n",
+            "Settings beside it has to be a dataclass that inherits from BaseSettings",
+        ),
+        ("m:BC", f"class BC(Learner):\n{IDLE}", "BC is the name of another method; rename"),
+        (
+            "m:Idle",
+            f"class Idle(Learner):\n{IDLE}@dataclass(frozen=True)\nclass Settings(BaseSettings):\n"
+            "    epochs: int = 0\n",
+            "method.epochs=0: give a whole number, 1 or more",
+        ),
+        ("nothing:Idle", "", "there is no module nothing, neither in /"),
+    ],
+)
+def test_what_is_no_method_is_refused_in_one_line(
+    module: Callable[[str, str], None], name: str, text: str, told: str
+) -> None:
+    module("m", BEGIN + text)
+    with pytest.raises(ConfigError, match=re.escape(told)) as caught:
+        find(name, {})
+    assert "\n" not in str(caught.value)
+
+
+def test_an_error_in_a_module_is_the_modules(module: Callable[[str, str], None]) -> None:
+    module("m", "import nothing_of_this_name\n")
+    with pytest.raises(ModuleNotFoundError, match="nothing_of_this_name"):
+        find("m:Method", {})
+
+
+def test_a_setting_keeps_its_limits_where_a_default_alone_changes(
+    module: Callable[[str, str], None],
+) -> None:
+    module(
+        "m",
+        f"{BEGIN}@dataclass(frozen=True)\nclass Settings(BaseSettings):\n    batch_size: int = 8\n"
+        "    share: float = setting(0.5, 'share of labels', at_most=1)\n"
+        f"class Idle(Learner):\n{IDLE}",
+    )
+    _, settings = find("m:Idle", {"name": "m:Idle", "share": 1})
+    assert (settings.batch_size, settings.epochs) == (8, 100)
+    for values, told in (
+        ({"batch_size": 1}, "batch_size=1: give a whole number, 2 or more"),
+        ({"share": 2}, "share=2: give a number from 0 to 1"),
+        ({"speed": 1}, r"speed is no option: choose from \[epochs, .*share"),
+    ):
+        with pytest.raises(ConfigError, match=rf"^method\.{told}"):
+            find("m:Idle", values)

@@ -91,7 +91,8 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
         monkeypatch.setattr(bc.Method, "epoch", dying)
         with pytest.raises(KeyboardInterrupt):
             train.run(killed, checkpoint_seconds=0)
-        assert [path.name for path in killed.training_folder.iterdir()] == [CHECKPOINT]
+        (working,) = killed.training_folder.parent.iterdir()
+        assert [path.name for path in working.iterdir()] == [CHECKPOINT]
     done: list[bc.Method] = []
 
     def counted(self: bc.Method) -> dict[str, float]:

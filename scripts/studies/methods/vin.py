@@ -51,16 +51,25 @@ INITIAL = 0.01
 class Settings(bc.Settings):
     """An epoch is one pass over the demonstrations, or over `pictures` drawn from them."""
 
+    epochs: int = 30
+    evaluate_every: int = 5
+    batch_size: int = 32
+    learning_rate: float = 0.002
     iterations: int = setting(
+        30,
         "K, the number of iterations of the module at the size that is trained on; in proportion "
         "to the side of others",
         at_least=1,
         at_most=1000,
     )
     reward_channels: int = setting(
-        "hidden channels of the network of rewards (150 in the paper)", at_least=1, at_most=1024
+        150,
+        "hidden channels of the network of rewards (150 in the paper)",
+        at_least=1,
+        at_most=1024,
     )
     action_channels: int = setting(
+        10,
         "channels of Q, over which the maximum is taken (10 in the paper)",
         at_least=1,
         at_most=1024,
@@ -120,6 +129,7 @@ class Method(bc.Method):
     """The policy and its optimizer."""
 
     max_gradient = MAX_GRADIENT
+    own_network = True
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:

@@ -11,16 +11,23 @@ policy with the best return on the labyrinths of train is kept.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from pipeline.studies.methods.authors import bco
-from pipeline.studies.methods.authors.learner import Settings
 from pipeline.training.methods.acting import softmax
 
-__all__ = ["Method", "Settings", "draw_labels"]
+from . import bco, learner
+
+
+@dataclass(frozen=True)
+class Settings(learner.Settings):
+    """An epoch is one pass of the policy over the demonstrations."""
+
+    learning_rate: float = 0.001
 
 
 class Method(bco.Method):

@@ -29,13 +29,16 @@ VISITS = 5
 class Settings(BaseSettings):
     """Batches of one row are allowed, and usual."""
 
-    batch_size: int = setting("number of rows in a gradient step", at_least=1)
+    epochs: int = 5000
+    evaluate_every: int = 100
+    batch_size: int = setting(1, "number of rows in a gradient step", at_least=1)
 
 
 class AuthorsLearner(Learner):
     """A method of the authors; keeps the policy that labels most rows of validation correctly."""
 
     selected_by = "validation_accuracy"
+    protocol = "authors"
     visits: int | None = VISITS
     """As `try_out` has it."""
 

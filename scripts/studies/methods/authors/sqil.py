@@ -31,10 +31,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.acting import outputs_of
-from pipeline.studies.methods.authors import learner
-from pipeline.studies.methods.authors.learner import AuthorsLearner, rows_of
 from pipeline.training.methods.acting import draw, roll_out, softmax
 from pipeline.training.methods.method import Problem, setting
+
+from . import learner
+from .learner import AuthorsLearner, rows_of
 
 ALPHA = 4.0
 """The temperature."""
@@ -47,10 +48,12 @@ class Settings(learner.Settings):
     """An epoch is a gradient step for each batch of rows."""
 
     batch_size: int = setting(
-        "number of rows in a gradient step, and of the learner's own steps", at_least=1
+        1, "number of rows in a gradient step, and of the learner's own steps", at_least=1
     )
-    buffer: int = setting("number of the learner's last steps that are remembered", at_least=1)
-    gamma: float = setting("what is added where the episode goes on", at_most=1)
+    buffer: int = setting(
+        50_000, "number of the learner's last steps that are remembered", at_least=1
+    )
+    gamma: float = setting(0.99, "what is added where the episode goes on", at_most=1)
 
 
 class Method(AuthorsLearner):

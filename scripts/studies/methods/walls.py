@@ -49,8 +49,12 @@ UNKNOWN = -1
 class Settings(BaseSettings):
     """An epoch is `pictures` pictures of states that an episode visits."""
 
-    pictures: int = setting("number of pictures in an epoch", at_least=1)
-    channels: int = setting("number of channels of the classifier", at_least=1, at_most=1024)
+    epochs: int = 10
+    evaluate_every: int = 1
+    batch_size: int = 32
+    learning_rate: float = 0.001
+    pictures: int = setting(1024, "number of pictures in an epoch", at_least=1)
+    channels: int = setting(16, "number of channels of the classifier", at_least=1, at_most=1024)
 
 
 class Walls(nn.Module):
@@ -108,6 +112,7 @@ class Method(Learner):
     """The classifier, its optimizer, and what is known of the walls."""
 
     policy: Walls
+    own_network = True
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         super().__init__(problem, settings)

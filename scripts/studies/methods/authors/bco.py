@@ -17,9 +17,10 @@ from torch import Tensor, nn
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import WIDTH, Network, as_input
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings, try_out
 from pipeline.training.methods.acting import softmax
 from pipeline.training.methods.method import Problem
+
+from .learner import AuthorsLearner, Settings, try_out
 
 __all__ = ["InverseDynamics", "Method", "Settings"]
 

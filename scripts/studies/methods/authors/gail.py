@@ -13,10 +13,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.policies.networks.network import ACTIONS, as_input
-from pipeline.studies.methods.authors import bc
-from pipeline.studies.methods.authors.learner import Settings
 from pipeline.training.methods.gail import Discriminator
 from pipeline.training.methods.method import Problem
+
+from . import bc
+from .learner import Settings
 
 __all__ = ["Method", "Settings"]
 

@@ -5,8 +5,9 @@ Among them is the last row of each episode, the agent on the goal, with the acti
 
 from __future__ import annotations
 
-from pipeline.studies.methods.authors.learner import AuthorsLearner, Settings, rows_of
 from pipeline.training.methods.method import Problem
+
+from .learner import AuthorsLearner, Settings, rows_of
 
 __all__ = ["Method", "Settings"]
 

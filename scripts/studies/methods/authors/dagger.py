@@ -13,15 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from labyrinth_core.world.solver import simple_routes
-from pipeline.studies.methods.authors import bc, learner
 from pipeline.training.methods.method import setting
+
+from . import bc, learner
 
 
 @dataclass(frozen=True)
 class Settings(learner.Settings):
     """An epoch is one pass over the rows."""
 
-    episodes: int = setting("number of the solver's episodes that join in an epoch", at_least=1)
+    episodes: int = setting(10, "number of the solver's episodes that join in an epoch", at_least=1)
 
 
 class Method(bc.Method):

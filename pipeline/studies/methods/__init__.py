@@ -1,1 +1,0 @@
-"""Methods to compare with, reached by `method=`, each in a module of its own."""

@@ -1,0 +1,216 @@
+"""A run that replaces a finished one, and what happens if it is killed or fails on the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import file_sha256, temporary_beside
+from labyrinth_core.policies.spec import POLICY, RECORD
+from pipeline.config.errors import ConfigError
+from pipeline.config.run import Run
+from pipeline.training import record, train
+from pipeline.training.methods import bc
+from pipeline.training.record import CHECKPOINT, CURVES
+
+pytestmark = pytest.mark.slow
+
+CHANGES = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "shutil.rmtree")
+"""The operations on files before which a process is killed."""
+
+
+@pytest.fixture
+def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> Callable[..., Run]:
+    """A function that returns a run of two epochs of BC on vectors."""
+
+    def make(**method: Any) -> Run:
+        return make_run(
+            small_dataset.data_dir,
+            stages=["train"],
+            run_dir=str(tmp_path / "runs"),
+            overwrite=True,
+            observation="vector",
+            encoder="mlp",
+            method={"name": "bc", "epochs": 2} | method,
+        )
+
+    return make
+
+
+def require_finished(folder: Path) -> int:
+    """Fail unless a folder holds a whole run; return the number of its epochs."""
+    content = json.loads((folder / RECORD).read_bytes())
+    assert {name: file_sha256(folder / name) for name in content["files"]} == content["files"]
+    assert POLICY in content["files"]
+    return int(content["epochs"])
+
+
+def killed_before(change: int, run: Run) -> bool:
+    """Train in a process that is killed before a change of files; return whether it was."""
+    place = run.training_folder.parent
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Later versions of Python warn of threads.
+        process = os.fork()
+    if not process:
+        left = change
+
+        def kill(event: str, arguments: tuple[Any, ...]) -> None:
+            nonlocal left
+            if event in CHANGES and str(arguments[0]).startswith(str(place)):
+                left -= event != "open" or "w" in str(arguments[1])
+                if left < 0:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        sys.addaudithook(kill)
+        status = 1
+        try:
+            train.run(run, checkpoint_seconds=0)
+            status = 0
+        finally:
+            os._exit(status)
+    _, status = os.waitpid(process, 0)
+    assert status in (0, signal.SIGKILL)
+    return status != 0
+
+
+def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
+    run_of: Callable[..., Run],
+) -> None:
+    folder = run_of().training_folder
+    moments, displaced = 0, 0
+    while True:
+        train.run(run_of(epochs=1))
+        (folder / "notes.txt").write_text("mine")
+        (folder / "results.json").write_text(
+            json.dumps({"run": {"evaluated": {"weights": file_sha256(folder / POLICY)}}})
+        )
+        if not killed_before(moments, run_of()):
+            break
+        found = folder if folder.exists() else next(folder.parent.glob("*.replaced"))
+        displaced += found != folder
+        assert require_finished(found) in (1, 2)
+        moments += 1
+        train.run(run_of())
+        assert require_finished(folder) == 2
+        assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+        there = sorted(path.name for path in folder.iterdir())
+        assert there == [CURVES, "notes.txt", POLICY, RECORD]
+    assert moments > 15
+    assert displaced == 1  # Between the two renames, from which the next run recovers.
+
+
+def test_a_killed_run_that_replaces_another_goes_on_unless_settings_change(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    train.run(run_of(epochs=1))
+    epoch, done = bc.Method.epoch, []
+
+    def dying(self: bc.Method) -> dict[str, float]:
+        if done:
+            raise KeyboardInterrupt
+        done.append(1)
+        return epoch(self)
+
+    def counted(self: bc.Method) -> dict[str, float]:
+        done.append(1)
+        return epoch(self)
+
+    for settings, still_to_do in (({}, 1), ({"epochs": 3}, 3)):
+        monkeypatch.setattr(bc.Method, "epoch", dying)
+        with pytest.raises(KeyboardInterrupt):
+            train.run(run_of(), checkpoint_seconds=0)
+        monkeypatch.setattr(bc.Method, "epoch", counted)
+        done.clear()
+        train.run(run_of(**settings))
+        assert len(done) == still_to_do
+        done.clear()
+
+
+@pytest.mark.parametrize("settings", [{"learning_rate": 1e30}, {"epochs": 1}])
+def test_a_training_that_fails_leaves_the_finished_run(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, settings: dict[str, Any]
+) -> None:
+    run = run_of()
+    train.run(run)
+    before = {path.name: path.read_bytes() for path in run.training_folder.iterdir()}
+    monkeypatch.setattr(bc.Method, "epoch", lambda _: {"loss": float("nan")})
+    with pytest.raises(ConfigError, match="Nothing that was there is changed"):
+        train.run(run_of(**settings))
+    assert {path.name: path.read_bytes() for path in run.training_folder.iterdir()} == before
+    assert [path.name for path in run.training_folder.parent.iterdir()] == ["bc-mlp-seed0"]
+
+
+def test_a_disk_that_is_full_at_the_end_is_no_reason_to_refuse_the_next_time(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = run_of(epochs=1)
+    train.run(run)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(record, "write_text", full)
+        with pytest.raises(OSError, match="No space"):
+            train.run(run_of())
+    assert require_finished(run.training_folder) == 1
+    train.run(run_of())
+    assert require_finished(run.training_folder) == 2
+
+
+def test_curves_that_cannot_be_drawn_cost_no_policy(
+    run_of: Callable[..., Run],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run = run_of()
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    train.run(run)
+    assert "curves.png is left out, as it cannot be drawn: " in capsys.readouterr().out
+    assert require_finished(run.training_folder) == 2
+    assert not (run.training_folder / CURVES).exists()
+    monkeypatch.undo()
+    train.run(run)
+    assert (run.training_folder / CURVES).exists()
+
+
+def test_what_a_notebook_draws_with_does_not_matter() -> None:
+    program = (
+        "from pipeline.training.record import _curves\n"
+        "assert _curves('bc', [{'epoch': 1, 'loss': 0.5}]).startswith(b'\\x89PNG')"
+    )
+    for backend in ("module://no_such.backend", "no_such"):
+        command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
+        subprocess.run(command, env=environment, check=True)
+
+
+def test_what_a_killed_run_was_writing_is_removed_by_the_next(run_of: Callable[..., Run]) -> None:
+    run = run_of()
+    folder = run.training_folder
+    working = folder.with_name(f".{folder.name}.training")
+    for place in (folder, working):
+        place.mkdir(parents=True)
+        for name in (CHECKPOINT, POLICY, RECORD, CURVES):
+            temporary_beside(place / name).write_text("half")
+    train.run(run)
+    assert sorted(path.name for path in folder.iterdir()) == [CURVES, POLICY, RECORD]
+    assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(run_of: Callable[..., Run]) -> None:
+    folder = run_of().training_folder
+    folder.parent.mkdir(parents=True)
+    folder.write_text("mine")
+    with pytest.raises(DatasetError, match="is a file: move it, or choose another run_dir"):
+        train.run(run_of())
+    assert folder.read_text() == "mine"
