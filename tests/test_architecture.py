@@ -46,7 +46,7 @@ ROOMS = {
     "pipeline.release": WING,
     "pipeline.training": WING,
     "pipeline.evaluation": (*WING, "pipeline.training"),  # It judges the policies of runs, too.
-    "pipeline.studies": (*WING, "pipeline.training"),
+    "pipeline.results": WING,
     "pipeline.export": WING,
     "pipeline.season": (*WING, "pipeline.generation"),  # It makes tests of its own, and keeps none.
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
@@ -100,7 +100,7 @@ HOMES = {
         "labyrinth_core.env",
         "pipeline.export.minari",
     ),
-    "matplotlib": ("pipeline.studies", "pipeline.training"),
+    "matplotlib": ("pipeline.training",),
     "tensorboard": ("pipeline.training.record",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.command"),
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.

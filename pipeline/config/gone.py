@@ -6,6 +6,8 @@ GONE = {
     "demonstrations.pieces": "cut episodes after loading, as docs/loading.md shows",
     "analysis": "run scripts/studies/compare_environments.py in a clone",
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
+    "method=vin": "docs/results/ARCHIVE.md names the commit that has the method",
+    "method=walls": "docs/results/ARCHIVE.md names the commit that has the method",
     "stages=environments": "run scripts/studies/compare_environments.py in a clone",
 }
 """An option, a group of options, or `option=value` -> what to do instead, as a clause."""

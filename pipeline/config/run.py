@@ -61,7 +61,7 @@ STAGES = {
     "export": "pipeline.export.stage",
     "train": "pipeline.training.train",
     "evaluate": "pipeline.evaluation.evaluate",
-    "results": "pipeline.studies.results.results",
+    "results": "pipeline.results.results",
     "season": "pipeline.season.season",
     "judge": "pipeline.season.judge",
     "reveal": "pipeline.season.reveal",

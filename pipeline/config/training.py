@@ -19,6 +19,7 @@ from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import ConfigError, check, listed
+from pipeline.config.gone import instead
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
@@ -248,9 +249,10 @@ def check_training(options: TrainingOptions, task: Task) -> None:
 def check_method(options: TrainingOptions) -> None:
     """Raise a ConfigError if the option is neither a method of ours nor of the form of another."""
     name = options.method_name
+    allowed = f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own"
     check(
         name in METHODS or re.fullmatch(r"\w[\w.]*:\w[\w.]*", name) is not None,
-        f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own",
+        instead("method", name) or allowed,
     )
 
 

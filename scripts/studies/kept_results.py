@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.intervals import interval
-from pipeline.studies.results.paper import METHODS, name_of
+from pipeline.results.paper import METHODS, name_of
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
 

@@ -26,7 +26,7 @@ from methods.authors.learner import try_out
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.paper import METHODS, PaperFigure, paper_figures
+from pipeline.results.paper import METHODS, PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]
 """Split and method -> the success rate of usual runs, the mean over seeds."""

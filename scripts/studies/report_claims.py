@@ -21,8 +21,8 @@ from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.comparison import SPLIT, interquartile_mean, pairs_of_methods
-from pipeline.studies.results.paper import METHODS, name_of
+from pipeline.results.comparison import SPLIT, interquartile_mean, pairs_of_methods
+from pipeline.results.paper import METHODS, name_of
 
 PARTS = {"known": "train demonstrates an optimal route", "new": "train demonstrates none"}
 """Part of the labyrinths -> what it is."""

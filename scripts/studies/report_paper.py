@@ -15,7 +15,7 @@ from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.markdown import table
-from pipeline.studies.results.paper import name_of, paper_figures
+from pipeline.results.paper import name_of, paper_figures
 
 REFERENCES = {
     "route memory": ("route_memory", "sr"),

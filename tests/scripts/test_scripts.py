@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import report_authors
 
-from pipeline.studies.results.paper import paper_figures
+from pipeline.results.paper import paper_figures
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
-from pipeline.studies.results import results
+from pipeline.results import results
 from pipeline.training import train
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy

@@ -17,7 +17,7 @@ from labyrinth_core import load_policy
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.evaluation import evaluate
-from pipeline.studies.results import results
+from pipeline.results import results
 from pipeline.training import train
 from pipeline.training.methods.method import find
 

@@ -19,16 +19,16 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
-from pipeline.studies.results.figures import MethodRuns, by_method, run_of
-from pipeline.studies.results.kept import Available, comparable, gather, read_all
-from pipeline.studies.results.leaderboard import (
+from pipeline.results.figures import MethodRuns, by_method, run_of
+from pipeline.results.kept import Available, comparable, gather, read_all
+from pipeline.results.leaderboard import (
     LEADERBOARD,
     boards,
     entries_of,
     write_leaderboard,
 )
-from pipeline.studies.results.paper import title_of
-from pipeline.studies.results.result_tables import write_tables
+from pipeline.results.paper import title_of
+from pipeline.results.result_tables import write_tables
 
 
 class RefusedError(DatasetError):

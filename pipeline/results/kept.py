@@ -15,8 +15,8 @@ from labyrinth_core.language.collection import files_in
 from pipeline.config.run import Run
 from pipeline.config.training import check_run
 from pipeline.machinery.own_files import OwnFiles, leave
-from pipeline.studies.results.figures import run_of
-from pipeline.studies.results.paper import METHODS, title_of
+from pipeline.results.figures import run_of
+from pipeline.results.paper import METHODS, title_of
 
 AUTHOR = "Labyrinth datasets"
 """Who made the runs of the stages `train` and `evaluate`."""

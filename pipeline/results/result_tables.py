@@ -14,11 +14,11 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from pipeline.machinery.markdown import plain, table
 from pipeline.machinery.own_files import leave
-from pipeline.studies.results import spreadsheet
-from pipeline.studies.results.comparison import across_sizes, pairs_of_methods, rates_of
-from pipeline.studies.results.figures import AVERAGED, FAILURES, Figures, MethodRuns, gap, run_of
-from pipeline.studies.results.kept import LISTED
-from pipeline.studies.results.paper import PaperFigure, name_of, paper_figures
+from pipeline.results import spreadsheet
+from pipeline.results.comparison import across_sizes, pairs_of_methods, rates_of
+from pipeline.results.figures import AVERAGED, FAILURES, Figures, MethodRuns, gap, run_of
+from pipeline.results.kept import LISTED
+from pipeline.results.paper import PaperFigure, name_of, paper_figures
 
 MARK = "†"
 """Marks a figure of the paper that is impossible given its AER and SR."""

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import ttest_ind
 
 from labyrinth_core.evaluation.results import Results
-from pipeline.studies.results.comparison import (
+from pipeline.results.comparison import (
     Estimate,
     differences_of,
     exchange_test,
@@ -17,7 +17,7 @@ from pipeline.studies.results.comparison import (
     pairs_of_methods,
     rates_of,
 )
-from pipeline.studies.results.figures import by_method
+from pipeline.results.figures import by_method
 
 pytestmark = pytest.mark.slow
 

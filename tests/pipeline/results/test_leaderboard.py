@@ -19,10 +19,10 @@ from submitted import content_of, forgetful, of_run, results_of
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL
-from pipeline.studies.results import results as stage
-from pipeline.studies.results.figures import AVERAGED, Figures
-from pipeline.studies.results.leaderboard import MARK, Entry, boards, csv_of, markdown
-from pipeline.studies.results.results import RefusedError
+from pipeline.results import results as stage
+from pipeline.results.figures import AVERAGED, Figures
+from pipeline.results.leaderboard import MARK, Entry, boards, csv_of, markdown
+from pipeline.results.results import RefusedError
 
 ROOT = Path(__file__).parents[3]
 PUBLISHED = ROOT / "docs" / "results"

@@ -22,8 +22,8 @@ from labyrinth_core.evaluation.intervals import CONFIDENCE
 from labyrinth_core.evaluation.results import Results
 from pipeline.inspection.shift import holm
 from pipeline.machinery.markdown import count, plain, table
-from pipeline.studies.results.figures import MethodRuns, solved_in
-from pipeline.studies.results.paper import name_of
+from pipeline.results.figures import MethodRuns, solved_in
+from pipeline.results.paper import name_of
 
 SPLIT = "test"
 

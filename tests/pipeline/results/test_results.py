@@ -17,10 +17,10 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.console import say_once
-from pipeline.studies.results import results as stage
-from pipeline.studies.results.figures import by_method
-from pipeline.studies.results.paper import METHODS, paper_figures, title_of
-from pipeline.studies.results.result_tables import write_tables
+from pipeline.results import results as stage
+from pipeline.results.figures import by_method
+from pipeline.results.paper import METHODS, paper_figures, title_of
+from pipeline.results.result_tables import write_tables
 
 PAPER = paper_figures()
 

@@ -14,8 +14,8 @@ import pytest
 from submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.scores import ACCURACIES
-from pipeline.studies.results import results as stage
-from pipeline.studies.results.kept import Available, read_all
+from pipeline.results import results as stage
+from pipeline.results.kept import Available, read_all
 
 TABLES = ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv")
 

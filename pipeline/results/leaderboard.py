@@ -18,11 +18,11 @@ from labyrinth_core.world.grid import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count, plain, table
 from pipeline.machinery.own_files import leave
-from pipeline.studies.results.figures import Figures, MethodRuns, run_of
-from pipeline.studies.results.kept import AUTHOR, LISTED, Available
-from pipeline.studies.results.paper import title_of
-from pipeline.studies.results.result_tables import aer_cell, percent_cell
-from pipeline.studies.results.spreadsheet import as_csv
+from pipeline.results.figures import Figures, MethodRuns, run_of
+from pipeline.results.kept import AUTHOR, LISTED, Available
+from pipeline.results.paper import title_of
+from pipeline.results.result_tables import aer_cell, percent_cell
+from pipeline.results.spreadsheet import as_csv
 
 RANKED_BY = "test"
 """The split whose SPL decides the rank: no method learns from its structures."""

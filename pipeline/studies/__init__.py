@@ -1,1 +1,0 @@
-"""Questions about the paper and about methods; nothing outside imports from here."""
