@@ -33,7 +33,10 @@ NEXT = {
 }
 """Stage -> the options of what can be done after it, and what that is for."""
 
-_OF_ONE_RUN = ("stages", "overwrite", "part", "policy", "leakage", "analysis", "publish", "export")
+_OF_ONE_RUN = (
+    *("stages", "overwrite", "grow", "part", "policy"),
+    *("leakage", "analysis", "publish", "export"),
+)
 """Options, and groups of options, that are not repeated for what comes next."""
 
 
