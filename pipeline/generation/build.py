@@ -38,6 +38,7 @@ from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
 from pipeline.machinery.markdown import count
+from pipeline.machinery.own_files import is_litter
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
@@ -120,7 +121,8 @@ def _there(run: Run) -> Manifest | None:
     folder = run.folder
     if not (folder / MANIFEST).is_file():
         unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
-        if not unfinished and folder.exists() and any(folder.iterdir()):
+        others = [] if unfinished or not folder.exists() else [*folder.iterdir()]
+        if not all(is_litter(path.name) for path in others):
             raise DatasetError(
                 f"{folder} holds files but no finished dataset: move them, or choose another "
                 "data_dir"

@@ -97,6 +97,33 @@ def test_a_file_of_a_person_in_an_export_stops_what_would_replace_it(
     assert content_of(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    "name", [".DS_Store", "cache-0123456789abcdef.arrow", ".ipynb_checkpoints/info.json"]
+)
+def test_litter_in_an_export_stops_nothing(small_dataset: Run, tmp_path, capsys, name):
+    made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
+    (made / name).parent.mkdir(exist_ok=True)
+    (made / name).write_text("left by a system or a reader")
+    export(small_dataset, tmp_path, "lerobot", "train", "test")
+    assert "train-v0 is there already" in capsys.readouterr().out
+    assert (made / name).exists()
+    export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
+    assert json.loads((made / stage.RECORD).read_bytes())["image_size"] == 8
+
+
+def test_a_file_of_a_person_in_a_finished_export_stays_and_stops_no_other(
+    small_dataset: Run, tmp_path, capsys
+):
+    made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
+    (made / "notes.txt").write_text("mine")
+    export(small_dataset, tmp_path, "lerobot", "train", "test")
+    assert "train-v0 is there already" in capsys.readouterr().out
+    assert (made / "notes.txt").read_text() == "mine"
+    (made / "meta/info.json").unlink()
+    with pytest.raises(ConfigError, match=r"train-v0 holds notes\.txt, which no export has"):
+        export(small_dataset, tmp_path, "lerobot", "train", "test")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("format_", FORMATS)
 def test_an_export_with_a_damaged_file_is_made_anew(small_dataset: Run, tmp_path, capsys, format_):

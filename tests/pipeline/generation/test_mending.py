@@ -123,6 +123,16 @@ def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
     assert (folder / name).exists()
 
 
+@pytest.mark.parametrize("litter", [".DS_Store", "Thumbs.db", ".ipynb_checkpoints/notes.txt"])
+def test_litter_stops_no_build(build: Build, tmp_path: Path, litter: str) -> None:
+    for number, place in enumerate(("3x3", ".3x3.building", "3x3")):
+        (tmp_path / place / litter).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place / litter).write_text("left by a system")
+        folder = build(tmp_path, seed=number, overwrite=number > 0).folder
+        assert Manifest.read(folder).config.seed == number
+        assert not (folder / litter).exists()
+
+
 @pytest.mark.parametrize(
     "place", ["3x3/train-00000-of-00001.parquet", "3x3/labyrinths.parquet", ".3x3.building/x.json"]
 )
