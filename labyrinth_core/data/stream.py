@@ -57,11 +57,16 @@ def _rows_shuffled(shuffle: bool | int) -> int:
 
 def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
     """Return the rank of this process and the number of ranks, perhaps of torchrun."""
-    if rank is None and ranks is None:
-        given = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
-        rank, ranks = (int(text) if text.isdecimal() else text for text in given)
-    ranks = _whole(ranks, "world_size", 1, "a whole number from 1 on")
-    return _whole(rank, "rank", 0, f"a whole number from 0 to {ranks - 1}", ranks), ranks
+    if rank is not None or ranks is not None:
+        ranks = _whole(ranks, "world_size", 1, "a whole number from 1 on")
+        return _whole(rank, "rank", 0, f"a whole number from 0 to {ranks - 1}", ranks), ranks
+    given = os.environ.get("RANK"), os.environ.get("WORLD_SIZE", "1")
+    rank, ranks = (int(text) if text and text.isdecimal() else text for text in given)
+    ranks = _whole(ranks, "WORLD_SIZE", 1, "a whole number from 1 on")
+    if rank is None and ranks == 1:
+        return 0, 1
+    allowed = f"a whole number from 0 to {ranks - 1}, as WORLD_SIZE={ranks}; or rank=, world_size="
+    return _whole(rank, "RANK", 0, allowed, ranks), ranks
 
 
 class Stream(Generic[Item]):
@@ -298,7 +303,8 @@ def stream_episodes(  # noqa: D417
             come in random order; a number says how many rows are held for the latter, True 4,096.
         seed: The order follows from this number and the epoch.
         rank: Number of this process, from 0; by default torchrun's `RANK`.
-        world_size: Number of processes; by default torchrun's `WORLD_SIZE`.
+        world_size: Number of processes; by default torchrun's `WORLD_SIZE`. Where another library
+            divides what it is given among ranks, give `rank=0, world_size=1`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.

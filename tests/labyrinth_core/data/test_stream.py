@@ -193,6 +193,25 @@ def test_ranks_are_those_of_torchrun_unless_given(folders, monkeypatch):
     assert share(rank=0, world_size=1) == every
 
 
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ({"WORLD_SIZE": "4"}, "RANK=None: give a whole number from 0 to 3, as WORLD_SIZE=4; or "),
+        ({"WORLD_SIZE": "4", "RANK": ""}, "RANK='': give a whole number from 0 to 3"),
+        ({"WORLD_SIZE": "4", "RANK": "4"}, "RANK=4: give a whole number from 0 to 3"),
+        ({"RANK": "1"}, "RANK=1: give a whole number from 0 to 0, as WORLD_SIZE=1"),
+        ({"WORLD_SIZE": "", "RANK": "0"}, "WORLD_SIZE='': give a whole number from 1 on"),
+    ],
+)
+def test_half_of_what_torchrun_sets_is_refused(folders, monkeypatch, environment, message):
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(ValueError, match=rf"\A{message}"):
+        stream_transitions(folders[7], CONFIG)
+    whole = stream_episodes(folders[7], CONFIG, rank=0, world_size=1, **VECTOR)
+    assert keys(whole) == keys(load_episodes(folders[7], CONFIG, **VECTOR))
+
+
 def test_a_stream_may_be_used_like_a_generator(folders):
     expected = keys(load_episodes(folders[7], CONFIG, **VECTOR))
     stream = stream_episodes(folders[7], CONFIG, **VECTOR)
