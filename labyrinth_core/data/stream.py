@@ -251,7 +251,7 @@ class Stream(Generic[Item]):
         )
         if not spec.decodes:  # Many texts are parsed in less time together.
             blocks = [joined(some)] if (some := list(blocks)) else []
-        items = self._items_of(episodes_of(blocks, spec))
+        items = self._items_of(episodes_of(blocks, spec, found.config))
         if not self._buffer:
             return items
         every = list(items)

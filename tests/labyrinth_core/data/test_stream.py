@@ -171,8 +171,8 @@ def test_no_more_is_held_than_the_buffer_and_one_item(folders, monkeypatch, buff
     longest = max(len(each) + 1 for each in load_episodes(*place, split="random", **VECTOR))
     alive = WeakSet()
 
-    def noted(rows, spec):
-        for episode in episodes_of(rows, spec):
+    def noted(*given):
+        for episode in episodes_of(*given):
             alive.add(episode)
             yield episode
 
