@@ -98,7 +98,8 @@ class Workplace:
     def damaged(self, manifest: Manifest) -> list[Shard]:
         """Return the shards of the finished dataset that are missing, or not what they were.
 
-        A file is hashed if it was written after the manifest, which is the last to be written.
+        A file is hashed; in a store, where that downloads it, only if it was written after the
+        manifest, which is the last to be written.
         """
         return [
             shard
@@ -117,7 +118,9 @@ class Workplace:
             found, changed = size_and_time(path)
             if found != size:
                 return False
-            return changed < size_and_time(manifest)[1] or file_sha256(path) == sha256
+            if isinstance(path, RemotePath) and changed < size_and_time(manifest)[1]:
+                return True
+            return file_sha256(path) == sha256
         except FileNotFoundError:
             return False
 
