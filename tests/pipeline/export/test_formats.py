@@ -9,6 +9,7 @@ import json
 
 import datasets
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exporting import SIZE, episodes, split_of
@@ -41,6 +42,26 @@ def test_the_trajectories_for_imitation_are_the_episodes(small_dataset: Run, tmp
             {"labyrinth": episode.info},
             *[{}] * (len(episode) - 1),
         ]
+
+
+def test_the_columns_for_imitation_are_described_as_versions_before_4_read_them(
+    small_dataset: Run, tmp_path
+):
+    """`datasets` 4 writes the type List, which 2 and 3, as imitation allows them, do not know."""
+    imitation.write(split_of(small_dataset, "test"), tmp_path)
+    with pa.ipc.open_stream(tmp_path / "data-00000.arrow") as stream:
+        within = json.loads(stream.schema.metadata[b"huggingface"])["info"]["features"]
+    features = json.loads((tmp_path / "dataset_info.json").read_bytes())["features"]
+    assert features == within
+    lists = {name: each["_type"] for name, each in features.items() if name != "terminal"}
+    assert lists == dict.fromkeys(["obs", "acts", "infos", "rews"], "Sequence")
+    assert datasets.load_from_disk(tmp_path).features == {
+        "obs": datasets.List(datasets.Image()),
+        "acts": datasets.List(datasets.Value("int64")),
+        "infos": datasets.List(datasets.Value("string")),
+        "terminal": datasets.Value("bool"),
+        "rews": datasets.List(datasets.Value("float32")),
+    }
 
 
 @pytest.mark.slow
