@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
-from tampering import put_shards
+from tampering import episode_rows, put_shards
 
 from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
@@ -22,7 +22,11 @@ from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.solver import shortest_routes
 
 CONFIGS = "3x3", "4x4-key_and_door"
 
@@ -385,6 +389,26 @@ def test_rows_that_make_no_episodes_are_refused(data_dir, tmp_path, edit, messag
     assert_refused(folder, message)
     with pytest.raises(DatasetError, match=message):
         load_transitions(folder, "3x3", image_size=8, draw=True)
+
+
+@pytest.mark.parametrize("place", ["first", "last"])
+@pytest.mark.parametrize(
+    ("height", "task", "words"),
+    [(4, Task.NAVIGATION, "4x3, navigation"), (3, Task.ICY_FLOOR, "3x3, icy_floor")],
+)
+def test_a_labyrinth_of_another_size_or_task_than_the_dataset_is_refused(
+    data_dir, tmp_path, height, task, words, place
+):
+    other = sample_labyrinth(height, 3, task, np.random.default_rng(0))
+    rows = episode_rows("train", 0, other, shortest_routes(other)[0])
+
+    def mix(own):
+        own[:] = [*rows, *own] if place == "first" else [*own, *rows]
+
+    folder = edited(data_dir, tmp_path / "mixed", mix)
+    assert_refused(folder, rf"\Ainfo: a labyrinth of {words}, in a dataset of 3x3, navigation\Z")
+    with pytest.raises(DatasetError, match=words):
+        load_arrays(folder, "3x3", "train", observation="vector")
 
 
 @pytest.mark.parametrize(("edit", "message"), PICTURES.values(), ids=PICTURES)
