@@ -217,7 +217,7 @@ def test_an_id_that_the_hub_forbids_is_refused_here():
     [
         (".", {"config": "9x9"}, f"config=9x9: .* holds {', '.join(CONFIGS)}"),
         ("3x3", {}, "{0}/3x3 is the folder of the config 3x3: give the folder that holds it, {0}"),
-        ("empty", {}, "config=3x3: .* holds none"),
+        ("empty", {}, r"config=3x3: .* holds none: a dataset has a manifest\.json, which .*"),
         (".", {"split": "eval"}, f"split=eval: the dataset has {', '.join(BASE_SPLITS)}"),
     ],
 )
@@ -233,11 +233,18 @@ def test_a_card_that_is_no_yaml_is_none_of_the_loaders_business(data_dir, tmp_pa
     assert next(stream_episodes(folder, "3x3"))  # Which follows the manifest.
 
 
-def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch):
-    there = ["README.md", "3x3/manifest.json", "5x5/manifest.json", "old/6x6/manifest.json"]
+@pytest.mark.parametrize(
+    ("there", "holds"),
+    [
+        (["3x3/manifest.json", "5x5/manifest.json", "old/6x6/manifest.json"], "3x3, 5x5"),
+        (["9x9/train-00000-of-00001.parquet"], r"none: .* manifest\.json, which `push_to_hub` .*"),
+    ],
+)
+def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch, there, holds):
+    files = ["README.md", *there]
     monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: str(tmp_path))
-    monkeypatch.setattr(huggingface_hub.HfApi, "list_repo_files", lambda *_, **__: there)
-    with pytest.raises(DatasetError, match=r"\Aconfig=9x9: user/labyrinth holds 3x3, 5x5\Z"):
+    monkeypatch.setattr(huggingface_hub.HfApi, "list_repo_files", lambda *_, **__: files)
+    with pytest.raises(DatasetError, match=rf"\Aconfig=9x9: user/labyrinth holds {holds}\Z"):
         load_transitions("user/labyrinth", "9x9")
 
 
