@@ -56,7 +56,7 @@ def run(run: Run) -> None:
         _left_at(target, split, overwrite=run.options.overwrite)
     for target, split in zip(targets, splits, strict=True):
         with held(target.parent, target.name):
-            recover(target)
+            recover(target, HASHES)
             own = _left_at(target, split, overwrite=run.options.overwrite)
             damaged = sorted({name for name, _ in own.hashes if not own.has(name)})
             there = bool(own.hashes) and not damaged and _record(target) == split.record()
@@ -159,7 +159,7 @@ def _made_whole(target: Path) -> Iterator[Path]:
         folder.mkdir(parents=True)
         yield folder
         wait_for_disk(folder)
-        move_into_place(folder, target)
+        move_into_place(folder, target, HASHES)
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # Of h5py, either.

@@ -63,7 +63,7 @@ class Workplace:
     def recover(self) -> None:
         """Put the old dataset back if a crash in `commit` displaced it."""
         if isinstance(self.folder, Path):
-            recover(self.folder)
+            recover(self.folder, MANIFEST)
 
     def refuse_others_files(self) -> None:
         """Raise DatasetError if a file is in the folder's place that no record says is ours."""
@@ -224,7 +224,7 @@ class Workplace:
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
             wait_for_disk(self.shards)
-            move_into_place(self.shards, self.folder)
+            move_into_place(self.shards, self.folder, MANIFEST)
         else:
             manifest.write(self.folder)
         self.clear()

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exporting import export
+from renaming import ERRORS, no_folder_is_renamed
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -62,6 +63,19 @@ def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
     export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
     assert json.loads((folder / "train-v0" / stage.RECORD).read_bytes())["image_size"] == 8
     assert [path.name for path in folder.iterdir()] == ["train-v0"]
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_an_export_is_replaced_where_its_folder_cannot_be_renamed(
+    small_dataset: Run, tmp_path, error
+):
+    folder = export(small_dataset, tmp_path, "lerobot", "train", image_size=8)
+    small = content_of(folder)
+    with no_folder_is_renamed(error):
+        export(small_dataset, tmp_path, "lerobot", "train", overwrite=True)
+        assert content_of(folder) != small
+        export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
+    assert content_of(folder) == small
 
 
 @pytest.mark.parametrize("name", ["thesis.txt", stage.RECORD, "data/chunk-000/file-000.parquet"])
