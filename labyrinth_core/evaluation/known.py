@@ -83,8 +83,7 @@ class KnownSplit:
                 f"labyrinth {self.labyrinth_ids[place]:016x} has a shortest route of "
                 f"{scores.distance[place]} moves, but of {self.distance[place]} in {self.place}"
             )
-        marks = scores.known_route
-        if marks is None or (marks != self.known_route).any():
+        if np.any(scores.known_route != self.known_route):
             yield f"known_route does not say which routes train of {self.place} demonstrates"
         moves, solved = scores.episodes.moves, scores.episodes.solved
         iced = scores.episodes.outcomes == "ice"

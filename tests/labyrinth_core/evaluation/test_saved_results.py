@@ -280,6 +280,7 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("splits.test.aer", -(10**400), "test: aer is -1000.*"),
         ("splits.test.sr", True, "test: sr is True, but .*"),
         ("splits.test.sr_interval", [0.5], r"test: sr_interval is \[0.5\], but .*"),
+        ("splits.test.known_route", None, "it.splits.test.known_route is None, not .*"),
         ("splits.test.accuracy_elsewhere", 1.5, "it.splits.test.accuracy_elsewhere .*"),
         ("baselines", [], r"it.baselines is \[\], not an object"),
         ("baselines.oracle.test", {}, "it.baselines.oracle.test is .*, not an object .*"),
