@@ -40,11 +40,9 @@ SCRIPTS = (
     "drawing",
     "records",
     "gallery",
-    "gif",
     "player",
     "findings",
     "figures",
-    "editor",
     "main",
 )
 """The parts of the page's program, each after those that it uses."""
