@@ -28,8 +28,6 @@ from labyrinth_core.data.schema import (
     read_json,
 )
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
-from labyrinth_core.world.grid import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
@@ -39,14 +37,6 @@ from pipeline.machinery.own_files import OwnFiles, leave
 
 FORMAT = 1
 """The format of `counts.json`."""
-
-ACTION_COLOURS: dict[Action, Colour] = {
-    Action.UP: DEFAULT_STYLE.agent,
-    Action.RIGHT: DEFAULT_STYLE.goal,
-    Action.DOWN: DEFAULT_STYLE.start,
-    Action.LEFT: DEFAULT_STYLE.key,
-}
-"""The colours of actions in figures."""
 
 MOST_NAMED = 20
 """The most labyrinths shared by two splits that are named, of each kind."""

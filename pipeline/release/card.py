@@ -34,7 +34,6 @@ from pipeline.release.files import (
     README,
     changelog_of,
     own_files,
-    pictures_of,
     write_hashes,
 )
 from pipeline.release.provenance import Release
@@ -165,11 +164,9 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 
 def _gone(own: OwnFiles, files: Mapping[str, bytes]) -> list[str]:
-    """Return the pictures that were left of configs that are not there any more."""
-    config = re.compile(rf"{readme.PICTURES}/(\d+x\d+(?:-\w+)?)-\w+\.png", re.ASCII)
-    matches = (config.fullmatch(name) for name, _ in own.hashes)
-    configs = [match[1] for match in matches if match]
-    return [name for name in pictures_of(configs) if name not in files]
+    """Return the pictures that were left and are not drawn any more."""
+    picture = re.compile(rf"{readme.PICTURES}/\d+x\d+(?:-\w+)?-\w+\.png", re.ASCII)
+    return [name for name, _ in own.hashes if picture.fullmatch(name) and name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:

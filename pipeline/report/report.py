@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from pipeline.config.run import Run
-from pipeline.inspection.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
+from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.console import say
 from pipeline.machinery.own_files import leave
 from pipeline.report.findings import read_results
@@ -40,11 +40,9 @@ SCRIPTS = (
     "drawing",
     "records",
     "gallery",
-    "gif",
     "player",
     "findings",
     "figures",
-    "editor",
     "main",
 )
 """The parts of the page's program, each after those that it uses."""
@@ -124,7 +122,6 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     data = {
         "version": __version__,
         "colours": asdict(DEFAULT_STYLE),
-        "actionColours": list(ACTION_COLOURS.values()),
         "datasets": datasets,
         "results": results,
         "whySpl": " ".join(WHY_SPL.split()),

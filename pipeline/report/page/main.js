@@ -1,9 +1,9 @@
 // The parts of the page, one at a time, and its theme.
 
-const PARTS = ["gallery", "figures", "certificate", "results", "editor"];
+const PARTS = ["gallery", "figures", "certificate", "results"];
 const DRAW = {
   gallery: redrawGallery, figures: showFigures, certificate: showCertificate,
-  results: showResults, editor: refreshEditor,
+  results: showResults,
 };
 const THEMES = ["auto", "light", "dark"];
 const darkPreferred = window.matchMedia("(prefers-color-scheme: dark)");
@@ -64,14 +64,11 @@ function setUp() {
   }
   setUpGallery();
   setUpPlayer();
-  setUpEditor();
   const asked = location.hash.slice(2);
   showPart(PARTS.includes(asked) ? asked : "gallery");
   performance.mark("usable");
 }
 
 // For the tests and the browser's console.
-window.labyrinths = {
-  BLOCKS, decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute, paint, player,
-};
+window.labyrinths = { BLOCKS, dump, distances, optimalActions };
 setUp();
