@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.reading import regular_file
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable
 from labyrinth_core.language.text import parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
@@ -112,7 +111,7 @@ def _bytes(file: Path) -> bytes:
     Raises:
         ValueError: It has more, or is an archive.
     """
-    with regular_file(file).open("rb") as stream:
+    with file.open("rb") as stream:
         if file.suffix.lower() in ARCHIVES:
             raise ValueError("unpack this archive, and give the folder")
         data = stream.read(MAX_BYTES + 1)
