@@ -1,4 +1,7 @@
-"""The recipes run, where their libraries are installed, and come to what they should."""
+"""The recipes that need no other library run, and come to what they should.
+
+`scripts/check_clients.py` runs the others.
+"""
 
 from __future__ import annotations
 

@@ -22,7 +22,6 @@ from labyrinth_core.data.storage import (
     write_bytes,
     write_text,
 )
-from labyrinth_core.language.reading import regular_file
 from pipeline.machinery.folders import held
 
 HASHES = "SHA256SUMS"
@@ -66,7 +65,7 @@ class OwnFiles:
         """
         path = folder / HASHES
         try:
-            text = regular_file(path).read_bytes().decode(errors="replace")
+            text = path.read_bytes().decode(errors="replace")
         except (FileNotFoundError, NotADirectoryError):
             return cls(folder, frozenset())
         lines = [_LINE.fullmatch(line) for line in text.splitlines()]

@@ -10,7 +10,6 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import ANALYSIS, COUNTS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.evaluation.questions import questions_config
-from labyrinth_core.language.reading import regular_file
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
@@ -46,7 +45,7 @@ def changelog_of(data_dir: AnyPath) -> str | None:
     """
     path = data_dir / CHANGELOG
     try:
-        text = regular_file(path).read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         return ""
     except UnicodeDecodeError as error:
