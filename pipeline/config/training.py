@@ -36,6 +36,9 @@ method has a network of its own, for pictures, in place of `encoder`; `memory` i
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
 
+SUBMISSIONS = "submissions"
+"""The folder in `results_dir` that holds results of others' policies."""
+
 
 @dataclass(frozen=True)
 class Protocol:
