@@ -35,6 +35,9 @@ WITH_MEMORY = ("bc", "planner")
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
 
+SUBMISSIONS = "submissions"
+"""The folder in `results_dir` that holds results of others' policies."""
+
 
 @dataclass(frozen=True)
 class Protocol:

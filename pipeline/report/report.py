@@ -55,18 +55,23 @@ def run(run: Run) -> None:
         DatasetError: As for `write_report`.
         OSError: The folder cannot be written.
     """
-    run_dir = Path(run.options.run_dir).expanduser()
-    page = write_report(run.local_dir, run_dir, workers=run.options.workers)
+    run_dir, results_dir = (
+        Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
+    )
+    page = write_report(run.local_dir, run_dir, results_dir, workers=run.options.workers)
     megabytes = page.stat().st_size / 1e6
     say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 
 
-def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
+def write_report(
+    data_dir: Path, run_dir: Path, results_dir: Path | None = None, *, workers: int = 1
+) -> Path:
     """Write the report on all finished datasets of a folder, and return its page.
 
     Args:
         data_dir: The folder.
         run_dir: The folder of the runs trained on them; it need not exist.
+        results_dir: The folder with the results that were submitted, if any.
         workers: The number of processes that read shards.
 
     Raises:
@@ -81,7 +86,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         folder = data_dir / of.name
         packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    html = page(datasets, read_results(run_dir, data_dir, [of.manifest for of in found]))
+    manifests = [of.manifest for of in found]
+    html = page(datasets, read_results(run_dir, data_dir, manifests, results_dir))
     folder = data_dir / FOLDER
     leave(folder, {PAGE: html.encode()}, re.escape(PAGE))
     return folder / PAGE

@@ -17,6 +17,7 @@ from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import distances, optimal_actions
@@ -31,7 +32,7 @@ WAIT = 60_000
 
 expect.set_options(timeout=WAIT)
 
-PARTS = ("gallery", "figures", "certificate", "results")
+PARTS = ("gallery", "figures", "leakage", "results")
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 
 
@@ -209,7 +210,7 @@ def test_everything_can_be_reached_by_keyboard(open_report):
 
 
 def test_what_was_found_out_leads_to_the_labyrinths(open_report, reported):
-    page = open_report("certificate")
+    page = open_report("leakage")
     test = ids_of(reported / "3x3", "test")
     assert "Splits share structures." in page.locator("#analysis").text_content()
     page.locator("#analysis summary").click()
@@ -240,6 +241,33 @@ def test_results_of_ones_own_policy_are_shown_where_it_has_some(browser, reporte
     cells = row.locator("td, th").all_text_contents()
     assert [bool(cell) for cell in cells] == [True, True, False, False, True, False, False]
     page.close()
+
+
+def test_a_submission_stands_last_with_its_author(browser, reported, tmp_path):
+    evaluate_own(reported / "3x3", tmp_path / "theirs", "Theirs", author="A. <b>N</b>")
+    (tmp_path / "submissions").mkdir()
+    shutil.copy(tmp_path / "theirs" / "3x3" / "mine" / "results.json", tmp_path / "submissions")
+    data_dir = shutil.copytree(reported, tmp_path / "labyrinth")
+    page = browser.new_page()
+    report = write_report(data_dir, reported.parent / "runs", tmp_path)
+    page.goto(f"{report.as_uri()}#/results")
+    rows = page.locator("#runs section table tbody tr")
+    assert rows.last.locator("td").first.text_content() == "Theirssubmitted by A. <b>N</b>"
+    assert page.locator("#runs > details > summary").last.text_content() == (
+        "Theirs: submitted, and what failed"
+    )
+    page.close()
+
+
+def test_the_gallery_says_what_the_colours_mean(open_report):
+    page = open_report()
+    told = page.locator("#legend > span").all_text_contents()
+    ice, agent = "ice, which ends the episode", "agent, in an episode"
+    assert told == ["start", "goal", "key", "door", ice, agent]
+    swatches = page.locator("#legend .swatch").all()
+    colours = [each.evaluate("each => getComputedStyle(each).backgroundColor") for each in swatches]
+    names = ("start", "goal", "key", "door", "ice", "agent")
+    assert colours == [f"rgb{getattr(DEFAULT_STYLE, name)}" for name in names]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
