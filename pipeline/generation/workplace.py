@@ -15,7 +15,6 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     ANALYSIS,
-    COUNTS,
     MANIFEST,
     Manifest,
     Shard,
@@ -83,7 +82,7 @@ class Workplace:
         are those of the build.
         """
         own = own_files(self.folder)
-        names = {path.name for path in own.unfinished([COUNTS, ANALYSIS, HASHES])}
+        names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
         with suppress(DatasetError):
             manifest = Manifest.read(self.folder)

@@ -132,8 +132,6 @@ def _write_card(
         text_ = changelog(versions, manifests, release.version, came_and_went)
         files[CHANGELOG] = text_.encode()
     files[README] = _with_front_matter(values, manifests, text).encode()
-    for dataset in datasets:
-        dataset.leave(data_dir / dataset.name)
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import ANALYSIS, COUNTS, MANIFEST, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.evaluation.questions import questions_config
 from pipeline.inspection import front_matter
@@ -79,7 +79,7 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
     names += [name for name in (CHANGES, CITATION, CROISSANT, EVAL) if own.has(name)]
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
-        files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards), TABLE]
+        files = [MANIFEST, *(shard.path for shard in manifest.shards), TABLE]
         if read_analysis(data_dir / manifest.config.name, manifest):
             files.append(ANALYSIS)
         names += [f"{manifest.config.name}/{name}" for name in files]
