@@ -102,7 +102,6 @@ RUN = {
     "encoder": _WORD,
     "pool_stride": Number(1, 9, whole=True),
     "protocol": _WORD,
-    "precision": _WORD,
     "memory": OneOf((True, False)),
     "train_labyrinths": Maybe(_COUNTED),
     "seed": _SEED,

@@ -187,7 +187,6 @@ class Run:
             encoder=options.network,
             pool_stride=options.pool_stride,
             protocol=options.protocol,
-            precision=options.precision,
             memory=options.memory,
             train_labyrinths=options.train_labyrinths,
             seed=options.seed,

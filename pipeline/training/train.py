@@ -151,7 +151,6 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "pool_stride": options.pool_stride,
         "observation": options.observation,
         "protocol": options.protocol,
-        "precision": options.precision,
         "memory": options.memory,
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
@@ -247,7 +246,6 @@ def prepare(
         exploration=exploration,
         spec=spec,
         rng=np.random.default_rng(options.seed),
-        precision=options.precision,
         memory=memory_of(run, run.dataset, IMAGE_SIZE),
     )
     if options.memory:

@@ -147,7 +147,6 @@ IMPOSSIBLE_TO_TRAIN = [
     ("pool_stride", 3, "[1, 2]"),
     ("observation", "sound", "[image, vector, text]"),
     ("protocol", "mine", "[default, paper, authors]"),
-    ("precision", "fp16", "[fp32, bf16]"),
     ("device", "tpu", "[auto, cpu, cuda]"),
     ("threads", 0, "from 1 to"),
     ("results_dir", " ", "give a folder"),
@@ -267,13 +266,12 @@ def test_the_folder_of_a_run_tells_what_was_trained() -> None:
             encoder="resnet18",
             pool_stride=2,
             protocol="paper",
-            precision="bf16",
             run_dir="~/runs",
         )
     )
     assert plain.training_folder == Path("runs/5x5/bc-cnn-seed3")
     assert other.training_folder.parent == Path.home() / "runs" / "5x5"
-    assert other.run_name.name == "iupe-resnet18-seed0-stride2-paper-bf16"
+    assert other.run_name.name == "iupe-resnet18-seed0-stride2-paper"
 
 
 @pytest.mark.parametrize(
