@@ -99,7 +99,6 @@ class RunName:
     method: str
     encoder: str
     """The network that looks at an observation; the method's name if it has one of its own."""
-    pool_stride: int
     protocol: str
     memory: bool = False
     train_labyrinths: int | None = None
@@ -109,8 +108,7 @@ class RunName:
     @property
     def _others(self) -> list[str]:
         """The choices beside method and encoder that are not the usual ones."""
-        parts = [f"stride{self.pool_stride}"] * (self.pool_stride != 1)
-        parts += [self.protocol] * (self.protocol != "default")
+        parts = [self.protocol] * (self.protocol != "default")
         parts += ["memory"] * self.memory
         if self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")

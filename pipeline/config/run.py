@@ -185,7 +185,6 @@ class Run:
         return RunName(
             method=options.method_title,
             encoder=options.network,
-            pool_stride=options.pool_stride,
             protocol=options.protocol,
             memory=options.memory,
             train_labyrinths=options.train_labyrinths,

@@ -81,9 +81,6 @@ class TrainingOptions:
         "own",
         one_of=ENCODERS,
     )
-    pool_stride: int = option(
-        1, "stride of the first pooling of resnet18: 1 as in the paper, or 2", one_of=(1, 2)
-    )
     observation: str = option(
         "image",
         "what is learnt from: image, or vector (for the encoder mlp); or text, for policy",

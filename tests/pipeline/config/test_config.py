@@ -144,7 +144,6 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
 IMPOSSIBLE_TO_TRAIN = [
     ("encoder", "vgg", "[cnn, resnet18, mlp]"),
     ("encoder", "mlp", "observation=vector"),
-    ("pool_stride", 3, "[1, 2]"),
     ("observation", "sound", "[image, vector, text]"),
     ("protocol", "mine", "[default, paper, authors]"),
     ("device", "tpu", "[auto, cpu, cuda]"),
@@ -264,14 +263,13 @@ def test_the_folder_of_a_run_tells_what_was_trained() -> None:
             stages=["train"],
             method={"name": "iupe", "epochs": 7},
             encoder="resnet18",
-            pool_stride=2,
             protocol="paper",
             run_dir="~/runs",
         )
     )
     assert plain.training_folder == Path("runs/5x5/bc-cnn-seed3")
     assert other.training_folder.parent == Path.home() / "runs" / "5x5"
-    assert other.run_name.name == "iupe-resnet18-seed0-stride2-paper"
+    assert other.run_name.name == "iupe-resnet18-seed0-paper"
 
 
 @pytest.mark.parametrize(
