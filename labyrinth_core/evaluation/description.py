@@ -99,9 +99,7 @@ class RunName:
     method: str
     encoder: str
     """The network that looks at an observation; the method's name if it has one of its own."""
-    pool_stride: int
     protocol: str
-    precision: str = "fp32"
     memory: bool = False
     train_labyrinths: int | None = None
     """The number of labyrinths learnt from; None for all."""
@@ -110,9 +108,7 @@ class RunName:
     @property
     def _others(self) -> list[str]:
         """The choices beside method and encoder that are not the usual ones."""
-        parts = [f"stride{self.pool_stride}"] * (self.pool_stride != 1)
-        parts += [self.protocol] * (self.protocol != "default")
-        parts += [self.precision] * (self.precision != "fp32")
+        parts = [self.protocol] * (self.protocol != "default")
         parts += ["memory"] * self.memory
         if self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")

@@ -100,9 +100,7 @@ _SHAPE = {
 RUN = {
     "method": _WORD,
     "encoder": _WORD,
-    "pool_stride": Number(1, 9, whole=True),
     "protocol": _WORD,
-    "precision": _WORD,
     "memory": OneOf((True, False)),
     "train_labyrinths": Maybe(_COUNTED),
     "seed": _SEED,

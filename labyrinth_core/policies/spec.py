@@ -60,8 +60,6 @@ class NetworkSpec:
 
     encoder: str = checked(one_of=(*ENCODERS, PLANNER, MAPPER))
     """An encoder, or the name of a method that has a network of its own."""
-    pool_stride: int = checked(one_of=(1, 2))
-    """The stride of ResNet-18's first pooling: 1 in Table 1, 2 in the original ResNet."""
     height: int = checked(MIN_SIDE, MAX_SIDE)
     """The height of the labyrinths in cells, on which the length of vectors depends."""
     width: int = checked(MIN_SIDE, MAX_SIDE)
@@ -175,16 +173,16 @@ class PolicySpec:
             run: What determines the run, among it the `settings` of its method.
 
         Raises:
-            ValueError: The protocol of the run does not exist.
+            ValueError: The protocol of the run does not exist, or the network has other fields.
         """
-        settings = run["settings"]
+        shape, settings = _read(NetworkSpec, network, "network"), run["settings"]
         check_shape(run["protocol"], OneOf(tuple(RESIZE_OF_PROTOCOL)), "protocol")
         resize = RESIZE_OF_PROTOCOL[run["protocol"]]
-        of_method = OWN.get(network["encoder"])
+        of_method = OWN.get(shape.encoder)
         own = None
         if of_method is not None:
             own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
-        return cls(NetworkSpec(**network), settings.get("average", False), own, resize)
+        return cls(shape, settings.get("average", False), own, resize)
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:

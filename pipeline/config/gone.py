@@ -8,6 +8,8 @@ GONE = {
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
     "method=vin": "docs/results/ARCHIVE.md names the commit that has the method",
     "method=walls": "docs/results/ARCHIVE.md names the commit that has the method",
+    "pool_stride": "leave it out for 1; docs/results/ARCHIVE.md names the commit that has 2",
+    "precision": "leave it out for fp32; docs/results/ARCHIVE.md names the commit that has bf16",
     "stages=environments": "run scripts/studies/compare_environments.py in a clone",
 }
 """An option, a group of options, or `option=value` -> what to do instead, as a clause."""

@@ -188,9 +188,7 @@ class Run:
         return RunName(
             method=options.method_title,
             encoder=options.network,
-            pool_stride=options.pool_stride,
             protocol=options.protocol,
-            precision=options.precision,
             memory=options.memory,
             train_labyrinths=options.train_labyrinths,
             seed=options.seed,

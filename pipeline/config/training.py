@@ -69,9 +69,6 @@ the six methods of the authors' later code, which have their own settings and se
 scripts/studies/methods/authors.
 """
 
-PRECISIONS = {"fp32": "float32", "bf16": "bfloat16 in forward passes of training, by autocast"}
-"""Precision -> in what networks are computed; weights and gradients are always float32."""
-
 
 @dataclass(frozen=True)
 class TrainingOptions:
@@ -87,9 +84,6 @@ class TrainingOptions:
         "own",
         one_of=ENCODERS,
     )
-    pool_stride: int = option(
-        1, "stride of the first pooling of resnet18: 1 as in the paper, or 2", one_of=(1, 2)
-    )
     observation: str = option(
         "image",
         "what is learnt from: image, or vector (for the encoder mlp); or text, for policy",
@@ -100,11 +94,6 @@ class TrainingOptions:
         "default; paper for the original's resize and stopping rule; or authors for the methods of "
         "their code",
         one_of=PROTOCOLS,
-    )
-    precision: str = option(
-        "fp32",
-        "fp32, or bf16 for forward passes of training in bfloat16, which some processors have",
-        one_of=PRECISIONS,
     )
     memory: bool = option(
         False,
@@ -289,11 +278,10 @@ def named(option: str, name: str) -> Any:
 
 def check_run(run: RunName, observation: str) -> None:
     """Raise a ConfigError if no method makes a run of this name for an observation."""
-    for name, given, allowed in (
-        ("protocol", run.protocol, PROTOCOLS),
-        ("precision", run.precision, PRECISIONS),
-    ):
-        check(given in allowed, f"{name}={given}: choose from {', '.join(allowed)}")
+    check(
+        run.protocol in PROTOCOLS,
+        f"protocol={run.protocol}: choose from {', '.join(PROTOCOLS)}",
+    )
     ours = run.method in METHODS
     own = {run.method: "image"} if run.method in OWN or not ours else {}
     encoders = own if run.method in OWN else ENCODERS | own

@@ -37,7 +37,7 @@ def fit(
     Args:
         learner: A fresh learner.
         judge: Returns success rates of the policy, among them `validation_sr`; called every
-            `evaluate_every` epochs, and after the last epoch. The policy is tried in float32.
+            `evaluate_every` epochs, and after the last epoch.
         protocol: When to stop.
         path: The file of the checkpoint; if it exists, training continues from there.
         identity: What determines the run.
@@ -55,8 +55,7 @@ def fit(
     saved = time.perf_counter()
     began = saved - progress.seconds
     while progress.epoch < epochs and progress.stale < protocol.patience:
-        with learner.problem.autocast():
-            figures = _plain(learner.epoch())
+        figures = _plain(learner.epoch())
         _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
         if progress.epoch == 1:

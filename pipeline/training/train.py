@@ -148,10 +148,8 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     return {
         "method": options.method_name,
         "encoder": options.network,
-        "pool_stride": options.pool_stride,
         "observation": options.observation,
         "protocol": options.protocol,
-        "precision": options.precision,
         "memory": options.memory,
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
@@ -190,8 +188,8 @@ def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., Labyrinth
 
 def spec_of(run: Run) -> NetworkSpec:
     """Return the specification of the network of a run's policy."""
-    options, shape = run.options, (run.dataset.height, run.dataset.width)
-    return NetworkSpec(options.network, options.pool_stride, *shape, str(run.dataset.task))
+    dataset = run.dataset
+    return NetworkSpec(run.options.network, dataset.height, dataset.width, str(dataset.task))
 
 
 def memory_of(run: Run, config: DatasetConfig, image_size: int) -> PictureMemory | None:
@@ -247,7 +245,6 @@ def prepare(
         exploration=exploration,
         spec=spec,
         rng=np.random.default_rng(options.seed),
-        precision=options.precision,
         memory=memory_of(run, run.dataset, IMAGE_SIZE),
     )
     if options.memory:

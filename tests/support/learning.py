@@ -43,7 +43,7 @@ def problem_of(small_dataset: Run) -> Callable[..., Problem]:
             observations=torch.tensor(arrays[encoder].observations),
             demonstrations=demonstrations,
             exploration=lambda: exploration,
-            spec=NetworkSpec(encoder, 1, 3, 3, "navigation"),
+            spec=NetworkSpec(encoder, 3, 3, "navigation"),
             rng=np.random.default_rng(seed),
         )
         return replace(problem, **changed)

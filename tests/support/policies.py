@@ -21,7 +21,7 @@ from labyrinth_core.policies.spec import (
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(
-    NetworkSpec("planner", 1, 5, 5, "navigation"),
+    NetworkSpec("planner", 5, 5, "navigation"),
     average=True,
     own=PlannerSpec(True, True, True, channels=32, iterations=20, sharpness=3.0),
 )

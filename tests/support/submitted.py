@@ -41,7 +41,6 @@ def of_run(results: Results, method: str = "bc", seed: int = 0, **changed: Any) 
     about: dict[str, Any] = {
         "method": method,
         "encoder": "cnn",
-        "pool_stride": 1,
         "protocol": "default",
         "seed": seed,
         "settings": {"epochs": 7},

@@ -73,19 +73,20 @@ class ResNet18(nn.Sequential):
 
     The table's four blocks are the four stages of PyTorch's implementation, which the supplement
     says it follows: two basic blocks each, of 64, 128, 256 and 512 channels, then the mean over
-    all positions. Weights are initialised as there.
+    all positions. Weights are initialised as there. The first pooling has stride 1 as in the table,
+    not 2 as in PyTorch.
     """
 
     features = 512
 
-    def __init__(self, channels: int = 3, pool_stride: int = 1) -> None:
+    def __init__(self, channels: int = 3) -> None:
         blocks = [(64, 64, 1), (64, 64, 1), (64, 128, 2), (128, 128, 1)]
         blocks += [(128, 256, 2), (256, 256, 1), (256, 512, 2), (512, 512, 1)]
         super().__init__(
             nn.Conv2d(channels, 64, 7, stride=2, padding=3, bias=False),
             nn.BatchNorm2d(64, momentum=MOMENTUM),
             nn.ReLU(),
-            nn.MaxPool2d(3, stride=pool_stride, padding=1),
+            nn.MaxPool2d(3, stride=1, padding=1),
             *(Block(*shape) for shape in blocks),
             nn.AdaptiveAvgPool2d(1),
             nn.Flatten(),
@@ -143,7 +144,7 @@ class Network(nn.Module):
         if spec.encoder == "mlp":
             self.encoder = Mlp(spec, frames)
         elif spec.encoder == "resnet18":
-            self.encoder = ResNet18(3 * frames, spec.pool_stride)
+            self.encoder = ResNet18(3 * frames)
         else:
             self.encoder = Cnn(3 * frames)
         self.classifier = nn.Sequential(

@@ -86,8 +86,6 @@ class Problem:
     spec: NetworkSpec
     rng: np.random.Generator
     """The source of all randomness except weights and dropout, for which torch's is used."""
-    precision: str = "fp32"
-    """One of `PRECISIONS`."""
     memory: PictureMemory | None = None
     """What makes the pictures of a policy that is shown all that it has seen in the episode."""
 
@@ -95,14 +93,6 @@ class Problem:
     def device(self) -> torch.device:
         """The device to compute on."""
         return self.observations.device
-
-    def autocast(self) -> torch.autocast:
-        """Return the context in which networks are trained, in the precision of the run.
-
-        Weights are cast anew each time, since they change within the context.
-        """
-        enabled = self.precision == "bf16"
-        return torch.autocast(self.device.type, torch.bfloat16, enabled, cache_enabled=False)
 
     @cached_property
     def examples(self) -> ExampleSampler:

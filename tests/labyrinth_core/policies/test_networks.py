@@ -14,8 +14,8 @@ from labyrinth_core.world.labyrinth import Task
 pytestmark = pytest.mark.slow
 
 
-def spec(encoder: str, pool_stride: int = 1, task: str = "navigation") -> NetworkSpec:
-    return NetworkSpec(encoder, pool_stride, 3, 4, task)
+def spec(encoder: str, task: str = "navigation") -> NetworkSpec:
+    return NetworkSpec(encoder, 3, 4, task)
 
 
 def parameters(network: nn.Module) -> int:
@@ -42,11 +42,10 @@ def test_table_1a_layer_by_layer() -> None:
     assert layers == [*first, *normalised * 2, "Flatten", *dense * 2, "Linear"]
 
 
-@pytest.mark.parametrize(("stride", "side"), [(1, 32), (2, 16)])
-def test_the_pooling_of_resnet_keeps_or_halves_the_picture(stride: int, side: int) -> None:
-    encoder = ResNet18(pool_stride=stride)
+def test_the_first_pooling_of_resnet_keeps_the_size_as_in_table_1b() -> None:
+    encoder = ResNet18()
     features = as_input(pictures(1))
-    assert nn.Sequential(*list(encoder)[:4])(features).shape == (1, 64, side, side)
+    assert nn.Sequential(*list(encoder)[:4])(features).shape == (1, 64, 32, 32)
     assert encoder(features).shape == (1, 512)
 
 

@@ -137,7 +137,7 @@ def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folde
 
 
 def test_the_policy_of_a_run_is_shown_its_vectors_without_being_asked(run_of, folder):
-    spec = PolicySpec(NetworkSpec("mlp", 1, 3, 3, "navigation"), average=False)
+    spec = PolicySpec(NetworkSpec("mlp", 3, 3, "navigation"), average=False)
     lay_out_run(folder / "mlp", spec)
     run = run_of("./mlp", gifs=1)
     stage.run(run)

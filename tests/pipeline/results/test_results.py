@@ -111,8 +111,7 @@ def test_the_tables_are_made_of_the_kept_runs_alone(evaluated, run_of, tmp_path,
 
 def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evaluated):
     found = of(evaluated, "bc-cnn-seed0")
-    changed = {"encoder": "resnet18", "protocol": "authors", "precision": "bf16"}
-    long = replace(found.run, pool_stride=2, train_labyrinths=100, **changed)
+    long = replace(found.run, encoder="resnet18", protocol="authors", train_labyrinths=100)
     methods = by_method([found, replace(found, run=long)])
     console = Console(file=io.StringIO(), width=80)
     console.print(stage.overview(methods))

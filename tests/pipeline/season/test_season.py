@@ -79,7 +79,7 @@ def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, 
 
 
 def test_a_run_with_memory_is_no_submission_and_one_of_a_protocol_keeps_its_pictures(tmp_path):
-    spec = PolicySpec(NetworkSpec("cnn", 1, 5, 5, "partial_observability"), average=False)
+    spec = PolicySpec(NetworkSpec("cnn", 5, 5, "partial_observability"), average=False)
     folder = str(lay_out_run(tmp_path / "memory", spec, memory=True))
     with pytest.raises(DatasetError, match=rf"\A{folder} was trained with memory=true: "):
         fetched(folder).__enter__()

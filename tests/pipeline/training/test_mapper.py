@@ -68,7 +68,7 @@ def folder(
 @pytest.fixture(scope="module")
 def trained(folder: Path) -> Mapper:
     make = partial(mapper.Method.make, settings=settings_of("mapper"))
-    policy = read_policy(folder / POLICY, NetworkSpec("mapper", 1, 3, 3, "navigation"), make=make)
+    policy = read_policy(folder / POLICY, NetworkSpec("mapper", 3, 3, "navigation"), make=make)
     assert isinstance(policy.network, Mapper)
     return policy.network.eval()
 
@@ -263,6 +263,6 @@ def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
 
 @pytest.mark.parametrize("task", [task for task in Task if task is not Task.NAVIGATION])
 def test_other_tasks_are_refused(task: Task) -> None:
-    spec = NetworkSpec("mapper", 1, 3, 3, str(task))
+    spec = NetworkSpec("mapper", 3, 3, str(task))
     with pytest.raises(ConfigError, match=f"^task={task}: method=mapper learns navigation"):
         mapper.Method.make(spec, settings_of("mapper"))

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 Problems = Callable[..., Problem]
 
-SPEC = NetworkSpec("cnn", 1, 3, 4, "navigation")
+SPEC = NetworkSpec("cnn", 3, 4, "navigation")
 PICTURES = torch.randint(0, 256, (3, 64, 64, 3), dtype=torch.uint8)
 
 

@@ -107,7 +107,7 @@ def test_without_the_grid_prior_the_network_is_not_told_how_large_a_cell_is() ->
         scores = []
         for side in (3, 5):
             torch.manual_seed(0)
-            spec = NetworkSpec("planner", 1, side, side, "navigation")
+            spec = NetworkSpec("planner", side, side, "navigation")
             settings = settings_of("planner", grid_prior=grid_prior, colour_prior=False)
             scores.append(planner.Method.make(spec, settings)(pictures))
         assert torch.equal(*scores) == (not grid_prior)
@@ -143,7 +143,7 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     record = read_record(RELEASED)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
-    spec = NetworkSpec("planner", 1, 5, 5, "navigation")
+    spec = NetworkSpec("planner", 5, 5, "navigation")
     make = partial(planner.Method.make, settings=settings)
     policy = read_policy(RELEASED / POLICY, spec, make=make)
     structures = sample_structures(
@@ -157,13 +157,13 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
 
 
 def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_refused() -> None:
-    spec, settings = NetworkSpec("planner", 1, 5, 5, "navigation"), settings_of("planner")
+    spec, settings = NetworkSpec("planner", 5, 5, "navigation"), settings_of("planner")
     assert planner.Method.image_size(spec, settings, 5, 5) == 64
     assert planner.Method.image_size(spec, settings, 10, 10) == 128
     refused = r"\Asize=4x6: method\.grid_prior=true needs as many rows .*method.grid_prior=false\Z"
     with pytest.raises(ConfigError, match=refused):
         planner.Method.image_size(spec, settings, 4, 6)
-    oblong = NetworkSpec("planner", 1, 4, 6, "navigation")
+    oblong = NetworkSpec("planner", 4, 6, "navigation")
     with pytest.raises(ConfigError, match=refused):
         planner.Method.make(oblong, settings)
     freely = settings_of("planner", grid_prior=False, colour_prior=False)

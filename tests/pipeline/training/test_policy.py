@@ -17,7 +17,7 @@ from pipeline.training.policy import read_policy, save_policy
 
 pytestmark = pytest.mark.slow
 
-SPEC = NetworkSpec("cnn", 1, 3, 3, "navigation")
+SPEC = NetworkSpec("cnn", 3, 3, "navigation")
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_policy_of_another_network_is_refused_in_one_line(tmp_path: Path) ->
     path = tmp_path / "policy"
     save_policy(path, Network(SPEC).state_dict(), SPEC)
     with pytest.raises(DatasetError) as caught:
-        read_policy(path, NetworkSpec("resnet18", 1, 5, 3, "icy_floor"))
+        read_policy(path, NetworkSpec("resnet18", 5, 3, "icy_floor"))
     assert str(caught.value) == (
         f"{path} is a policy with encoder=cnn, not resnet18; height=3, not 5; "
         "task=navigation, not icy_floor"
