@@ -18,8 +18,6 @@ from pipeline.release.provenance import Release
 from pipeline.release.texts import fill, read
 
 UNRELEASED = "Unreleased"
-_CHANGES = re.compile(r"- `[^`]+`: since \S+ [\d,]+ labyrinths came and [\d,]+ went .*")
-_FINGERPRINT = re.compile(r"- `[^`]+`: .* rows, fingerprint `[0-9a-f]{64}`")
 
 
 def _yaml(values: dict[str, Any]) -> str:
@@ -79,43 +77,26 @@ def _task(config: str, split: str, form: str = "") -> dict[str, Any]:
     return {"id": evaluation_task(config + form, split), "config": config, "split": split}
 
 
-def changelog(
-    text: str, manifests: Sequence[Manifest], version: str | None, changes: Sequence[str] = ()
-) -> str:
+def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
     """Return the changelog with an entry for the datasets of a folder.
 
     The entry "Unreleased" changes with the data, and becomes that of a version when there is one.
-    Other entries, and lines that a person adds to any, stay as they are.
 
     Args:
         text: The changelog so far; empty if there is no file.
         manifests: The manifests of all datasets of the folder.
         version: The version of the release, if it is one.
-        changes: A line for each config whose labyrinths are others than in the version before.
     """
     title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
-    entries = [(part.partition("\n")[0].strip(), part.splitlines()[1:]) for part in parts]
-    lines = [
+    entries = {heading: body.strip() for heading, _, body in (p.partition("\n") for p in parts)}
+    lines = "\n".join(
         f"- `{manifest.config.name}`: {sum(shard.rows for shard in manifest.shards):,} rows, "
         f"fingerprint `{manifest.fingerprint}`"
         for manifest in manifests
-    ]
-    newest = entries[0][1] if entries else []
-    if version is None and lines == [line for line in newest if _FINGERPRINT.fullmatch(line)]:
+    )
+    if version is None and lines == next(iter(entries.values()), ""):
         return text
     heading = version or UNRELEASED
-    replaced = [line for name, body in entries if name in (heading, UNRELEASED) for line in body]
-    of_person = [line for line in replaced if line and not _is_generated(line)]
-    kept = [(name, body) for name, body in entries if name not in (heading, UNRELEASED)]
-    entries = [(heading, ["", *lines, *changes, *of_person]), *kept]
-    written = ("\n".join([f"## {name}", *body]).rstrip() for name, body in entries)
+    older = {name: body for name, body in entries.items() if name not in (heading, UNRELEASED)}
+    written = (f"## {name}\n\n{body}" for name, body in {heading: lines, **older}.items())
     return "\n\n".join([title.strip() or read("changelog.md").strip(), *written]) + "\n"
-
-
-def _is_generated(line: str) -> bool:
-    return any(form.fullmatch(line) for form in (_FINGERPRINT, _CHANGES))
-
-
-def is_changelog(text: str) -> bool:
-    """Return whether a text is the changelog of a dataset, whatever a person has added to it."""
-    return any(_FINGERPRINT.fullmatch(line) for line in text.splitlines())

@@ -41,6 +41,7 @@ from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.run import RunConfig, resolve
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import statistics_of
+from pipeline.machinery.own_files import HASHES
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
@@ -130,7 +131,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
         assert line["same route"] == str(len(pair["same_route"]))
     near = sum(apart <= 1 for _, apart in pairs[1]["nearest"].values())
     assert f"in a single wall: `{DEFAULT}` {near} of 7 do." in text(folder)
-    assert f"{DEFAULT}/{ANALYSIS}" in (folder / card.HASHES).read_text(encoding="utf-8")
+    assert f"{DEFAULT}/{ANALYSIS}" in (folder / HASHES).read_text(encoding="utf-8")
 
 
 def test_limits_and_citation_come_before_statistics(carded):
@@ -365,7 +366,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     *_, last = capsys.readouterr().out.splitlines()
     assert last.startswith("Not written, since somebody else made or changed them: ")
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
-    listed = (folder / card.HASHES).read_text(encoding="utf-8")
+    listed = (folder / HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
     assert not {*FOREIGN} & {*files_of(DATASET, folder)}
 
@@ -422,7 +423,6 @@ def refused(folder: Path, message: str) -> None:
             "is not the README of a dataset: choose another",
         ),
         ("SHA256SUMS", f"{'0' * 64}  thesis.txt\n", "SHA256SUMS is somebody else's: move it away"),
-        ("CHANGELOG.md", "\xff\xfe", "CHANGELOG.md is not UTF-8 text"),
         (
             f"{OTHER}/test-00000-of-00001.parquet",
             "damaged",
@@ -534,14 +534,3 @@ def test_a_version_takes_the_place_of_unreleased_and_older_entries_stay(carded):
     assert longer.endswith(released[released.index("## 1.0.0") :])
     second = changelog(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
     assert re.findall(r"^## (.*)$", second, re.MULTILINE) == ["1.1.0", "1.0.0"]
-
-
-def test_what_a_person_adds_to_the_changelog_is_kept(carded):
-    content = changelog("", manifests(carded, DEFAULT), None) + "- Thanks to everybody.\n"
-    content = content.replace("# Changelog", "# What changed") + "\n## 0.1\n\nOld.\n"
-    for version in (None, "1.0.0"):
-        content = changelog(content, manifests(carded, DEFAULT, OTHER), version)
-        assert content.startswith("# What changed")
-        assert content.count("- Thanks to everybody.") == 1
-        assert content.endswith("\n## 0.1\n\nOld.\n")
-        assert content.count("- `3x3`") == 1
