@@ -115,8 +115,9 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
         CHANGELOG: changelog(versions, manifests, release.version).encode(),
         CROISSANT: croissant(datasets, release).encode(),
         CITATION: citation_file(release).encode(),
-        EVAL: eval_file(manifests, str(values.get("pretty_name", NAME))).encode(),
     }
+    if benchmark := eval_file(manifests, str(values.get("pretty_name", NAME))):
+        files[EVAL] = benchmark.encode()
     others = own.others(files)
     for name in others:
         del files[name]
@@ -153,11 +154,11 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 
 def _gone(own: OwnFiles, files: Mapping[str, bytes]) -> list[str]:
-    """Return the pictures that were left of configs that are not there any more."""
+    """Return what was left of configs or questions that are not there any more."""
     config = re.compile(rf"{readme.PICTURES}/(\d+x\d+(?:-\w+)?)-\w+\.png", re.ASCII)
     matches = (config.fullmatch(name) for name, _ in own.hashes)
     configs = [match[1] for match in matches if match]
-    return [name for name in pictures_of(configs) if name not in files]
+    return [name for name in (EVAL, *pictures_of(configs)) if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from hub.local_hub import LocalHub
-from huggingface_hub import EvalResultEntry, parse_eval_result_entries
+from huggingface_hub import ModelCard
 from publishing import (
     REPO,
     changes,
@@ -88,9 +87,8 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
     options = (*of_run(trained), f"publish.model={MODEL}")
     printed = published(local_hub, data_dir, "1.0.0", *options)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
-    assert "5 files are those published, and the policy loads." in printed
+    assert "4 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
-        ".eval_results/labyrinth.yaml",
         *("README.md", "SHA256SUMS", "config.json", "model.safetensors"),
     }
     for repo, kind in ((REPO, "dataset"), (MODEL, "model")):
@@ -106,21 +104,18 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
     for split, scores in evaluation["splits"].items():
         cells = " | ".join(f"{scores[each]:.1%}" for each in ("spl", "sr_within_cells", "sr"))
         assert re.search(rf"\| `{split}` \|.*\| 6 \| {cells} \|", card)
-    assert yaml.safe_load(card.split("---\n")[1])["datasets"] == [REPO]
+    data = ModelCard(card).data
+    assert (data.datasets, data.model_name, data.license) == ([REPO], "planner-3x3", "mit")
     assert f"`{evaluation['run']['fingerprint']}`" in card
-    entries = yaml.safe_load(text(MODEL, ".eval_results/labyrinth.yaml", "model"))
-    assert parse_eval_result_entries(entries) == [
-        EvalResultEntry(
-            dataset_id=REPO,
-            task_id=f"3x3-{split}",
-            value=round(100 * scores["sr"], 6),
-            dataset_revision=local_hub.refs(REPO)["refs/tags/1.0.0"],
-            source_url=f"https://huggingface.co/{MODEL}",
-            source_name="Model card",
-            notes="success rate in percent, one greedy episode a labyrinth",
-        )
-        for split, scores in evaluation["splits"].items()
+    commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
+    told = [
+        (r.dataset_type, r.dataset_config, r.dataset_split, r.dataset_revision, r.metric_name)
+        for r in data.eval_results
     ]
+    splits = evaluation["splits"]
+    assert told == [(REPO, "3x3", s, commit, metric) for s in splits for metric in ("SPL", "SR")]
+    figures = [round(s[metric], 8) for s in splits.values() for metric in ("spl", "sr")]
+    assert [r.metric_value for r in data.eval_results] == figures
 
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
     support = str(Path(__file__).parents[2] / "support")
@@ -217,7 +212,7 @@ def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     assert refused(of_hub(trained), other, staged).startswith(told)
 
 
-def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
+def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
     copied: Run, manifest: Manifest, staged: Path
 ) -> None:
     few = of_few(Results.load(copied.training_folder / "results.json"), 5)
@@ -226,11 +221,10 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     few.save(part.training_folder / "results.json", name=part.run_name.name)
     stage_policy(part, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
-    entries = yaml.safe_load((staged / ".eval_results" / "labyrinth.yaml").read_bytes())
     assert "| learnt from | 5 labyrinths of `train`, the first of 6 |" in card
     assert re.search(r"\| `s0` \|.*\| 5 \|", card)
-    tasks = [entry.task_id for entry in parse_eval_result_entries(entries)]
-    assert tasks == ["3x3-validation", "3x3-test"]
+    named = [each.dataset_split for each in ModelCard(card).data.eval_results]
+    assert named == ["validation", "validation", "test", "test"]
 
 
 @pytest.mark.parametrize(
