@@ -23,7 +23,7 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.hub import announced, limit_silence
+from labyrinth_core.data.hub import limit_silence
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
@@ -243,10 +243,7 @@ def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
 
     def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
         addition = CommitOperationAdd(path_in_repo=path, path_or_fileobj=plan.files[path])
-        with announced(f"the upload of {path}"):
-            remote.api.preupload_lfs_files(
-                remote.repo_id, [addition], repo_type=remote.kind.repo_type
-            )
+        remote.api.preupload_lfs_files(remote.repo_id, [addition], repo_type=remote.kind.repo_type)
         return plan.files[path].stat().st_size, addition
 
     # One by one, so that a run that was stopped does not send a file again.
