@@ -6,6 +6,7 @@ GONE = {
     "demonstrations.pieces": "cut episodes after loading, as docs/loading.md shows",
     "analysis": "run scripts/studies/compare_environments.py in a clone",
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
+    "memory": "leave it out for false; docs/results/ARCHIVE.md names the commit that has true",
     "method=vin": "docs/results/ARCHIVE.md names the commit that has the method",
     "method=walls": "docs/results/ARCHIVE.md names the commit that has the method",
     "pool_stride": "leave it out for 1; docs/results/ARCHIVE.md names the commit that has 2",

@@ -45,11 +45,6 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
         ),
         (
             MODEL,
-            {"dataset": REPO, "memory": True, "task": "partial_observability"},
-            "memory=true: a policy that is published has no memory beside its network, so that",
-        ),
-        (
-            MODEL,
             {"dataset": REPO, "method": {"name": "vin"}},
             "publish.model=user/planner-3x3: policies of method=vin are not published, since",
         ),
